@@ -11,9 +11,9 @@ from statistics import median
 import numpy as np
 
 import cg
-from cg.catalogue import resolve_method
-from cg.catalogue.summary import summary_of
-from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio
+from cg.construction.catalogue import resolve_method
+from cg.construction.catalogue.summary import summary_of
+from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_ratio
 from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cg.conditions import unknowns
+from cg.construction.conditions import unknowns
 from cg.construction.search.random_search import search
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import run_start

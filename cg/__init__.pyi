@@ -1,14 +1,23 @@
 # The public names and their modules, read by type checkers and by `cg` itself.
 from . import conditions, frames, plot, problems
 from . import jax as jax  # not in __all__: `from cg import *` would import JAX
-from .analysis.diagnosis import Diagnosis, diagnose
-from .catalogue import load, methods, save
-from .construction import construct
+from .construction.catalogue import load, methods, save
+from .construction.construct import construct
+from .construction.diagnosis import Diagnosis, diagnose
+from .construction.formats import export
+from .construction.layouts.points import MethodError
 from .construction.lifting import Lifted, LiftError, lift
+from .construction.methods.commutator_free import CommutatorFree
+from .construction.methods.magnus import MagnusMethod
+from .construction.methods.method import Method
+from .construction.methods.munthe_kaas import MuntheKaas
+from .construction.methods.splitting import Splitting
+from .construction.methods.tableau import Tableau, TableauError
+from .construction.proofs import Certificate, CertificationError, certify
+from .construction.proofs.digits import digits
 from .construction.search.random_search import search
 from .construction.solvers.lmdif import lmdif
 from .construction.solvers.system import Structure
-from .formats import export
 from .integration import (
     AdjointSolution,
     CompiledFunction,
@@ -31,15 +40,6 @@ from .integration import (
     solve_variational,
     solve_variational_ensemble,
 )
-from .layouts.points import MethodError
-from .method.commutator_free import CommutatorFree
-from .method.magnus import MagnusMethod
-from .method.method import Method
-from .method.munthe_kaas import MuntheKaas
-from .method.splitting import Splitting
-from .method.tableau import Tableau, TableauError
-from .proofs import Certificate, CertificationError, certify
-from .proofs.digits import digits
 from .support.quads import MissingQuadsError
 
 __all__ = [

@@ -18,10 +18,10 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.catalogue.summary import summary_of
-from cg.formats import FORMATS
-from cg.method.method import Method
-from cg.proofs import CertificationError, certificate_of, proved
+from cg.construction.catalogue.summary import summary_of
+from cg.construction.formats import FORMATS
+from cg.construction.methods.method import Method
+from cg.construction.proofs import CertificationError, certificate_of, proved
 
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # for the package benchmarks
@@ -215,7 +215,12 @@ def draw(path: Path, ax: Any) -> None:
 
 def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
-    modules = [method_work, cg.plot.methods, cg.formats, *method_work.parts()]
+    modules = [
+        method_work,
+        cg.construction.plots.methods,
+        cg.construction.formats,
+        *method_work.parts(),
+    ]
     parts = [Path(__file__), CITATIONS, *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]

@@ -20,8 +20,8 @@ from matplotlib import pyplot
 from matplotlib.ticker import NullLocator
 
 import cg
-from cg.catalogue import resolve_method
-from cg.method.method import Method
+from cg.construction.catalogue import resolve_method
+from cg.construction.methods.method import Method
 
 TO_COMPARE = ("CG4a", "DOP853", "CF4")
 """Methods for comparison; the third replaces one of the others on its own page."""

@@ -21,9 +21,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import cg
-from cg.analysis.convergence import final_errors
 from cg.plot.style import COLOURS
 from cg.problems import ForcedRigidBody, FreeRigidBody, StateDependentRotation
+from cg.problems.convergence import final_errors
 
 FOLDER = Path(__file__).parent / "pictures"
 GALLERY = Path(__file__).parent / "gallery"

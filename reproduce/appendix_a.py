@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from cg import conditions
-from cg.catalogue import methods
-from cg.method.tableau import Tableau
+from cg.construction.catalogue import methods
+from cg.construction.methods.tableau import Tableau
 
 _SOLVED = 1e-5  # units of the last place, to which conditions are to hold
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cg import conditions
-from cg.method.method import Method
-from cg.method.tableau import Tableau
+from cg.construction.methods.method import Method
+from cg.construction.methods.tableau import Tableau
 from cg.support.arrays import Array
 from cg.support.quads import to_decimal
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TextIO
 
-from cg.runs.progress import ProgressLine, duration
+from cg.construction.runs.progress import ProgressLine, duration
 
 from .context import Item, Progress
 

@@ -7,16 +7,16 @@ from typing import Any, Literal
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from cg.analysis.convergence import final_errors, observed_order
-from cg.catalogue import methods
-from cg.conditions import Rows, count, jacobian, residuals, unknowns, unpack
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows, count, jacobian, residuals, unknowns, unpack
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.trees.ordered import catalan, forest
 from cg.frames import Euclidean
 from cg.integration import integrate
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
 from cg.problems import HeavyTop, StateDependentRotation
+from cg.problems.convergence import final_errors, observed_order
 from cg.support.arrays import Array
-from cg.trees.ordered import catalan, forest
 
 from .blocks import Data
 from .coefficients import RANK_THRESHOLD, condition_number, largest_coefficient

@@ -13,8 +13,8 @@ import click
 
 from cg.command.arguments import workers_option
 from cg.command.main import main as run_command
-from cg.runs import StoreError
-from cg.runs.progress import duration
+from cg.construction.runs import StoreError
+from cg.construction.runs.progress import duration
 from cg.support.parallel import available_cores
 
 from .context import Settings

@@ -5,9 +5,9 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
-from cg.analysis.convergence import observed_order, slopes
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
 from cg.executors import completed
+from cg.problems.convergence import observed_order, slopes
 
 from . import top
 from .context import Context

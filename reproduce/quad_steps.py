@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul
 
-from cg.layouts.points import START
-from cg.method.method import Method
+from cg.construction.layouts.points import START
+from cg.construction.methods.method import Method
 from cg.problems import HeavyTop
 from cg.support.balls import exact_midpoint, to_flint, working_precision
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
 from cg.frames import hat
 from cg.integration import integrate
 from cg.problems import HeavyTop

@@ -26,10 +26,10 @@ import mpmath
 import numpy as np
 from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, written, zero
 
-from cg.catalogue import save
-from cg.conditions.linear_equations import Series, as_decimal, bracket, combined, times
-from cg.method.estimate import estimate_ratio
-from cg.method.magnus import MagnusMethod
+from cg.construction.catalogue import save
+from cg.construction.conditions.linear_equations import Series, as_decimal, bracket, combined, times
+from cg.construction.methods.estimate import estimate_ratio
+from cg.construction.methods.magnus import MagnusMethod
 
 LETTERS, ORDER = 4, 8
 PATTERN = (("odd", "even"), ("odd", "odd"), ("odd", "even"), ("odd", "even"), ("odd", "odd"),

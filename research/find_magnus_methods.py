@@ -20,9 +20,15 @@ from pathlib import Path
 import numpy as np
 from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, written, zero
 
-from cg.catalogue import save
-from cg.conditions.linear_equations import Series, as_decimal, combined, exponential, times
-from cg.method.magnus import MagnusMethod
+from cg.construction.catalogue import save
+from cg.construction.conditions.linear_equations import (
+    Series,
+    as_decimal,
+    combined,
+    exponential,
+    times,
+)
+from cg.construction.methods.magnus import MagnusMethod
 
 
 def expand(movable: Array, flows: int, letters: int, symmetric: bool) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recipes import texts
 from scipy.optimize import least_squares
 
-from cg.conditions.linear_equations import Series, Word, as_decimal
+from cg.construction.conditions.linear_equations import Series, Word, as_decimal
 from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 

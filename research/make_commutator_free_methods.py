@@ -15,23 +15,15 @@ import numpy as np
 from recipes import merit, run
 
 import cg
-from cg.construction import (
-    Candidate,
-    ConditionSystem,
-    ConstructionSettings,
-    Goals,
-    NotExactError,
-    Structure,
-    drop_flow,
-    drop_point_stage,
-    optimise,
-    run_attempt,
-    solved,
-    to_method,
-)
+from cg.construction.attempt import run_attempt
+from cg.construction.candidate import Candidate, NotExactError, solved, to_method
+from cg.construction.drop import drop_flow, drop_point_stage
+from cg.construction.optimise import Goals, optimise
+from cg.construction.proofs import CertificationError, certify
 from cg.construction.search.shapes import fixed_weights, layout_of
 from cg.construction.search.start import start_layout
-from cg.proofs import CertificationError, certify
+from cg.construction.settings import ConstructionSettings
+from cg.construction.solvers.system import ConditionSystem, Structure
 
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)

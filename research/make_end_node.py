@@ -18,10 +18,10 @@ from recipes import run
 from scipy import linalg
 
 import cg
-from cg.conditions import core_calls as compiled_conditions
-from cg.construction import Candidate, pack_method, to_method
+from cg.construction.candidate import Candidate, pack_method, to_method
+from cg.construction.conditions import core_calls as compiled_conditions
+from cg.construction.layouts.points import START
 from cg.construction.solvers.system import next_trees
-from cg.layouts.points import START
 
 Vector = NDArray[np.float64]
 

@@ -15,27 +15,18 @@ from typing import Any
 import numpy as np
 from recipes import merit, run
 
-from cg.construction import (
-    Candidate,
-    ConditionSystem,
-    Goals,
-    NotExactError,
-    Structure,
-    eliminate,
-    fewer_exponentials,
-    optimise,
-    refinable,
-    solved,
-    to_method,
-)
+from cg.construction.candidate import Candidate, NotExactError, refinable, solved, to_method
 from cg.construction.drop import solve_start
+from cg.construction.eliminate import eliminate
+from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio
+from cg.construction.methods.tableau import Tableau
+from cg.construction.optimise import Goals, fewer_exponentials, optimise
+from cg.construction.proofs import CertificationError, certify
 from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start, random_candidate
 from cg.executors import as_finished
-from cg.method.estimate import MAX_RATIO, estimate_ratio
-from cg.method.tableau import Tableau
-from cg.proofs import CertificationError, certify
 from cg.support.parallel import available_cores
 
 SEED = 1

@@ -16,14 +16,15 @@ from fractions import Fraction
 import numpy as np
 from recipes import run
 
-from cg.construction import Candidate, Goals, optimise
+from cg.construction.candidate import Candidate
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.methods.packed import make_method
+from cg.construction.methods.tableau import Tableau
+from cg.construction.optimise import Goals, optimise
 from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout, Rows
-from cg.method.packed import make_method
-from cg.method.tableau import Tableau
 
 DIGITS = 36
 SEED, STARTS = 1, 20

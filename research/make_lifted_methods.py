@@ -18,10 +18,10 @@ import numpy as np
 from recipes import run
 
 import cg
+from cg.construction.layouts.layout import Layout
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows
-from cg.layouts.layout import Layout
-from cg.method.flat import stage_orders
+from cg.construction.methods.flat import stage_orders
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 HERE = Path(__file__).parent

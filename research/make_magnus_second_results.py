@@ -15,7 +15,7 @@ from fractions import Fraction
 from recipes import run, texts
 
 import cg
-from cg.method.estimate import estimate_ratio
+from cg.construction.methods.estimate import estimate_ratio
 
 _HALF = Fraction(1, 2)
 FACTORS = {"CFM6(4)": 1, "CFM6(4)b": 8, "CFM8(4)": 2}

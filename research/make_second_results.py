@@ -1,7 +1,7 @@
 """Give pairs second results with flows of their own, which see commutators.
 
 The difference of two results that share flows doesn't see the errors that these leave (see
-`cg.method.estimate`). Here the second result starts from the initial point, and its weights add up
+`methods/estimate.py`). Here the second result starts from the initial point, and its weights add up
 to the row b̂ that the pair has. Of the results of all starts for which the ratio of error to
 estimate is at most 2, or of all if there is none, the one with the least principal error is taken.
 
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from recipes import run
 
 import cg
-from cg.conditions import condition_trees, core_calls
+from cg.construction.conditions import condition_trees, core_calls
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.solver import fit
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, path_sums
+from cg.construction.methods.estimate import estimate_ratio
 from cg.construction.solvers.held import Held
-from cg.layouts.layout import Layout
-from cg.layouts.points import START
-from cg.method.estimate import estimate_ratio
 
 _WIDTH = 0.6
 _ITERATIONS = 100

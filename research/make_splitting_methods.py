@@ -17,8 +17,8 @@ import numpy as np
 from recipes import run
 from scipy.linalg import qr
 
-from cg.conditions.nystrom import nystrom_residuals
-from cg.method.splitting import Splitting
+from cg.construction.conditions.nystrom import nystrom_residuals
+from cg.construction.methods.splitting import Splitting
 
 BLANES_MOAN = (
     "S. Blanes, P. C. Moan: Practical symplectic partitioned Runge–Kutta and Runge–Kutta–Nyström "

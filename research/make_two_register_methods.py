@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from recipes import run
 
 from cg import conditions
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
-from cg.method.commutator_free import CommutatorFree
-from cg.method.low_storage import from_two_registers
 from cg.support.quads import to_decimal
 
 FOUND = (

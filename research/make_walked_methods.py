@@ -15,16 +15,10 @@ import numpy as np
 from recipes import run
 
 import cg
-from cg.construction import (
-    Candidate,
-    ConditionSystem,
-    Goals,
-    correct,
-    optimise,
-    pack_method,
-    to_method,
-)
-from cg.method.method import Method
+from cg.construction.candidate import Candidate, correct, pack_method, to_method
+from cg.construction.methods.method import Method
+from cg.construction.optimise import Goals, optimise
+from cg.construction.solvers.system import ConditionSystem
 
 ROUND = 10  # iterations, after which damping starts anew
 NEGLIGIBLE = 1e-9  # smaller weights are left out at the end

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cg.catalogue import save
-from cg.construction import Candidate
-from cg.method.method import Method
+from cg.construction.candidate import Candidate
+from cg.construction.catalogue import save
+from cg.construction.methods.method import Method
 
 
 def merit(candidate: Candidate) -> float:

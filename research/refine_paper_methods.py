@@ -15,11 +15,11 @@ from fractions import Fraction
 import numpy as np
 from recipes import run
 
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.packed import make_method
+from cg.construction.methods.tableau import Tableau
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.method.packed import make_method
-from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import Printed, printed
 
 PAPER = (

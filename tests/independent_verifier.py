@@ -1,6 +1,6 @@
-"""A second proof of certificates, which shares no code with `cg.proofs`.
+"""A second proof of certificates, which shares no code with `cg.construction.proofs`.
 
-From the text of a method and of its certificate, with the trees of `cg.trees.ordered`: weights by
+From the text of a method and of its certificate, with the trees of `cg.construction`: weights by
 their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's
 box. Conditions of Lyndon words imply all others. Of conditions that a certificate leaves out it
 shows that they are below 1e-25 in the box, not that they follow.
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
-from cg.trees.ordered import OrderedTree, forest
+from cg.construction.trees.ordered import OrderedTree, forest
 
 LARGEST = 1e-25  # residual of a condition that is left out
 

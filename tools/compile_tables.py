@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from cg.catalogue import methods, stored_methods
-from cg.method.compile import compiled
-from cg.method.method import Method
+from cg.construction.catalogue import methods, stored_methods
+from cg.construction.methods.compile import compiled
+from cg.construction.methods.method import Method
 from cg.tables import MethodTable
 from cg.tables.stored import FILE, write_tables
 

@@ -15,12 +15,12 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 
-from cg.catalogue import methods
-from cg.layouts.points import START
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.splitting import Splitting
+from cg.construction.catalogue import methods
+from cg.construction.layouts.points import START
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.splitting import Splitting
 from cg.support.balls import to_ball as ball
 from cg.support.quads import to_decimal
 

@@ -25,7 +25,7 @@ ROOMS = {  # folders, and the tests that are run before the others
     "cg/integration": "tests/integration",
     "cg/frames": "tests/frames",
     "cg/tables": "tests/tables",
-    "cg/method": "tests/method",
+    "cg/construction/methods": "tests/method",
     "cg/jax": "tests/jax",
 }
 CHANGES = [  # what is changed to what

@@ -9,14 +9,14 @@ names the methods that are proved in part, or not at all.
 import sys
 from pathlib import Path
 
-from cg.catalogue import methods
-from cg.catalogue.summary import write_summaries
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.splitting import Splitting
-from cg.proofs import Certificate, CertificationError, certificate_of, certify
-from cg.proofs.files import certificate_names
-from cg.proofs.statement import fitting
+from cg.construction.catalogue import methods
+from cg.construction.catalogue.summary import write_summaries
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.splitting import Splitting
+from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify
+from cg.construction.proofs.files import certificate_names
+from cg.construction.proofs.statement import fitting
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.markdown import replace_between
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table

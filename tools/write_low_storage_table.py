@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import residuals
+from cg.construction.conditions import residuals
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.flat import flat_residuals
+from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
-from cg.method.commutator_free import CommutatorFree
-from cg.method.flat import flat_residuals
-from cg.method.low_storage import from_two_registers
 from cg.reproduce.markdown import replace_between, table
 
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import is_file, load, methods, similar_names
 from cg.command.main import message_of
-from cg.layouts.points import MethodError
-from cg.method.method import Method
+from cg.construction.catalogue import is_file, load, methods, similar_names
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.method import Method
 from cg.support.parsing import to_json, visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -2,9 +2,9 @@
 
 import click
 
-from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.command.arguments import MethodArgument, as_json, count_option, json_option, say
 from cg.command.main import NO
+from cg.construction.diagnosis import Diagnosis, diagnose, diagnose_file
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")

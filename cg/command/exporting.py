@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from cg.command.arguments import METHOD, check_output, output_option
-from cg.formats import FORMATS, export
-from cg.method.method import Method
+from cg.construction.formats import FORMATS, export
+from cg.construction.methods.method import Method
 from cg.support.parsing import write_file
 from cg.support.quads import MAX_WRITTEN
 
@@ -39,7 +39,7 @@ def export_command(
       crouch-grossman export CG5a json --digits 60
       crouch-grossman export mine.toml c --digits 40 --certificate proof.toml
     """
-    from cg.proofs import Certificate
+    from cg.construction.proofs import Certificate
 
     check_output(output)
     proof = None if certificate is None else Certificate.load(certificate)

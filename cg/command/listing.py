@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from cg.catalogue import methods
-from cg.catalogue.summary import MethodSummary, summary_of
 from cg.command.arguments import as_json, count_option, json_option, say, table
 from cg.command.main import NO
-from cg.proofs import proved
+from cg.construction.catalogue import methods
+from cg.construction.catalogue.summary import MethodSummary, summary_of
+from cg.construction.proofs import proved
 from cg.support.parsing import visible
 
 _KEYS = ("name", "order", "evaluations", "flows", "error")

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from cg.command.arguments import METHOD, check_output, output_option
-from cg.method.method import Method
+from cg.construction.methods.method import Method
 from cg.support.parsing import write_file
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from cg.catalogue import methods
 from cg.command.arguments import METHOD, as_json, check_output, json_option, output_option, say
 from cg.command.main import NO
-from cg.method.method import Method
-from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
-from cg.proofs.files import certificate_names
+from cg.construction.catalogue import methods
+from cg.construction.methods.method import Method
+from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify, check
+from cg.construction.proofs.files import certificate_names
 
 
 @click.command("certify", short_help="Prove the orders of methods.")

@@ -11,10 +11,10 @@ import click
 
 from cg.command.arguments import as_json, check_output, count_option, json_option, say, table
 from cg.command.main import NO
-from cg.conditions import Rows
+from cg.construction.conditions import Rows
 from cg.construction.results import StoredSolution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
-from cg.runs import RunSummary, Store, StoredRun
+from cg.construction.runs import RunSummary, Store, StoredRun
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
 _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))

@@ -15,14 +15,14 @@ from cg.command.arguments import (
     workers_option,
 )
 from cg.command.engines import engine_options
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.system import Structure
-from cg.layouts.layout import Layout, Rows
-from cg.layouts.points import MethodError
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
 
 
 def _shape(method: Method) -> Layout:

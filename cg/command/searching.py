@@ -8,16 +8,16 @@ from typing import Any
 
 import click
 
-from cg.catalogue import dumps, save
 from cg.command.arguments import as_json, check_output, say
 from cg.command.engines import engine
 from cg.command.main import NO
 from cg.command.search_options import arguments_of, construction_options, search_options
-from cg.construction import Construction, construct
+from cg.construction.catalogue import dumps, save
+from cg.construction.construct import Construction, construct
+from cg.construction.formats import export
+from cg.construction.methods.method import Method
 from cg.construction.search.random_search import search
 from cg.construction.search.result import SearchResult
-from cg.formats import export
-from cg.method.method import Method
 
 
 @click.command("search", short_help="Search for methods from random starts.")

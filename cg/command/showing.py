@@ -6,22 +6,22 @@ from typing import Any
 
 import click
 
-from cg import conditions
-from cg.analysis.diagnosis import draw_points
-from cg.catalogue.summary import MethodSummary, summary_of
 from cg.command.arguments import METHOD, as_json, json_option, say, table
-from cg.conditions.nystrom import nystrom_trees
-from cg.formats import export
-from cg.formats.digits import known_digits, numbers_of
-from cg.method.commutator_free import CommutatorFree
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.splitting import Splitting
+from cg.construction import conditions
+from cg.construction.catalogue.summary import MethodSummary, summary_of
+from cg.construction.conditions.nystrom import nystrom_trees
+from cg.construction.diagnosis import draw_points
+from cg.construction.formats import export
+from cg.construction.formats.digits import known_digits, numbers_of
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.splitting import Splitting
+from cg.construction.trees import forest
+from cg.construction.trees.rooted import density, node_count, planted, rooted_trees_through
 from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
-from cg.trees import forest
-from cg.trees.rooted import density, node_count, planted, rooted_trees_through
 
 _DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
@@ -137,8 +137,8 @@ def _number(x: float | None, other: str) -> str:
 
 
 def _certificate(method: Method) -> str | None:
-    from cg.proofs import CertificationError, certificate_of, check
-    from cg.proofs.files import certificate_beside
+    from cg.construction.proofs import CertificationError, certificate_of, check
+    from cg.construction.proofs.files import certificate_beside
 
     try:
         beside = None if method.file is None else certificate_beside(method.file, method)

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import count
 from cg.construction.candidate import (
     Candidate,
     NotExactError,
@@ -16,15 +15,16 @@ from cg.construction.candidate import (
     solved,
     to_method,
 )
+from cg.construction.conditions import count
 from cg.construction.drop import drop_flow, solve_start
 from cg.construction.eliminate import eliminate, walk
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.method import Method
+from cg.construction.runs import StoredStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.shapes import layout_from_json, start_generator
 from cg.construction.settings import ConstructionSettings
 from cg.construction.start import random_candidate
-from cg.layouts.layout import Layout
-from cg.method.method import Method
-from cg.runs import StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.conditions import core_calls, count
+from cg.construction.conditions import core_calls, count
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.methods.method import Method
+from cg.construction.methods.packed import make_method
 from cg.construction.search.start import EXACT
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish_zeros
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, next_trees
-from cg.layouts.layout import Layout, Rows
-from cg.method.method import Method
-from cg.method.packed import make_method
 from cg.support import quads
 
 SOLVED = 1e-23

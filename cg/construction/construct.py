@@ -7,12 +7,12 @@ from functools import partial
 from typing import Any
 
 from cg.construction.attempt import Attempt, read_attempt, refined, run_attempt, succeeded
+from cg.construction.methods.method import Method
+from cg.construction.runs import Failure, LongRun, ProgressLine, RunOptions, Score
 from cg.construction.search.requirements import Requirements
 from cg.construction.settings import ConstructionSettings
 from cg.construction.solvers.system import Structure
 from cg.executors import ExecutorLike
-from cg.method.method import Method
-from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_flag, check_integer
 from cg.support.parallel import single_threads
@@ -102,7 +102,7 @@ def construct(
         `cg.search`.
     progress
         Called with the numbers of finished and of all tries. True shows a
-        `cg.runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
+        `runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
         which most may not be needed.
     force
         Try even if there are fewer unknowns than independent conditions; for trees, fewer than

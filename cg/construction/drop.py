@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.layouts.layout import Layout
 from cg.construction.search.shapes import fixed_weights, merge_point, select_points
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.layouts.layout import Layout
 from cg.support.checks import check_generator, check_real
 
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.conditions import core_calls
 from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.conditions import core_calls
 from cg.construction.solvers.singular import Decomposition, decompose, retract
 from cg.support.checks import check_integer, check_interval, check_real
 
@@ -45,7 +45,7 @@ class Goals:
     --------
     Abscissae in [0, 1] and coefficients of at most 1, and then a small principal error:
 
-    >>> from cg.construction import Goals
+    >>> from cg.construction.optimise import Goals
     >>> goals = Goals(principal_error=1, abscissae=10, bound=1, bound_weight=10)
     """
 
@@ -98,7 +98,8 @@ def optimise(
     Examples
     --------
     >>> import crouch_grossman as cg
-    >>> from cg.construction import Goals, optimise, pack_method, to_method
+    >>> from cg.construction.optimise import Goals, optimise
+    >>> from cg.construction.candidate import pack_method, to_method
     >>> candidate = pack_method(cg.methods["CF4b"])
     >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
     >>> smaller.largest < 0.8 * candidate.largest

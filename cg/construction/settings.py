@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START
 from cg.construction.search.shapes import ShapeSettings
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start, likely_structure, tree_start
-from cg.layouts.layout import Layout
-from cg.layouts.points import START
 from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,

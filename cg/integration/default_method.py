@@ -3,9 +3,10 @@
 It is chosen by these rules from the measurements of ``python -m benchmarks estimates``:
 
 1. Its error estimate is reliable: the ratio of error to estimate is at most 10 for rotations and
-   quadrature, and at most 50 for jumps (`cg.method.estimate`); over random families of problems, at
-   tolerances from 1e-3 to 1e-10, the median of the error at the end is at most 5 tolerances, and
-   the largest at most 50. And it evaluates the right-hand side only at times within the step.
+   quadrature, and at most 50 for jumps (`construction/methods/estimate.py`); over random
+   families of problems, at tolerances from 1e-3 to 1e-10, the median of the error at the end is at
+   most 5 tolerances, and the largest at most 50. And it evaluates the right-hand side only at times
+   within the step.
 2. Of the reliable pairs whose cost at equal errors is within 10 per cent of the least, it is the
    one with the smallest sum of evaluations and flows. Costs are compared at errors of 1e-3 for
    loose tolerances and at 1e-8 for tight ones. The cost is processor time on compiled frames; the

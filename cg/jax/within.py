@@ -1,4 +1,4 @@
-"""The solution between the ends of a step: `cg.method.interpolant` in JAX."""
+"""The solution between the ends of a step: `cg.construction.methods.interpolant` in JAX."""
 
 from __future__ import annotations
 

@@ -4,13 +4,15 @@ Each function draws on the axes ``ax``, by default those of a new figure, and re
 are distinguishable for colour-blind readers; lines also differ in dashes and markers.
 """
 
+from importlib import import_module
+from typing import Any
+
 from cg.plot.attitude import attitude
 from cg.plot.errors import convergence, work_precision
-from cg.plot.methods import points, tableau
 from cg.plot.observables import bands, invariants
-from cg.plot.stability import stability_region
 from cg.plot.trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
-from cg.plot.trees import tree
+
+_OF_METHODS = ("points", "stability_region", "tableau", "tree")  # imported at their first use
 
 __all__ = [
     "attitude",
@@ -26,3 +28,10 @@ __all__ = [
     "tree",
     "work_precision",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a plot of methods from `cg.construction.plots`."""
+    if name not in _OF_METHODS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("cg.construction.plots"), name)

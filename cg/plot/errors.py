@@ -27,7 +27,7 @@ def convergence(
     Parameters
     ----------
     h, errors
-        Shape ``(n,)``. Positive numbers (`cg.analysis.convergence.final_errors`); points with error
+        Shape ``(n,)``. Positive numbers (`cg.problems.convergence.final_errors`); points with error
         zero are left out.
     ax
         Where to draw; a new figure by default.

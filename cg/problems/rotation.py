@@ -42,7 +42,7 @@ class StateDependentRotation(AffineProblem):
     Examples
     --------
     >>> import crouch_grossman as cg
-    >>> from cg.analysis.convergence import final_errors, observed_order
+    >>> from cg.problems.convergence import final_errors, observed_order
     >>> problem = StateDependentRotation()
     >>> exact = cg.integrate(
     ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF6c", h=0.01

@@ -57,7 +57,7 @@ def table_of(method: Any) -> MethodTable:
         return stored_table(method)
     if not hasattr(method, "table"):
         # files, and messages for wrong names, come from where methods are made
-        method = import_module("cg.catalogue").resolve_method(method)
+        method = import_module("cg.construction.catalogue").resolve_method(method)
     table = method.table()
     if not isinstance(table, MethodTable):
         raise TypeError(f"method.table() must return a MethodTable, got {table!r}")
@@ -74,4 +74,4 @@ def made(table: MethodTable) -> Any:
     """Return the method that a table was compiled from."""
     if table.source is not None:
         return table.source
-    return import_module("cg.catalogue").method_of(table.name)
+    return import_module("cg.construction.catalogue").method_of(table.name)

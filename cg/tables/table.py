@@ -52,7 +52,7 @@ class MethodRecord(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """How points between steps are computed; `cg.method.interpolant` explains it.
+    """How points between steps are computed; `cg.construction.methods.interpolant` explains it.
 
     ``flow_c`` and ``flow_weights`` are the flows to the result of a method for fields that depend
     on time alone; ``node`` and ``blend`` are one column for each interpolant with 2, 3, … nodes.
@@ -146,7 +146,9 @@ class MethodTable:
         if self.source is None:
             return self.real_stability
         limit: float | None = (
-            import_module("cg.catalogue.summary").summary_of(self.source).real_stability
+            import_module("cg.construction.catalogue.summary")
+            .summary_of(self.source)
+            .real_stability
         )
         return limit
 

@@ -1,4 +1,4 @@
-! The solution within a step by flows. cg/method/interpolant.py derives the coefficients.
+! The solution within a step by flows. cg/construction/methods/interpolant.py derives the coefficients.
 !
 ! The coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at nodes
 ! 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve

@@ -7,7 +7,7 @@
 !
 ! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
 ! the mean u(1) / h, then that at the end, and those at further nodes, each evaluated where the ones
-! before it lead. One flow reaches a point. cg/method/interpolant.py derives the
+! before it lead. One flow reaches a point. cg/construction/methods/interpolant.py derives the
 ! coefficients of both forms.
 module interpolant_m
   use kinds, only: wp

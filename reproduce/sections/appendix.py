@@ -6,9 +6,9 @@ from functools import partial
 from typing import Any
 
 from cg import conditions
-from cg.catalogue import methods
-from cg.method.method import Method
-from cg.method.tableau import Tableau
+from cg.construction.catalogue import methods
+from cg.construction.methods.method import Method
+from cg.construction.methods.tableau import Tableau
 from cg.support.quads import to_decimal
 
 from ..appendix_a import compare, nearest_exact, printed

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from cg.catalogue import methods
-from cg.conditions import count
-from cg.method.commutator_free import CommutatorFree
-from cg.method.method import Method
-from cg.method.tableau import Tableau
-from cg.proofs import certificate_of
-from cg.proofs.files import certificate_names
+from cg.construction.catalogue import methods
+from cg.construction.conditions import count
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.method import Method
+from cg.construction.methods.tableau import Tableau
+from cg.construction.proofs import certificate_of
+from cg.construction.proofs.files import certificate_names
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD, singular_values

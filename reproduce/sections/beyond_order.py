@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from cg.catalogue import methods
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.splitting import Splitting
+from cg.construction.catalogue import methods
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.splitting import Splitting
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places

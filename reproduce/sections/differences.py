@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cg import conditions
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context, Item

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cg.analysis.convergence import observed_order
+from cg.problems.convergence import observed_order
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cg.conditions import unknowns
+from cg.construction.conditions import unknowns
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.tableau import Tableau
+from cg.construction.runs import Store
 from cg.construction.search.random_search import search
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.result import SearchResult
-from cg.layouts.layout import Layout
-from cg.method.tableau import Tableau
-from cg.runs import Store
 from cg.support.shared_numbers import Status
 
 from .. import fingerprint

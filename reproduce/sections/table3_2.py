@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from cg.conditions import count, table_rows, unknowns
-from cg.trees.rooted import rooted_trees_through
+from cg.construction.conditions import count, table_rows, unknowns
+from cg.construction.trees.rooted import rooted_trees_through
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context, Item

@@ -18,8 +18,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from cg.conditions import condition_trees
-from cg.trees.ordered import forest
+from cg.construction.conditions import condition_trees
+from cg.construction.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring, singular
 from research.impossibility.weights import word_weights

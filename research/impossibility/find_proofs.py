@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cg.conditions import condition_trees
-from cg.trees.ordered import forest
+from cg.construction.conditions import condition_trees
+from cg.construction.trees.ordered import forest
 from research.impossibility.ring import singular
 from research.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
 

@@ -12,8 +12,8 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any
 
+from cg.construction.trees.ordered import OrderedTree
 from cg.support.parsing import read_toml
-from cg.trees.ordered import OrderedTree
 
 from .ring import Polynomial, Ring
 from .shapes import Shape, TableauShape, orderings, point_shapes, read_shape

@@ -14,10 +14,10 @@ from functools import cached_property
 from itertools import permutations, product
 from math import prod
 
-from cg.conditions import condition_trees, right_sides
-from cg.layouts.points import START, Point, PointTree
+from cg.construction.conditions import condition_trees, right_sides
+from cg.construction.layouts.points import START, Point, PointTree
+from cg.construction.trees.ordered import OrderedTree, forest
 from cg.support.checks import MAX_STAGES, check_integer
-from cg.trees.ordered import OrderedTree, forest
 
 from .ring import Polynomial, Ring
 from .weights import exact_weights, word_weights

@@ -8,13 +8,13 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.analysis.convergence import observed_order, slopes
-from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
-from cg.analysis.diagnosis.correction import corrections
-from cg.catalogue import dumps
-from cg.method.coefficients import Coefficient
+from cg.construction.catalogue import dumps
+from cg.construction.diagnosis import diagnose_file, draw_points, draw_tree
+from cg.construction.diagnosis.correction import corrections
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.trees.ordered import OrderedTree
+from cg.problems.convergence import observed_order, slopes
 from cg.support.quads import to_decimal
-from cg.trees.ordered import OrderedTree
 
 CG4A = cg.methods["CG4a"]
 SLIP = "-1.1092979392113565"

@@ -9,9 +9,9 @@ from slow_cases import slow
 from strategies import rationals, tableaux
 
 from cg import conditions
-from cg.catalogue import Catalogue, dumps, load, loads, methods, save
-from cg.layouts.points import MethodError
-from cg.method.tableau import Tableau, TableauError
+from cg.construction.catalogue import Catalogue, dumps, load, loads, methods, save
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.tableau import Tableau, TableauError
 
 # order, stages, exponentials
 KNOWN = {

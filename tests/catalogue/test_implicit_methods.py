@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cg
-from cg.catalogue import methods
-from cg.conditions import Rows
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows
 from cg.construction.search.random_search import search
 from cg.frames import SO3
 from cg.problems import StateDependentRotation

@@ -15,11 +15,11 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.analysis.diagnosis import diagnose_file
-from cg.catalogue import dumps, dumps_json, loads, resolve_method, save
-from cg.formats.notebooks import to_formula, to_html
-from cg.layouts.points import MethodError
-from cg.proofs import CertificationError, certify, check
+from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, save
+from cg.construction.diagnosis import diagnose_file
+from cg.construction.formats.notebooks import to_formula, to_html
+from cg.construction.layouts.points import MethodError
+from cg.construction.proofs import CertificationError, certify, check
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
@@ -28,7 +28,7 @@ class TestFiles:
     @pytest.mark.parametrize("suffix", [".toml", ".json"])
     @pytest.mark.parametrize("name", ["CG2(3)", "CG5a", "CG6a", "CF5(4)", "DP5(4)", "RKMK8(5,3)"])
     def test_save_and_load(self, name, suffix, tmp_path):
-        method = cg.catalogue.resolve_method(name)
+        method = resolve_method(name)
         path = tmp_path / f"method{suffix}"
         cg.save(method, path)
         assert path.read_text(encoding="utf-8").startswith("{" if suffix == ".json" else "name")
@@ -47,7 +47,7 @@ class TestFiles:
 
     def test_numbers_in_json_keep_their_digits(self):
         text = '{"name": "x", "source": "", "a": [[], [0.30000000000000000004]], "b": [0, 1]}'
-        method = cg.catalogue.loads(text)
+        method = cg.construction.catalogue.loads(text)
         assert method.coefficients[0].text == "0.30000000000000000004"
         assert json.loads(cg.export(method, "json"))["a"][1] == ["0.30000000000000000004"]
 
@@ -62,7 +62,7 @@ class TestFiles:
         ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
     ])  # fmt: skip
     def test_bad_json(self, text, message):
-        refuses(MethodError, message, cg.catalogue.loads, text)
+        refuses(MethodError, message, cg.construction.catalogue.loads, text)
 
 
 class TestPaths:
@@ -81,24 +81,29 @@ class TestPaths:
     def test_a_name_in_the_working_directory(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         cg.save(MIDPOINT, "mine.toml")
-        assert cg.catalogue.resolve_method("mine.toml") == MIDPOINT
+        assert resolve_method("mine.toml") == MIDPOINT
         assert "mine" not in cg.methods
 
     def test_bad_paths(self, tmp_path):
         (tmp_path / "broken.toml").write_text("name = 3")
         (tmp_path / "binary.toml").write_bytes(b"\xff")
         with pytest.raises(MethodError, match=r"broken.toml: the entry lacks a, b"):
-            cg.catalogue.resolve_method(tmp_path / "broken.toml")
+            resolve_method(tmp_path / "broken.toml")
         with pytest.raises(MethodError, match=r"binary.toml: not UTF-8"):
-            cg.catalogue.resolve_method(str(tmp_path / "binary.toml"))
+            resolve_method(str(tmp_path / "binary.toml"))
         (tmp_path / "long.toml").write_text("#" * 10_000_001)
         with pytest.raises(
             MethodError, match=r"long.toml: a file must have at most 10000000 bytes"
         ):
-            cg.catalogue.resolve_method(tmp_path / "long.toml")
-        refuses(FileNotFoundError, r"missing\.toml", cg.catalogue.resolve_method, "missing.toml")
+            resolve_method(tmp_path / "long.toml")
+        refuses(
+            FileNotFoundError,
+            r"missing\.toml",
+            resolve_method,
+            "missing.toml",
+        )
         with pytest.raises(IsADirectoryError):
-            cg.catalogue.resolve_method(tmp_path)
+            resolve_method(tmp_path)
 
     @pytest.mark.skipif(sys.platform == "win32", reason="no pipes in folders")
     @pytest.mark.parametrize("read", [cg.load, diagnose_file, cg.Certificate.load])
@@ -115,9 +120,10 @@ class TestNotebooks:
             from IPython.core.interactiveshell import InteractiveShell
             shell = InteractiveShell.instance()
             import cg
+            from cg.construction.formats.notebooks import to_formula, to_html
             views, _ = shell.display_formatter.format(cg.methods["CG3"])
-            assert views["text/html"] == cg.formats.notebooks.to_html(cg.methods["CG3"])
-            assert views["text/latex"] == cg.formats.notebooks.to_formula(cg.methods["CG3"])
+            assert views["text/html"] == to_html(cg.methods["CG3"])
+            assert views["text/latex"] == to_formula(cg.methods["CG3"])
         """
         subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -8,7 +8,7 @@ import pytest
 from refusals import refuses
 
 from cg import conditions
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
 from cg.reproduce.appendix_a import compare, nearest_exact, printed
 
 UNIT = Fraction(1, 10**16)

@@ -11,7 +11,7 @@ import cg
 from cg.problems import StateDependentRotation
 
 TOOL = "tools/make_reference_steps"
-FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
+FILE = Path(cg.construction.catalogue.__file__).parent / "reference_steps.json"
 REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 H = 0.25

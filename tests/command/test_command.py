@@ -11,8 +11,8 @@ from dataclasses import replace
 import pytest
 
 import cg
-from cg.catalogue import dumps, loads
 from cg.command import proving, searching
+from cg.construction.catalogue import dumps, loads
 
 COMMANDS = [
     "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
@@ -63,7 +63,7 @@ class TestNewMethods:
         assert code == 0
         assert methods == sorted(methods, key=lambda m: max(abs(m.a).max(), abs(m.b).max()))
         assert set(methods) == set(cg.search(3, 3, 8, 1).methods)
-        saved = [cg.catalogue.load(path) for path in (tmp_path / "found").iterdir()]
+        saved = [cg.construction.catalogue.load(path) for path in (tmp_path / "found").iterdir()]
         assert set(saved) == set(methods)
 
     def test_no_method_found(self, run):

@@ -8,8 +8,8 @@ import pytest
 from kinds import FROZEN, MUNTHE_KAAS
 
 import cg
-from cg.catalogue import dumps, loads
-from cg.catalogue.summary import compute_summary, summary_of
+from cg.construction.catalogue import dumps, loads
+from cg.construction.catalogue.summary import compute_summary, summary_of
 
 SLIP = dumps(cg.methods["CG4a"]).replace(
     "-1.1092979392113465105841772499254356", "-1.1092979392113565"
@@ -68,7 +68,7 @@ class TestList:
     @pytest.mark.parametrize("name", QUICK)
     def test_stored_facts_equal_computed(self, name):
         method = cg.methods.read_again(name)
-        text = (files("cg.catalogue") / "summaries.json").read_text("utf-8")
+        text = (files("cg.construction.catalogue") / "summaries.json").read_text("utf-8")
         (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
         assert stored == summary_of(method).as_dict() == compute_summary(method).as_dict()
 
@@ -77,9 +77,10 @@ class TestList:
             again = cg.methods.read_again(name)
             assert again.exact_order == method.exact_order, name
             assert again.embedded_order == method.embedded_order, name
-        text = cg.catalogue.dumps(cg.methods["CG3"]).replace('"CG3"', '"CG5a"')
+        text = cg.construction.catalogue.dumps(cg.methods["CG3"]).replace('"CG3"', '"CG5a"')
         (tmp_path / "CG5a.toml").write_text(text, encoding="utf-8")
-        assert cg.catalogue.Catalogue(tmp_path)["CG5a"].order == 3  # not that of the package's CG5a
+        mine = cg.construction.catalogue.Catalogue(tmp_path)["CG5a"]
+        assert mine.order == 3  # not that of the package's CG5a
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", {**FROZEN, **MUNTHE_KAAS})
@@ -117,7 +118,7 @@ class TestShow:
         assert len(listed) == count == len(method.residuals(4))
         assert [one["residual"] for one in listed] == list(map(float, method.residuals(4)))
         for one in listed:
-            tree = cg.trees.OrderedTree.parse(one["tree"])
+            tree = cg.construction.trees.OrderedTree.parse(one["tree"])
             assert tree.nodes == one["order"] + (name == "CG3")
             if name == "CG3":
                 assert one["right_side"] == str(Fraction(1, tree.density))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import cg
-from cg.runs import Failure, Store
+from cg.construction.runs import Failure, Store
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_publish(run_command, path, tmp_path):
     code, out, _ = run_command("runs", "publish", path, "1", "Mine", "--folder", str(tmp_path))
     assert code == 0
     assert f"wrote {tmp_path / 'Mine.toml'}" in out
-    assert cg.catalogue.load(tmp_path / "Mine.toml").order == 3
+    assert cg.construction.catalogue.load(tmp_path / "Mine.toml").order == 3
     before, now = (float(part.split()[-1]) for part in out.splitlines()[1].split(", now"))
     assert now <= before
     code, _, err = run_command("runs", "publish", path, "2", "None", "--folder", str(tmp_path))

@@ -10,8 +10,8 @@ import pytest
 import cg
 from cg.command import main
 from cg.command.searching import construct_command, search_command
+from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.solvers.system import Structure
-from cg.layouts.layout import Layout, Rows
 
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
 OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}
@@ -87,7 +87,7 @@ def test_construct_arguments(arguments_of):
 def test_tree_by_name_or_file(arguments_of, tmp_path):
     method = cg.methods["CF4"]
     file = tmp_path / "mine.toml"
-    cg.catalogue.save(method, file)
+    cg.construction.catalogue.save(method, file)
     for named in ("CF4", file):
         passed = arguments_of(f"search --order 4 --tree {named}")
         assert passed["tree"] == Layout.of_tree(method.tree)
@@ -115,7 +115,7 @@ def test_a_search_with_a_tree(capsys):
     command = ["construct", "--order", "5", "--stages", "6", "--flows", "9", "--first-flows", "10"]
     assert main([*command, "--seed", "1"]) == 0
     method = cg.construct(5, 6, 1, flows=9, first_flows=10).method
-    assert cg.catalogue.loads(capsys.readouterr().out) == method
+    assert cg.construction.catalogue.loads(capsys.readouterr().out) == method
 
 
 def test_solutions_beyond_a_bound_are_counted(run_command):

@@ -11,9 +11,9 @@ from strategies import rationals, tableaux
 
 import cg
 from cg import conditions
-from cg.conditions import Rows
-from cg.trees.ordered import OrderedTree, forest
-from cg.trees.tables import fortran_tables, main
+from cg.construction.conditions import Rows
+from cg.construction.trees.ordered import OrderedTree, forest
+from cg.construction.trees.tables import fortran_tables, main
 
 exactly = partial(conditions.residuals, arithmetic="exact")
 

@@ -9,8 +9,8 @@ from quad_core import residuals_quad
 from slow_cases import slow
 
 from cg import conditions
-from cg.layouts.layout import Layout, Rows
-from cg.layouts.points import START, Point, PointTree
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.points import START, Point, PointTree
 
 HIGHEST = 7
 # Each weight has at most eight factors, each of them rounded once; what is added up is positive

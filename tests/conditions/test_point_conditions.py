@@ -16,15 +16,15 @@ from strategies import dyadics, point_trees, rationals, tableaux
 from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
-from cg.catalogue import methods
-from cg.conditions import Rows
-from cg.conditions.systems import EquationSystem
-from cg.conditions.word_weights import Quantity, Weights
-from cg.conditions.words import condition_words, conditions_of
-from cg.layouts.layout import Layout
-from cg.layouts.points import START, PointTree, tree_of_rows
-from cg.proofs.krawczyk import to_double
-from cg.trees.ordered import forest
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows
+from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.words import condition_words, conditions_of
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START, PointTree, tree_of_rows
+from cg.construction.proofs.krawczyk import to_double
+from cg.construction.trees.ordered import forest
 from research.impossibility.weights import exact_weights
 
 exactly = partial(conditions.residuals, arithmetic="exact")

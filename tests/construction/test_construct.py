@@ -9,27 +9,21 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.conditions import Rows, residuals, unknowns
-from cg.construction import (
+from cg.construction.attempt import read_attempt, run_attempt
+from cg.construction.candidate import (
     Candidate,
-    ConditionSystem,
-    Goals,
     NotExactError,
-    Structure,
     correct,
-    drop_stage,
-    eliminate,
-    eliminate_stage,
-    fewer_exponentials,
-    optimise,
     refinable,
     solved,
     to_method,
-    walk,
 )
-from cg.construction.attempt import read_attempt, run_attempt
-from cg.construction.drop import _without_column, drop_flow, solve_start
+from cg.construction.conditions import Rows, residuals, unknowns
+from cg.construction.drop import _without_column, drop_flow, drop_stage, solve_start
+from cg.construction.eliminate import eliminate, eliminate_stage, walk
+from cg.construction.optimise import Goals, fewer_exponentials, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import random_candidate
 
 exactly = partial(residuals, arithmetic="exact")

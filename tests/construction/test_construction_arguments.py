@@ -7,7 +7,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.conditions import MAX_ORDER
+from cg.construction.conditions import MAX_ORDER
 
 NAN, HUGE = float("nan"), 10**30
 CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))  # of six stages

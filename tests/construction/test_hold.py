@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import crouch_grossman as cg
+from cg.construction.layouts.layout import Layout
 from cg.construction.results.solutions import solutions
+from cg.construction.runs import Store
 from cg.construction.solvers.held import read_hold
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.runs import Store
 
 SHAPES = {
     "explicit": ({"order": 3, "stages": 4, "starts": 20}, Layout.tableau(4)),

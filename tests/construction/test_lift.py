@@ -7,10 +7,10 @@ from refusals import refuses
 from scipy.integrate._ivp import dop853_coefficients
 
 import cg
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
+from cg.construction.layouts.layout import Layout
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
-from cg.layouts.layout import Layout
-from cg.method.flat import flat_order, stage_orders
+from cg.construction.methods.flat import flat_order, stage_orders
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
 CLASSICAL = cg.Tableau(

@@ -9,10 +9,10 @@ from scipy.optimize import leastsq
 
 import cg
 from cg import conditions
+from cg.construction.layouts.layout import Layout
 from cg.construction.search import start as random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
 from cg.support import quads
 
 EPS = float(np.finfo(float).eps)

@@ -13,15 +13,15 @@ from strategies import point_trees
 
 import cg
 from cg import CommutatorFree, conditions
-from cg.catalogue import dumps, methods
-from cg.construction import Candidate, Structure, to_method
+from cg.construction.candidate import Candidate, to_method
+from cg.construction.catalogue import dumps, methods
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.proofs import certify
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
-from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout, Rows
-from cg.proofs import certify
+from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support.quads import decode, encode
 
 

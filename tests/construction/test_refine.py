@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cg import conditions
-from cg.catalogue import methods
-from cg.conditions import Rows, residuals, unpack
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows, residuals, unpack
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine

@@ -13,11 +13,11 @@ from refusals import refuses
 import cg
 from cg.command import main
 from cg.construction.candidate import Candidate
+from cg.construction.proofs.files import certificate_beside
 from cg.construction.results import best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES, connected
+from cg.construction.runs import Store
 from cg.construction.solvers.singular import decompose, retract
-from cg.proofs.files import certificate_beside
-from cg.runs import Store
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +97,9 @@ def test_publish_run(store, run, tmp_path):
     assert publication.principal_error < publication.initial_principal_error
     assert publication.certificate is not None, publication.reason
     assert [path.name for path in publication.files] == ["Mine.toml", "Mine.certificate.toml"]
-    assert cg.catalogue.load(publication.files[0]) == publication.method
-    proof = cg.proofs.Certificate.load(publication.files[1])
-    cg.proofs.check(proof, publication.method)
+    assert cg.construction.catalogue.load(publication.files[0]) == publication.method
+    proof = cg.construction.proofs.Certificate.load(publication.files[1])
+    cg.construction.proofs.check(proof, publication.method)
 
 
 def test_publish_without_optimisation(store, tmp_path):
@@ -154,13 +154,15 @@ class TestFromAStoreToTheCatalogue:
         (folder / "certificates").mkdir(parents=True)
         publication = publish(store.run(2), "CF4z", folder)
         assert publication.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
-        catalogue = cg.catalogue.Catalogue(folder)
+        catalogue = cg.construction.catalogue.Catalogue(folder)
         assert catalogue["CF4z"] == publication.method
-        cg.proofs.check(cg.proofs.Certificate.load(publication.files[1]), publication.method)
+        cg.construction.proofs.check(
+            cg.construction.proofs.Certificate.load(publication.files[1]), publication.method
+        )
 
     def test_publish_with_partial_certificate(self, store, tmp_path, monkeypatch):
         module = sys.modules["cg.construction.results.publishing"]
-        partial = cg.proofs.certificate_of(cg.methods["CG5a"])
+        partial = cg.construction.proofs.certificate_of(cg.methods["CG5a"])
         monkeypatch.setattr(module, "certify", lambda method: partial)
         publication = publish(store.run(1), "Part", tmp_path)
         assert publication.certificate is partial

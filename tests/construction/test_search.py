@@ -9,11 +9,11 @@ import pytest
 from quad_core import residuals_quad
 
 from cg import conditions
-from cg.catalogue import methods
-from cg.conditions import Rows, residuals, unknowns, unpack
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows, residuals, unknowns, unpack
+from cg.construction.layouts.layout import Layout
 from cg.construction.search.random_search import search
 from cg.construction.search.start import EXACT, random_start, run_start
-from cg.layouts.layout import Layout
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}

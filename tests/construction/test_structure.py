@@ -6,10 +6,10 @@ from quotients import jacobian
 from refusals import refuses
 
 import cg
+from cg.construction.layouts.layout import Rows
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.layouts.layout import Rows
 from cg.support import quads
 
 

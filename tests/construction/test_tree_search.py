@@ -8,20 +8,15 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction import (
-    Candidate,
-    ConditionSystem,
-    drop_flow,
-    drop_point_stage,
-    pack_method,
-    solved,
-)
+from cg.construction.candidate import Candidate, pack_method, solved
+from cg.construction.drop import drop_flow, drop_point_stage
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START, MethodError, check_tree
+from cg.construction.runs import Store
 from cg.construction.search.shapes import draw_layout, layout_of
 from cg.construction.search.start import start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
-from cg.layouts.layout import Layout
-from cg.layouts.points import START, MethodError, check_tree
-from cg.runs import Store
+from cg.construction.solvers.system import ConditionSystem
 
 CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
 FIVE = {"order": 5, "stages": 6, "seed": 1}

@@ -5,16 +5,18 @@ import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
-(LAYERS,) = (
-    [
-        [folder.strip() for folder in layer.split(",")]
-        for layer in block.replace("\n", " ").split("→")
-    ]
+PACKAGE, CONSTRUCTION = (
+    {
+        folder.strip(): level
+        for level, layer in enumerate(block.replace("\n", " ").split("→"))
+        for folder in layer.split(",")
+    }
     for block in re.findall(r"\n\n((?:    .*→.*\n)+)", PAGE)
 )
-LAYER = {folder: level for level, folders in enumerate(LAYERS) for folder in folders}
 
 
 def module_of(path):
@@ -47,33 +49,50 @@ def imported(path):
 IMPORTS = {module: {*imported(path)} - {module} for module, path in FILES.items()}
 
 
-def folder_of(module):
-    return [*module.split("."), ""][1]
-
-
 def test_paths_on_the_page_exist():
     paths = re.findall(r"`((?:cg|fortran|research|reproduce|benchmarks)/[^`]*)`", PAGE)
     assert len(paths) > 40
     assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
+def folders_of(path):
+    return {folder.parent.name for folder in path.glob("*/__init__.py")}
+
+
 def test_map_lists_every_folder_of_the_package():
     listed = set(re.findall(r"^      (?:  )?(\w+)/ ", PAGE, re.MULTILINE))
-    folders = {path.parent.name for path in (ROOT / "cg").glob("*/__init__.py")}
-    assert folders <= listed
-    assert folders == set(LAYER)
+    assert folders_of(ROOT / "cg") == set(PACKAGE) <= listed
+    assert folders_of(ROOT / "cg" / "construction") == set(CONSTRUCTION) <= listed
 
 
-def test_folders_import_only_from_earlier_layers():
+@pytest.mark.parametrize(
+    ("package", "layer"),
+    [("cg.", PACKAGE), ("cg.construction.", CONSTRUCTION)],
+    ids=["package", "construction"],
+)
+def test_folders_import_only_from_earlier_layers(package, layer):
+    def folder_of(module):
+        return module.removeprefix(package).split(".")[0] if module.startswith(package) else ""
+
     wrong = [
         (module, other)
         for module, others in IMPORTS.items()
         for other in others
-        if folder_of(module) in LAYER and folder_of(other) in LAYER
+        if folder_of(module) in layer and folder_of(other) in layer
         if folder_of(module) != folder_of(other)
-        if LAYER[folder_of(other)] >= LAYER[folder_of(module)]
+        if layer[folder_of(other)] >= layer[folder_of(module)]
     ]
     assert wrong == []
+
+
+def test_what_integrates_names_construction_where_users_ask_for_it_only():
+    naming = {
+        str(path.relative_to(ROOT))
+        for folder in set(PACKAGE) - {"construction", "command"}
+        for path in (ROOT / "cg" / folder).rglob("*.py")
+        if '"cg.construction' in path.read_text("utf-8")
+    }
+    assert naming == {"cg/tables/stored.py", "cg/tables/table.py", "cg/plot/__init__.py"}
 
 
 def test_files_do_not_import_each_other_in_a_circle():

@@ -15,8 +15,12 @@ import pytest
 import cg
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
-SKIPPED = ("cg.reproduce", "cg.catalogue.certificates")
-OPTIONAL = {"cg.jax": "diffrax", "cg.qutip": "qutip", "cg.conditions.symbolic": "sympy"}
+SKIPPED = ("cg.reproduce", "cg.construction.catalogue.certificates")
+OPTIONAL = {
+    "cg.jax": "diffrax",
+    "cg.qutip": "qutip",
+    "cg.construction.conditions.symbolic": "sympy",
+}
 NAMES = sorted(
     module.name
     for module in pkgutil.walk_packages(cg.__path__, "cg.")
@@ -118,7 +122,7 @@ def without_example(objects):
 def test_public_objects_include_known_names():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
-    assert {"cg.trees.OrderedTree", "cg.MissingQuadsError", "cg.methods"} <= names
+    assert {"cg.construction.trees.OrderedTree", "cg.MissingQuadsError", "cg.methods"} <= names
     assert len(names) > 100
 
 

@@ -14,8 +14,8 @@ from python_steps import Step
 from slow_cases import slow
 
 import cg
-from cg.catalogue import resolve_method
-from cg.formats.program import identifier
+from cg.construction.catalogue import resolve_method
+from cg.construction.formats.program import identifier
 
 ALL = [name for name, method in {**FROZEN, **MUNTHE_KAAS}.items() if method.explicit]
 SOME = [

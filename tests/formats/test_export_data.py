@@ -12,10 +12,10 @@ from kinds import FROZEN, MUNTHE_KAAS
 from refusals import refuses
 
 import cg
-from cg.catalogue import dumps, loads, resolve_method
-from cg.formats import FORMATS, known_digits
-from cg.formats.notebooks import to_formula
-from cg.formats.program import identifier
+from cg.construction.catalogue import dumps, loads, resolve_method
+from cg.construction.formats import FORMATS, known_digits
+from cg.construction.formats.notebooks import to_formula
+from cg.construction.formats.program import identifier
 from cg.support.quads import to_decimal
 
 ALL = [*FROZEN, *MUNTHE_KAAS]

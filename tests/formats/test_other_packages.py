@@ -8,7 +8,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.formats import to_diffrax, to_nodepy
+from cg.construction.formats import to_diffrax, to_nodepy
 
 
 def module(name):
@@ -35,7 +35,7 @@ def oscillator(t, y):
 @pytest.mark.parametrize("name", ["CG3", "CG5d", "DP5(4)", "CG2(3)", "RKMK8(5,3)", "CF6c"])
 def test_diffrax(jax, name):
     diffrax = module("diffrax")
-    method = cg.catalogue.resolve_method(name)
+    method = cg.construction.catalogue.resolve_method(name)
     made = to_diffrax(name)
 
     class Solver(diffrax.AbstractERK):
@@ -63,7 +63,7 @@ def test_nodepy(name):
         warnings.simplefilter("ignore")
         module("nodepy")
         actual = to_nodepy(name)
-        method = cg.catalogue.resolve_method(name)
+        method = cg.construction.catalogue.resolve_method(name)
         better = max(method.order, method.embedded_order or 0)
         assert actual.order() == better
         np.testing.assert_array_equal(actual.A.astype(float), method.a)

@@ -9,10 +9,10 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import dumps, dumps_json, loads
 from cg.command import main
-from cg.formats import FORMATS
-from cg.formats.notebooks import to_html
+from cg.construction.catalogue import dumps, dumps_json, loads
+from cg.construction.formats import FORMATS
+from cg.construction.formats.notebooks import to_html
 from cg.support.parsing import visible
 
 CODE = ["python", "c"]

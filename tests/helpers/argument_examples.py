@@ -12,10 +12,10 @@ import numpy as np
 import cg
 from cg import catalogue, conditions, construction, frames, plot
 from cg import proofs as certification
-from cg.analysis import diagnosis
-from cg.method import low_storage, stability
+from cg.construction import diagnosis
+from cg.construction.methods import low_storage, stability
+from cg.construction.trees import ordered as trees
 from cg.support import quads
-from cg.trees import ordered as trees
 from research import impossibility
 
 

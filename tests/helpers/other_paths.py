@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 
-from cg.method.compile import error_exponent, table_of_paths
-from cg.method.method import Method
-from cg.method.paths import MethodPaths, Path, paths_of
+from cg.construction.methods.compile import error_exponent, table_of_paths
+from cg.construction.methods.method import Method
+from cg.construction.methods.paths import MethodPaths, Path, paths_of
 
 
 @dataclass(frozen=True)

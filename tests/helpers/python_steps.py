@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from cg.method.compile import error_exponent
-from cg.method.paths import paths_of
+from cg.construction.methods.compile import error_exponent
+from cg.construction.methods.paths import paths_of
 
 
 class Step:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cg import _core_r128
-from cg.conditions import condition_trees
+from cg.construction.conditions import condition_trees
 from cg.support.quads import decode, encode
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cg.runs import Store
+from cg.construction.runs import Store
 
 
 def stored_numbers(path: Path, run: int = 1) -> list[int]:

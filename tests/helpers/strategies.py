@@ -4,9 +4,9 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from cg.layouts.layout import Layout, Rows
-from cg.layouts.points import START, Point, PointTree
-from cg.trees.ordered import OrderedTree
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.points import START, Point, PointTree
+from cg.construction.trees.ordered import OrderedTree
 
 trees = st.recursive(
     st.just(OrderedTree()),

@@ -1,7 +1,7 @@
 """Residuals of any words in rational arithmetic."""
 
-from cg.conditions.systems import EquationSystem
-from cg.conditions.words import Condition
+from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.words import Condition
 from cg.support.balls import to_flint, to_fraction
 
 

@@ -9,12 +9,12 @@ from python_steps import Step, choose_steps, error, uncompiled
 from slow_cases import cases
 
 import cg
-from cg.analysis.convergence import observed_order
+from cg.construction.methods.compile import error_exponent
+from cg.construction.methods.tableau import Tableau
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.step.compiled_frames import is_compiled
-from cg.method.compile import error_exponent
-from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
+from cg.problems.convergence import observed_order
 
 PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()

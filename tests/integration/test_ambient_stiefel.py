@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
-from cg.analysis.convergence import observed_order
 from cg.frames import AmbientStiefel, Product, check
+from cg.problems.convergence import observed_order
 
 SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
 H = np.array([1 / 8, 1 / 16, 1 / 32])

@@ -13,8 +13,8 @@ from scipy.integrate import RK45
 from scipy.spatial.transform import Rotation
 
 import cg
+from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean, Product, UnitQuaternion
-from cg.method.tableau import Tableau
 from cg.problems import AffineField
 
 HUGE = 10**400

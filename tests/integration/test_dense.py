@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from slow_cases import cases
 
 import cg
-from cg.analysis.convergence import observed_order
+from cg.construction.methods.interpolant import extra_evaluations, nodes_of
 from cg.frames import (
     GL,
     SE3,
@@ -32,7 +32,7 @@ from cg.frames import (
 from cg.integration.loop import run
 from cg.integration.loop.drive import StepBudget
 from cg.integration.step.callbacks import _HANDLERS
-from cg.method.interpolant import extra_evaluations, nodes_of
+from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 
 FRAMES = [

@@ -13,6 +13,7 @@ from refusals import refuses
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
+from cg.construction import catalogue
 from cg.executors import Finished
 from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
@@ -168,7 +169,7 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
 
     monkeypatch.setattr(ensemble, "completed", noted)
     pair = cg.methods["CF4(3)"]
-    renamed = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
+    renamed = catalogue.loads(catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
     for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
     again = [pickle.loads(pickle.dumps(work)).args[0].plan.method for work in known]

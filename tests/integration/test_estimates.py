@@ -8,9 +8,9 @@ import pytest
 from frame_examples import HEISENBERG
 
 import cg
+from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
 from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
-from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
 
 TOOL = "research/make_second_results"
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ class TestRatios:
 
     @pytest.mark.parametrize("name", DEFAULTS)
     def test_defaults_see_jumps(self, name):
-        assert jump_ratio(cg.catalogue.resolve_method(name)) <= 50
+        assert jump_ratio(cg.construction.catalogue.resolve_method(name)) <= 50
 
     @pytest.mark.parametrize("name", ["DOP853", "RKMK8(5,3)"])
     def test_combined_estimates_see_kinks(self, name):
@@ -71,7 +71,7 @@ class TestRatios:
             for each in (method, method.embedded)
         ]
         exact = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CF8a", h=1 / 64).y[-1]
-        from cg.method.estimate import _flow_response
+        from cg.construction.methods.estimate import _flow_response
 
         nodes, weights = np.polynomial.legendre.leggauss(60)
         s = (nodes + 1) / 2

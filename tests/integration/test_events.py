@@ -9,8 +9,8 @@ from circle import height, solve
 from refusals import refuses
 
 import cg
+from cg.construction.methods.interpolant import extra_evaluations
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
-from cg.method.interpolant import extra_evaluations
 
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 

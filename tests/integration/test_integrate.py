@@ -9,11 +9,11 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from kinds import FROZEN
 
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
+from cg.construction.methods.paths import paths_of
+from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean
 from cg.integration import integrate
-from cg.method.paths import paths_of
-from cg.method.tableau import Tableau
 
 EXPLICIT = [name for name, tableau in FROZEN.items() if tableau.explicit]
 

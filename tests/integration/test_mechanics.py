@@ -10,8 +10,8 @@ from quotients import jacobian
 from scipy import LowLevelCallable
 
 import cg
+from cg.construction.methods.interpolant import extra_evaluations
 from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, U, UnitQuaternion
-from cg.method.interpolant import extra_evaluations
 
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))

@@ -9,7 +9,11 @@ from kinds import MUNTHE_KAAS
 from python_steps import Step
 
 import cg
-from cg.catalogue import dumps, loads
+from cg.construction.catalogue import dumps, loads
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.compile import error_exponent
+from cg.construction.methods.interpolant import extension_of
+from cg.construction.methods.low_storage import from_two_registers
 from cg.frames import (
     SE3,
     SO,
@@ -22,10 +26,6 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.layouts.points import MethodError
-from cg.method.compile import error_exponent
-from cg.method.interpolant import extension_of
-from cg.method.low_storage import from_two_registers
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
 

@@ -8,7 +8,7 @@ from kinds import MUNTHE_KAAS
 from python_steps import Step, uncompiled
 
 import cg
-from cg.catalogue import resolve_method
+from cg.construction.catalogue import resolve_method
 from cg.frames import SO, SU, Power, U
 from cg.integration.step.compiled_frames import dexpinv_of
 

@@ -11,8 +11,8 @@ from other_paths import reversed_flows
 from slow_cases import slow
 
 from cg import frames as fr
+from cg.construction.methods.tableau import Tableau
 from cg.integration import integrate
-from cg.method.tableau import Tableau
 
 EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
 ALL = EXACT | MUNTHE_KAAS

@@ -11,9 +11,9 @@ from scipy.linalg import expm
 from van_der_pol import PLANE, START, solve, van_der_pol
 
 import cg
-from cg.analysis.convergence import final_errors, observed_order
+from cg.construction.methods.collocation import transformation
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
-from cg.method.collocation import transformation
+from cg.problems.convergence import final_errors, observed_order
 
 RADAU = cg.methods["RadauIIA5"]
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from other_paths import as_they_are
 
 import cg
+from cg.construction.layouts.points import START, Point
 from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.layouts.points import START, Point
 
 FRAMES = [SO3(), UnitQuaternion(), Sphere(2), Product(SO3(), Euclidean(2)), Stiefel(3, 2)]
 NAMES = ["CF3", "CF4", "CG3", "BS3(2)", "CG2(3)"]

@@ -6,11 +6,11 @@ import time
 import pytest
 
 import cg
-from cg.catalogue import save
-from cg.catalogue.summary import compute_summary
 from cg.command import main
-from cg.formats.notebooks import to_html
-from cg.method.stability import too_large
+from cg.construction.catalogue import save
+from cg.construction.catalogue.summary import compute_summary
+from cg.construction.formats.notebooks import to_html
+from cg.construction.methods.stability import too_large
 
 
 def dense(stages):
@@ -45,7 +45,7 @@ def test_small_coefficients_with_many_stages():
 
 
 def test_notebook_output_is_bounded(monkeypatch):
-    from cg.formats import latex
+    from cg.construction.formats import latex
 
     written = []
     shown = latex._shown

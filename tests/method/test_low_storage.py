@@ -13,12 +13,12 @@ from other_paths import without_registers
 from refusals import refuses
 
 from cg import MethodError, conditions
-from cg.catalogue import dumps, loads, methods
+from cg.construction.catalogue import dumps, loads, methods
+from cg.construction.layouts.points import Point
+from cg.construction.methods.flat import flat_residuals
+from cg.construction.methods.low_storage import from_two_registers, two_registers
+from cg.construction.methods.paths import paths_of
 from cg.integration import integrate, solve_ivp
-from cg.layouts.points import Point
-from cg.method.flat import flat_residuals
-from cg.method.low_storage import from_two_registers, two_registers
-from cg.method.paths import paths_of
 from cg.support.quads import to_decimal
 
 TOOL = "tools/write_low_storage_table"

@@ -8,10 +8,10 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import dumps, loads
-from cg.conditions.linear_equations import linear_residuals, words
-from cg.layouts.points import MethodError
-from cg.method.magnus import MagnusMethod
+from cg.construction.catalogue import dumps, loads
+from cg.construction.conditions.linear_equations import linear_residuals, words
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.magnus import MagnusMethod
 
 ORDERS = {
     "CFM4": (4, None, None, 2, 2, 3),

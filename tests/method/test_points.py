@@ -13,11 +13,11 @@ from strategies import point_trees, rationals
 
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
-from cg.catalogue import dumps, loads, methods
-from cg.layouts.layout import Layout
-from cg.layouts.points import Point
-from cg.method.packed import make_method
-from cg.proofs import certify
+from cg.construction.catalogue import dumps, loads, methods
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import Point
+from cg.construction.methods.packed import make_method
+from cg.construction.proofs import certify
 
 
 class TestMethods:

@@ -14,8 +14,8 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import dumps, loads
-from cg.conditions.nystrom import (
+from cg.construction.catalogue import dumps, loads
+from cg.construction.conditions.nystrom import (
     nystrom_residuals,
     nystrom_trees,
     nystrom_values,
@@ -23,7 +23,7 @@ from cg.conditions.nystrom import (
     splitting_values,
     splitting_words,
 )
-from cg.layouts.points import MethodError
+from cg.construction.layouts.points import MethodError
 
 # order, kicks, drifts, whether it needs a quadratic kinetic energy
 KNOWN = {

@@ -10,7 +10,7 @@ import pytest
 from kinds import FROZEN
 
 import cg
-from cg.method.stability import stability_function, stability_limits
+from cg.construction.methods.stability import stability_function, stability_limits
 
 
 def classical(order):

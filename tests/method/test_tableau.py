@@ -10,9 +10,9 @@ from refusals import refuses
 from strategies import rationals, tableaux
 
 from cg import conditions
-from cg.conditions import Rows
-from cg.method.coefficients import Coefficient
-from cg.method.tableau import Tableau, TableauError
+from cg.construction.conditions import Rows
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.tableau import Tableau, TableauError
 
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
 

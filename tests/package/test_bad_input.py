@@ -8,28 +8,22 @@ from refusals import refuses
 
 import cg
 from cg import conditions
-from cg.catalogue import dumps, load, loads, resolve_method, save
-from cg.conditions import Rows, check_rows, count, unknowns
-from cg.construction import (
-    Goals,
-    correct,
-    eliminate_stage,
-    fewer_exponentials,
-    optimise,
-    pack_method,
-    to_method,
-)
+from cg.construction.candidate import correct, pack_method, to_method
+from cg.construction.catalogue import dumps, load, loads, resolve_method, save
+from cg.construction.conditions import Rows, check_rows, count, unknowns
+from cg.construction.eliminate import eliminate_stage
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.packed import make_method
+from cg.construction.optimise import Goals, fewer_exponentials, optimise
+from cg.construction.proofs import certificate_of
+from cg.construction.proofs import check as prove
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.method.packed import make_method
+from cg.construction.trees.ordered import forest
 from cg.problems import FreeRigidBody
-from cg.proofs import certificate_of
-from cg.proofs import check as prove
 from cg.support.quads import decode, encode, from_float, to_float
-from cg.trees.ordered import forest
 
 exactly = partial(conditions.residuals, arithmetic="exact")
 HUGE = 10**400

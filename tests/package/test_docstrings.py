@@ -5,14 +5,14 @@ from pkgutil import walk_packages
 
 import pytest
 
+import cg.construction.methods
 import cg.frames
-import cg.method
 
 pytestmark = pytest.mark.no_core
 
 MODULES = [
     module.name
-    for package in (cg.frames, cg.method)
+    for package in (cg.frames, cg.construction.methods)
     for module in walk_packages(package.__path__, f"{package.__name__}.")
 ]
 

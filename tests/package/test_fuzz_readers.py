@@ -13,9 +13,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.catalogue import dumps, loads
-from cg.proofs import Certificate, CertificationError, certificate_of
-from cg.trees.ordered import OrderedTree
+from cg.construction.catalogue import dumps, loads
+from cg.construction.proofs import Certificate, CertificationError, certificate_of
+from cg.construction.trees.ordered import OrderedTree
 from research.impossibility import ImpossibilityError
 
 MANY = int(os.environ.get("CG_FUZZ", "1"))

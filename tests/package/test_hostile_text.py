@@ -8,11 +8,11 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import dumps, load, loads, save
-from cg.conditions.words import Condition, parse
-from cg.layouts.points import MethodError
+from cg.construction.catalogue import dumps, load, loads, save
+from cg.construction.conditions.words import Condition, parse
+from cg.construction.layouts.points import MethodError
+from cg.construction.proofs import Certificate, CertificationError, certificate_of, check
 from cg.problems import HeavyTop
-from cg.proofs import Certificate, CertificationError, certificate_of, check
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
 

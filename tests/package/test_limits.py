@@ -11,7 +11,7 @@ import cg
 from cg import conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start
-from cg.trees.ordered import OrderedTree
+from cg.construction.trees.ordered import OrderedTree
 
 
 def test_construct_starts_at_the_highest_order():

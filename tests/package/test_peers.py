@@ -8,11 +8,11 @@ import pytest
 from kinds import FROZEN
 
 import cg
-from cg.method.flat import flat_residuals
-from cg.method.low_storage import two_registers
+from cg.construction.methods.flat import flat_residuals
+from cg.construction.methods.low_storage import two_registers
+from cg.construction.trees.ordered import forest
+from cg.construction.trees.rooted import rooted_trees_through
 from cg.problems import HeavyTop
-from cg.trees.ordered import forest
-from cg.trees.rooted import rooted_trees_through
 
 NODES = 8
 

@@ -5,9 +5,9 @@ import subprocess
 import pytest
 from minpack_libraries import FLAGS, HAS_COMPILER, KINDS, SOURCES, TESTS
 
+from cg.construction.trees.ordered import forest
+from cg.construction.trees.tables import fortran_tables
 from cg.support.shared_numbers import fortran_module
-from cg.trees.ordered import forest
-from cg.trees.tables import fortran_tables
 
 MODULES = (
     "conditions/least_squares", "support/linalg",

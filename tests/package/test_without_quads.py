@@ -5,7 +5,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.conditions import residuals
+from cg.construction.conditions import residuals
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads

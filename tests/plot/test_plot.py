@@ -10,10 +10,10 @@ from refusals import refuses
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.plot.stability import growth
+from cg.construction.plots.stability import growth
+from cg.construction.plots.trees import layout
+from cg.construction.trees.ordered import OrderedTree
 from cg.plot.style import COLOURS
-from cg.plot.trees import layout
-from cg.trees.ordered import OrderedTree
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -113,7 +113,7 @@ class TestMethods:
 
     @pytest.mark.parametrize("name", ["LieEuler", "CG5a", "CF6a", "CF6(5)", "CG4(3)", "RKMK4"])
     def test_every_flow_is_a_line(self, ax, name):
-        method = cg.catalogue.resolve_method(name)
+        method = cg.construction.catalogue.resolve_method(name)
         cg.plot.points(method, ax)
         flows = method.tree.flows(
             [*method.stage_points, method.result]

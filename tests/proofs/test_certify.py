@@ -9,17 +9,24 @@ from refusals import refuses
 
 import cg
 from cg import conditions
-from cg.catalogue import methods
-from cg.conditions import Rows
-from cg.conditions.words import Condition
+from cg.construction.catalogue import methods
+from cg.construction.conditions import Rows
+from cg.construction.conditions.words import Condition
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.packed import make_method
+from cg.construction.methods.tableau import Tableau
+from cg.construction.proofs import (
+    Certificate,
+    CertificationError,
+    certificate_of,
+    certify,
+    check,
+    proved,
+)
+from cg.construction.proofs.files import certificate_names, folder
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.method.packed import make_method
-from cg.method.tableau import Tableau
-from cg.proofs import Certificate, CertificationError, certificate_of, certify, check, proved
-from cg.proofs.files import certificate_names, folder
 
 CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS}

@@ -10,11 +10,11 @@ from kinds import MAGNUS
 from word_residuals import word_residuals
 
 import cg
-from cg.catalogue import loads
-from cg.conditions.linear_equations import linear_residuals, words
-from cg.conditions.words import Condition, condition_words, parse
-from cg.proofs import CertificationError, certificate_of, certify, check
-from cg.proofs.certificate import ViolatedCondition
+from cg.construction.catalogue import loads
+from cg.construction.conditions.linear_equations import linear_residuals, words
+from cg.construction.conditions.words import Condition, condition_words, parse
+from cg.construction.proofs import CertificationError, certificate_of, certify, check
+from cg.construction.proofs.certificate import ViolatedCondition
 
 
 def words_of_time(order):
@@ -24,7 +24,7 @@ def words_of_time(order):
 @pytest.mark.parametrize("name", ["CFM6(4)", "CFM6(4)b", "CFM8(4)"])
 def test_digits_are_those_of_exact_coefficients_and_of_lobattos_nodes(name):
     method = cg.methods[name]
-    texts = cg.proofs.refined_digits(method, certificate_of(method), 60)
+    texts = cg.construction.proofs.refined_digits(method, certificate_of(method), 60)
     numbers = list(map(Fraction, texts))
     for stored, x in zip(method.coefficients, numbers, strict=True):
         assert stored.unit or abs(x - stored.value) < Fraction(1, 10**59)

@@ -13,8 +13,8 @@ from independent_verifier import NotProvedError, verify
 from kinds import FROZEN
 
 import cg
-from cg.proofs.digits import _rounded
-from cg.proofs.krawczyk import krawczyk
+from cg.construction.proofs.digits import _rounded
+from cg.construction.proofs.krawczyk import krawczyk
 from cg.support.balls import working_precision
 
 
@@ -140,7 +140,7 @@ def test_digits_are_decided_at_both_ends_of_a_ball(sign):
             assert _rounded(ball, digits) == text
 
 
-FOLDER = files("cg.catalogue")
+FOLDER = files("cg.construction.catalogue")
 CERTIFICATES = {
     path.name: certificate
     for path in sorted((FOLDER / "certificates").iterdir(), key=lambda path: path.name)

@@ -11,14 +11,20 @@ from refusals import refuses
 from word_residuals import word_residuals
 
 import cg
-from cg.catalogue import find_method
-from cg.conditions.word_weights import Quantity, Weights
-from cg.conditions.words import Condition, condition_words, conditions_of, parse, reciprocal_density
-from cg.proofs import CertificationError, certify, check
-from cg.proofs.dependent.contexts import basis, depth, fill, moments, outer_nodes
-from cg.proofs.dependent.orthogonality import find_relations, follow
-from cg.proofs.dependent.pairings import pairings
-from cg.proofs.dependent.reduction import Reduction
+from cg.construction.catalogue import find_method
+from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.words import (
+    Condition,
+    condition_words,
+    conditions_of,
+    parse,
+    reciprocal_density,
+)
+from cg.construction.proofs import CertificationError, certify, check
+from cg.construction.proofs.dependent.contexts import basis, depth, fill, moments, outer_nodes
+from cg.construction.proofs.dependent.orthogonality import find_relations, follow
+from cg.construction.proofs.dependent.pairings import pairings
+from cg.construction.proofs.dependent.reduction import Reduction
 from cg.support.balls import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]

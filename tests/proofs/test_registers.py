@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from word_residuals import word_residuals
 
-from cg.conditions.words import add_multiple, condition_words, extend, nodes, shuffle, words_with
-from cg.method.low_storage import from_two_registers
-from cg.proofs.dependent.reduction import Reduction
-from cg.trees.rooted import rooted_trees
+from cg.construction.conditions.words import (
+    add_multiple,
+    condition_words,
+    extend,
+    nodes,
+    shuffle,
+    words_with,
+)
+from cg.construction.methods.low_storage import from_two_registers
+from cg.construction.proofs.dependent.reduction import Reduction
+from cg.construction.trees.rooted import rooted_trees
 
 
 def exchange(p, v, w, q):

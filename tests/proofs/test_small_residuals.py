@@ -8,12 +8,12 @@ from flint import arb
 from refusals import refuses
 
 import cg
-from cg.catalogue import methods
-from cg.conditions.words import Condition, parse
-from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
-from cg.proofs.digits import max_digits
-from cg.proofs.krawczyk import enclose_zero, krawczyk
-from cg.proofs.statement import fitting
+from cg.construction.catalogue import methods
+from cg.construction.conditions.words import Condition, parse
+from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify, check
+from cg.construction.proofs.digits import max_digits
+from cg.construction.proofs.krawczyk import enclose_zero, krawczyk
+from cg.construction.proofs.statement import fitting
 from cg.support.balls import working_precision as precision
 
 

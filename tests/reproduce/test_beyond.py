@@ -9,10 +9,10 @@ from kinds import FROZEN, MAGNUS
 from refusals import refuses
 from report_pages import check_page, read
 
-from cg.catalogue import methods
-from cg.conditions import count
-from cg.method.commutator_free import CommutatorFree
-from cg.proofs.files import certificate_names
+from cg.construction.catalogue import methods
+from cg.construction.conditions import count
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.proofs.files import certificate_names
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
 from cg.reproduce.sections import beyond_catalogue, beyond_order

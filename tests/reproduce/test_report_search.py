@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from refusals import refuses
 from report_pages import context
 
+from cg.construction.runs import Store
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Chart, Table
@@ -21,7 +22,6 @@ from cg.reproduce.sections import evaluations
 from cg.reproduce.sections import search as section
 from cg.reproduce.sections.search import PLANS
 from cg.reproduce.statistics import median, quartiles
-from cg.runs import Store
 
 
 def test_plans_match_the_paper():

@@ -7,7 +7,7 @@ import pytest
 from refusals import refuses
 from report_pages import Page, check_page, context, read
 
-from cg.catalogue import methods
+from cg.construction.catalogue import methods
 from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import number

@@ -10,9 +10,9 @@ from flint import fmpq
 from refusals import refuses
 
 import cg
-from cg.conditions import condition_trees, residuals
-from cg.layouts.points import Point, PointTree
-from cg.trees.ordered import OrderedTree, catalan, forest
+from cg.construction.conditions import condition_trees, residuals
+from cg.construction.layouts.points import Point, PointTree
+from cg.construction.trees.ordered import OrderedTree, catalan, forest
 from research.impossibility import (
     Claim,
     ImpossibilityError,

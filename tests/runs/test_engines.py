@@ -8,8 +8,8 @@ import pytest
 
 import cg
 from cg.command import main
+from cg.construction.runs import Store
 from cg.executors import execution
-from cg.runs import Store
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 MPI = """

@@ -19,9 +19,9 @@ from typing import ClassVar
 import pytest
 
 import cg
+from cg.construction.runs import Store
 from cg.executors import completed, execution
 from cg.executors.chunks import Chunks
-from cg.runs import Store
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 CONSTRUCT = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
@@ -195,7 +195,7 @@ class TestDeath:
 
         result = cg.search(3, 3, 3, 5)
         run = result.starts.__getitem__
-        monkeypatch.setattr(cg.runs.long_run, "completed", ended)
+        monkeypatch.setattr(cg.construction.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
             assert list(again.starts) == list(result.starts[1:])

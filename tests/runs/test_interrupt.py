@@ -13,14 +13,14 @@ from refusals import refuses
 from stored_runs import stored_numbers
 
 from cg import _core_r64, _core_r128
-from cg.conditions import table_rows
-from cg.construction import construct
+from cg.construction.conditions import table_rows
+from cg.construction.construct import construct
+from cg.construction.layouts.layout import Layout
 from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.executors import as_finished, execution
-from cg.layouts.layout import Layout
 from cg.support import parallel, quads
 from cg.support.parallel import Stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus, Status

@@ -9,9 +9,9 @@ from terminals import Terminal
 
 import cg
 from cg.command import main
-from cg.construction import run_attempt
-from cg.runs import Failure, ProgressLine, stored_run
-from cg.runs.progress import duration
+from cg.construction.attempt import run_attempt
+from cg.construction.runs import Failure, ProgressLine, stored_run
+from cg.construction.runs.progress import duration
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
 LINE = re.compile(
@@ -87,7 +87,7 @@ class TestSearch:
         assert len(parse_lines("\n".join(text.rstrip("\n").split("\r\x1b[K")[1:]))) == 12
 
     def test_true_writes_to_standard_error(self, capsys, monkeypatch):
-        monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
+        monkeypatch.setattr(cg.construction.runs.progress, "_REPORT", 0.0)
         cg.search(**SEARCH, progress=True)
         captured = capsys.readouterr()
         assert len(parse_lines(captured.err)) == 12
@@ -127,7 +127,7 @@ class TestCommand:
     ARGUMENTS = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
 
     def test_command_writes_lines(self, capsys, monkeypatch):
-        monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
+        monkeypatch.setattr(cg.construction.runs.progress, "_REPORT", 0.0)
         assert main([*self.ARGUMENTS, "--workers", "1"]) == 0
         best, solved = expected(cg.search(**SEARCH).starts)
         lines = parse_lines(capsys.readouterr().err)
@@ -143,7 +143,7 @@ class TestCommand:
             raise KeyboardInterrupt
             yield
 
-        monkeypatch.setattr(cg.runs.long_run, "completed", interrupted)
+        monkeypatch.setattr(cg.construction.runs.long_run, "completed", interrupted)
         assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
             f"crouch-grossman: interrupted; finished results are in {path}; run the same search "

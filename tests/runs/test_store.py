@@ -13,9 +13,9 @@ from stored_runs import starts_of_the_file_alone, stored_numbers
 import cg
 import cg.command
 import cg.construction.search.random_search as search_module
+from cg.construction.runs import Store
 from cg.construction.search.random_search import search
 from cg.construction.search.start import run_start
-from cg.runs import Store
 
 SMALL = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}

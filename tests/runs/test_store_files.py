@@ -17,8 +17,8 @@ from stored_runs import starts_of_the_file_alone, stored_numbers
 
 import cg
 import cg.command
+from cg.construction.runs import Store, StoredStart, database, schema, store
 from cg.construction.search.random_search import search
-from cg.runs import Store, StoredStart, database, schema, store
 
 SMALL = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}

@@ -84,7 +84,7 @@ def test_large_methods_are_refused_below_a_limit_of_4_gib(case):
 
 # before the call itself, so that what Python allocates isn't part of it
 _PREPARED = """
-from cg.layouts.layout import Layout
+from cg.construction.layouts.layout import Layout
 layout = Layout.tableau(50)
 small = Layout.tableau(18)
 system = ConditionSystem(7, layout)
@@ -92,7 +92,7 @@ x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
 flag = np.zeros(1, dtype=np.intc)
 free = np.arange(1, layout.size + 1, dtype=np.intc)
-from cg.conditions import core_calls as door
+from cg.construction.conditions import core_calls as door
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import fit_minimum_norm
 from cg.support import quads

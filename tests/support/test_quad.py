@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from refusals import refuses
 
 from cg import _core_r128
-from cg.layouts.layout import Layout
+from cg.construction.layouts.layout import Layout
 from cg.support.quads import decode, encode, from_float, to_decimal, to_float
 
 SMALLEST = Fraction(2) ** -16494

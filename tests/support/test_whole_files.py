@@ -8,9 +8,9 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import save, summary
 from cg.command import main
-from cg.proofs import certificate_of
+from cg.construction.catalogue import save, summary
+from cg.construction.proofs import certificate_of
 from cg.support import parsing
 
 METHOD = cg.methods["CG3"]

@@ -10,8 +10,8 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.catalogue import methods, stored_methods
-from cg.method.compile import compiled
+from cg.construction.catalogue import methods, stored_methods
+from cg.construction.methods.compile import compiled
 from cg.tables import stored_names, stored_table, table_of
 
 METHODS = {method.name: method for method in stored_methods()}

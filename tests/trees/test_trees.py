@@ -7,8 +7,8 @@ from hypothesis import given
 from refusals import refuses
 from strategies import trees
 
-from cg.trees.ordered import OrderedTree, catalan, forest, is_lyndon
-from cg.trees.rooted import density, node_count, rooted_trees, rooted_trees_through
+from cg.construction.trees.ordered import OrderedTree, catalan, forest, is_lyndon
+from cg.construction.trees.rooted import density, node_count, rooted_trees, rooted_trees_through
 
 
 def test_counts_are_catalan_numbers():

@@ -11,8 +11,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions.word_weights import Quantity, Weights
-from cg.conditions.words import condition_words, nodes, reciprocal_density
+from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.words import condition_words, nodes, reciprocal_density
 from cg.construction.lifting.split_rows import SplitRows
 from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cg.conditions import MAX_ORDER
+from cg.construction.conditions import MAX_ORDER
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.reduction import improved, merged_flows
 from cg.construction.lifting.solver import Fit, fit
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.flat import flat_order, stage_orders
+from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import start_generator
-from cg.method.commutator_free import CommutatorFree
-from cg.method.flat import flat_order, stage_orders
-from cg.method.tableau import Tableau
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
 from cg.support.parallel import raise_if_stopped
 

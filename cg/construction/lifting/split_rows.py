@@ -15,13 +15,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import condition_trees, core_calls
+from cg.construction.conditions import condition_trees, core_calls
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START
 from cg.construction.search.shapes import merge_point
 from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import next_trees
-from cg.layouts.layout import Layout
-from cg.layouts.points import START
-from cg.trees.ordered import forest
+from cg.construction.trees.ordered import forest
 
 Vector = NDArray[np.float64]
 

@@ -4,14 +4,14 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from cg.catalogue import methods, save
-from cg.catalogue.entries import CERTIFICATE_SUFFIX
 from cg.construction.candidate import to_method
+from cg.construction.catalogue import methods, save
+from cg.construction.catalogue.entries import CERTIFICATE_SUFFIX
+from cg.construction.methods.method import Method
 from cg.construction.optimise import Goals, optimise
+from cg.construction.proofs import Certificate, CertificationError, certify
 from cg.construction.results.solutions import StoredSolution, solutions
-from cg.method.method import Method
-from cg.proofs import Certificate, CertificationError, certify
-from cg.runs import StoredRun
+from cg.construction.runs import StoredRun
 from cg.support.checks import check_integer
 from cg.support.parallel import single_threads
 from cg.support.parsing import file_in

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
 from cg.construction.candidate import Candidate
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.runs import StoredRun, StoredStart
 from cg.construction.search.shapes import layout_from_json
 from cg.construction.solvers.singular import decompose, retract
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.layouts.layout import Layout, Rows
-from cg.runs import StoredRun, StoredStart
 from cg.support import quads
 from cg.support.checks import check_integer
 from cg.support.parallel import single_threads

@@ -13,14 +13,14 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from cg.conditions import Rows
+from cg.construction.conditions import Rows
+from cg.construction.runs import Failure, LongRun, ProgressLine, RunOptions, Score, StoredStart
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.result import SearchResult, StoredStarts
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import read_start, run_start, start_layout
 from cg.executors import ExecutorLike
-from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score, StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_flag, check_integer
 
@@ -96,12 +96,12 @@ def search(
         continues. The executor doesn't change the result either, unless other machines have
         other BLAS kernels: then starts of the default algorithm end at other points.
     store
-        File that stores every finished start (`cg.runs.Store`). Starts with the same settings
+        File that stores every finished start (`runs.Store`). Starts with the same settings
         that it already has aren't run again. Several runs can share a file. After the first
         interrupt, running starts finish.
     progress
         Called with the numbers of finished and of all starts. True shows a
-        `cg.runs.ProgressLine` on standard error.
+        `cg.construction.runs.ProgressLine` on standard error.
     force
         Try even if there are fewer unknowns than independent conditions. Methods may still
         exist, symmetric ones in particular. With trees, where many conditions depend on each

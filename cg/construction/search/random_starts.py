@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cg.layouts.layout import Layout
-from cg.runs import StoredStart
+from cg.construction.layouts.layout import Layout
+from cg.construction.runs import StoredStart
 from cg.support import quads
 
 

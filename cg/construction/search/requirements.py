@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cg.conditions import MAX_ORDER
 from cg.construction.candidate import Candidate
+from cg.construction.conditions import MAX_ORDER
 from cg.construction.optimise import Goals, optimise
 from cg.support.checks import check_interval, check_real
 

@@ -11,16 +11,16 @@ from typing import Any, overload
 import numpy as np
 
 from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.method import Method
+from cg.construction.methods.packed import make_method
+from cg.construction.methods.tolerance import to_floats
+from cg.construction.runs import Failure, Store
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import start_layout
 from cg.construction.solvers.polish import polish_zeros
-from cg.layouts.layout import Layout
-from cg.method.method import Method
-from cg.method.packed import make_method
-from cg.method.tolerance import to_floats
-from cg.runs import Failure, Store
 from cg.support.parallel import single_threads
 
 _APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved

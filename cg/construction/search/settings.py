@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from cg.conditions import Rows, check_rows, count, unknowns
+from cg.construction.conditions import Rows, check_rows, count, unknowns
+from cg.construction.layouts.layout import Layout
 from cg.construction.search.shapes import ShapeSettings, most_unknowns
-from cg.layouts.layout import Layout
 from cg.support.checks import MAX_COUNT, MAX_HALF_WIDTH, check_integer, check_real
 
 ALGORITHMS = ("minimum-norm", "lmdif")

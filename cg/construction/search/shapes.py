@@ -8,15 +8,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions.counts import check_order
+from cg.construction.conditions.counts import check_order
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START, MethodError, Point, PointTree, check_tree
+from cg.construction.methods.commutator_free import as_index
 from cg.construction.solvers.held import Hold, read_hold
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.layouts.points import START, MethodError, Point, PointTree, check_tree
-from cg.method.commutator_free import as_index
+from cg.construction.trees.ordered import forest
+from cg.construction.trees.rooted import rooted_trees_through
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
-from cg.trees.ordered import forest
-from cg.trees.rooted import rooted_trees_through
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.

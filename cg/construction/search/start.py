@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import count, table_rows
+from cg.construction.conditions import count, table_rows
+from cg.construction.layouts.layout import Layout
+from cg.construction.runs import StoredStart
 from cg.construction.search.random_starts import Phase, RandomStart
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
@@ -15,8 +17,6 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
-from cg.runs import StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 from cg.support.parallel import single_threads, stoppable

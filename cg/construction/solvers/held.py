@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.layouts.layout import Layout
-from cg.method.coefficients import Coefficient
+from cg.construction.layouts.layout import Layout
+from cg.construction.methods.coefficients import Coefficient
 from cg.support import quads
 
 Hold = tuple[tuple[str, str], ...]

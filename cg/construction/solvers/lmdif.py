@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg import _core_r64
-from cg.conditions.core_calls import Trees, described, evaluation_bytes
-from cg.layouts.layout import Layout
+from cg.construction.conditions.core_calls import Trees, described, evaluation_bytes
+from cg.construction.layouts.layout import Layout
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.copies import ReadOnly

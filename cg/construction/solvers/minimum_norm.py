@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg import _core_r64
-from cg.conditions.core_calls import Trees, Vector, derivatives_bytes, described
+from cg.construction.conditions.core_calls import Trees, Vector, derivatives_bytes, described
+from cg.construction.layouts.layout import Layout
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
-from cg.layouts.layout import Layout
 from cg.support.capsules import provide_lapack
 from cg.support.checks import MAX_COUNT, check_flag, check_integer, check_real
 from cg.support.memory import reserved

@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg import conditions
+from cg.construction import conditions
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support.arrays import check_finite, real_array

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import condition_trees, core_calls, count
-from cg.conditions.counts import check_order
+from cg.construction.conditions import condition_trees, core_calls, count
+from cg.construction.conditions.counts import check_order
+from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.points import check_tree
 from cg.construction.solvers.held import Held, Hold
-from cg.layouts.layout import Layout, Rows
-from cg.layouts.points import check_tree
+from cg.construction.trees.ordered import OrderedTree, forest
 from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner, StageEquation
-from cg.trees.ordered import OrderedTree, forest
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {1: (1, 1, 2, 6, 19, 56, 176, 550), 2: (1, 0, 1, 4, 12, 36, 112, 352)}

@@ -1,1 +1,0 @@
-"""Observed orders of convergence, and diagnosis of coefficients."""

@@ -1,0 +1,67 @@
+"""Order conditions in exact and in ball arithmetic."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from cg.construction.conditions.counts import check_order
+from cg.construction.conditions.words import Condition, condition_words
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import PointTree, check_not_sums, points_of, tree_of_rows
+from cg.support.balls import to_ball, to_flint, to_fraction, working_precision
+from cg.support.checks import check_flag, check_integer
+from cg.support.quads import finite_fraction
+
+_MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
+
+
+def exact_tree(a: Any, b: Any) -> PointTree:
+    """Return the tree of coefficients as `cg.conditions.residuals` takes them, or ValueError."""
+    if isinstance(a, Layout):
+        return a.tree(_rationals(b, "b"))
+    weights_row = _rationals(b, "b")
+    check_not_sums(a)
+    if not isinstance(a, Iterable) or isinstance(a, str | bytes):
+        raise ValueError(f"a must be a sequence of rows, got {a!r}")
+    rows = [_rationals(row, f"row {i} of a") for i, row in enumerate(a, 1)]
+    stages = len(weights_row)
+    if stages == 0 or len(rows) != stages or any(len(row) != stages for row in rows):
+        shape = (len(rows), sorted({len(row) for row in rows}))
+        raise ValueError(f"a must have shape ({stages}, {stages}) to match b, got {shape}")
+    return tree_of_rows(rows, weights_row)
+
+
+def tree_residuals(
+    tree: PointTree, order: Any, independent: bool, bits: int | None
+) -> tuple[Any, ...]:
+    """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
+    from cg.construction.conditions.systems import EquationSystem  # imports python-flint
+
+    words = condition_words(check_order(order, None), check_flag("independent", independent))
+    system = EquationSystem(Layout.of_tree(tree), tuple(Condition(0, word) for word in words))
+    x = [weight for point in tree.points for weight in point.weights.values()]
+    x.append(Fraction(0))  # from which numbers are made if there are no weights
+    if bits is None:
+        return tuple(map(to_fraction, system.residuals(list(map(to_flint, x)))))
+    with working_precision(check_integer("bits", bits, 2, _MAX_BITS)):
+        return tuple(system.residuals(list(map(to_ball, x))))
+
+
+def result_tree(method: Any, embedded: bool) -> PointTree:
+    """Return the tree of a method with only one of its results."""
+    tree = points_of(method)
+    if not check_flag("embedded", embedded):
+        return replace(tree, embedded_result=None)
+    if tree.embedded_result is None:
+        raise ValueError(f"embedded: {method!r} has no second result")
+    return replace(tree, result=tree.embedded_result, embedded_result=None)
+
+
+def _rationals(entries: Any, name: str) -> list[Fraction]:
+    sequence = isinstance(entries, Iterable) and not isinstance(entries, str | bytes)
+    if not sequence or (isinstance(entries, np.ndarray) and entries.ndim == 0):
+        raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
+    return [finite_fraction(entry, f"{name} must hold") for entry in entries]

@@ -1,0 +1,119 @@
+"""Coefficients of a method rounded to a number of decimal digits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from cg.construction.layouts.points import MethodError
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.method import Method
+from cg.support.checks import check_integer
+from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
+
+if TYPE_CHECKING:
+    from cg.construction.proofs import Certificate
+
+_GUARD_DIGITS = 10
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The coefficients of a method in the order of its layout, and the digits to write, or None."""
+
+    method: Method
+    values: tuple[Fraction, ...]
+    digits: int | None
+
+    def decimal(self, value: Fraction) -> str:
+        """Return a number in `digits` digits, by default enough of them to give the same double."""
+        if self.digits is not None:
+            return to_decimal(value, self.digits)
+        if float(value) == 0.0:  # compilers reject numbers below the range of doubles
+            return "0"
+        places = DECIMAL_DIGITS
+        while float(text := to_decimal(value, places)) != float(value):
+            places += DECIMAL_DIGITS
+        return text
+
+    def rounded(self, *, zeros: bool = False) -> Method:
+        """Return the method with coefficients rounded to `digits` digits, except rational ones."""
+        method, digits = self.method, self.digits
+        if digits is None:
+            return method
+        texts = [
+            _rounded_text(coefficient, value, digits, zeros)
+            for coefficient, value in zip(method.coefficients, self.values, strict=True)
+        ]
+        try:
+            return _with_texts(method, texts, digits, zeros)
+        except MethodError as problem:
+            name = method.name or "the method"
+            raise ValueError(f"digits: {digits} are too few for {name}: {problem}") from None
+
+
+def known_digits(method: Method) -> int | None:
+    """Return the smallest number of correct digits of coefficients; None if all are rational."""
+    third = getattr(method, "third_weights", None) or ()
+    digits = [
+        max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
+        for coefficient in (*method.coefficients, *third)
+        if coefficient.unit and coefficient.value
+    ]
+    return min(digits, default=None)
+
+
+def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
+    """Return the coefficients of a method, from its certificate if it has too few digits."""
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
+    if certificate is not None:
+        from cg.construction.proofs import Certificate
+
+        if not isinstance(certificate, Certificate):
+            raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    stored = tuple(coefficient.value for coefficient in method.coefficients)
+    if digits is None:
+        return Numbers(method, stored, None)
+    digits = check_integer("digits", digits, 1, MAX_WRITTEN)
+    known = known_digits(method)
+    if known is None or digits <= known:
+        return Numbers(method, stored, digits)
+    from cg.construction.proofs import CertificationError, certificate_of, refined_digits
+    from cg.construction.proofs.digits import max_digits
+
+    try:
+        if certificate is None:
+            certificate = certificate_of(method)
+    except CertificationError as problem:
+        raise ValueError(
+            f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
+        ) from None
+    most = max_digits(certificate)
+    if digits > most:
+        raise ValueError(
+            f"digits must be at most {max(known, most)}, since some conditions are only shown to "
+            f"be small; got {digits}"
+        )
+    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
+    return Numbers(method, tuple(map(Fraction, texts)), digits)
+
+
+def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) -> Method:
+    """Return a method of the same kind with other coefficients."""
+    fields: dict[str, Any] = {}
+    if method.approximate:
+        fields["nominal_order"] = method.nominal_order
+        fields["nominal_residual"] = method.nominal_residual
+    if (third := getattr(method, "third_weights", None)) is not None:
+        fields["third"] = [_rounded_text(given, given.value, digits, zeros) for given in third]
+    return method.with_coefficients(texts, **fields)
+
+
+def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:
+    """Return a more precise value of a coefficient to `digits` digits; the same one unchanged."""
+    same = not coefficient.unit and value == coefficient.value
+    return coefficient.text if same else to_decimal(value, digits, zeros=zeros)

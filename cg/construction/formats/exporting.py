@@ -1,0 +1,105 @@
+"""Export of a method to a data file, a LaTeX table, or one step in Python or C."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cg.construction.catalogue import dumps, dumps_json, resolve_method
+from cg.construction.formats.c import C
+from cg.construction.formats.digits import numbers_of
+from cg.construction.formats.latex import to_latex
+from cg.construction.formats.program import make_program
+from cg.construction.formats.python import PYTHON
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.splitting import Splitting
+from cg.support.parsing import visible
+
+if TYPE_CHECKING:
+    from cg.construction.proofs import Certificate
+
+_CODE = {"python": PYTHON, "c": C}
+
+FORMATS = {
+    "json": ".json",
+    "toml": ".toml",
+    "latex": ".tex",
+    "python": ".py",
+    "c": ".h",
+}
+"""Suffix of the files of each format."""
+
+
+def export(
+    method: str | Method,
+    format: str,
+    *,
+    digits: int | None = None,
+    certificate: Certificate | None = None,
+) -> str:
+    """Return a method as the text of a file: data, a LaTeX table, or code for one step.
+
+    ``"json"`` and ``"toml"`` are data files, which `catalogue.loads` reads. ``"latex"`` is a
+    table for the package booktabs: a tableau, a list of its entries if they are too long for one,
+    or the points of a commutator-free method. ``"python"`` (for NumPy) and ``"c"`` are source files
+    with a function for one step, without dependencies; the right-hand side and the flow of the
+    frame are arguments of the step. The C file has the flows of rotation matrices and unit
+    quaternions.
+
+    Parameters
+    ----------
+    method
+        A method, or the name of one in the catalogue.
+    format
+        One of `FORMATS`.
+    digits
+        Significant digits, at most 4000, of coefficients that aren't rational, and in code of all
+        coefficients. By default, data files have the stored digits, and code has enough digits to
+        give the same doubles as this package. Digits beyond the stored ones are computed from
+        the certificate.
+    certificate
+        Certificate of the method (`cg.certify`); by default the one in the catalogue.
+
+    Returns
+    -------
+    str
+        Text of a file with the suffix ``FORMATS[format]``.
+
+    Raises
+    ------
+    TypeError
+        If an argument isn't of the type listed.
+    ValueError
+        If there is no such method or format, `digits` is out of range or exceeds the known
+        digits, or the format is a language and the method is implicit.
+    CertificationError
+        If the certificate isn't one for the method.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> cg.construction.catalogue.loads(export("CG2", "toml")) == cg.methods["CG2"]
+    True
+    >>> "static inline int cg2_step(" in export("CG2", "c")
+    True
+    """
+    method = resolve_method(method)
+    if not isinstance(format, str):
+        raise TypeError(f"format must be a str, got {format!r}")
+    if format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
+    if isinstance(method, MagnusMethod | Splitting) and format not in ("json", "toml"):
+        raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
+    numbers = numbers_of(method, digits, certificate)
+    if format == "json":
+        return dumps_json(numbers.rounded())
+    if format == "toml":
+        return dumps(numbers.rounded())
+    if format == "latex":
+        return to_latex(numbers, summary(method))
+    return _CODE[format].write(make_program(numbers, summary(method)))
+
+
+def summary(method: Method) -> str:
+    """Return a one-line summary of a method: ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``."""
+    return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"

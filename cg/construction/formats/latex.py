@@ -1,0 +1,191 @@
+"""LaTeX tables of methods for the package booktabs, and short formulas for notebooks."""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+
+from cg.construction.formats.digits import Numbers
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.method import Method
+from cg.support.quads import to_decimal
+
+_MAX_WIDTH = 110
+"""Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""
+
+_MAX_ROWS = 40  # of a table that stays on one page
+
+_MAX_BITS = 10_000  # of an integer that is written; Python's limit is 4300 decimal digits
+
+_SHORT = 6  # digits in notebooks
+
+
+def to_latex(numbers: Numbers, title: str) -> str:
+    """Return a table, after a comment that names the method and the required packages."""
+    method = numbers.rounded(zeros=True)
+    if isinstance(method, CommutatorFree):
+        table = _points(method)
+    else:
+        rows = _tableau(method, numbers)
+        widest = max(sum(map(len, row)) for row in rows)
+        table = _list(method) if widest > _MAX_WIDTH else _butcher(rows, method)
+    needs = r"% \usepackage{booktabs}"
+    if "longtable" in table:
+        needs += r", \usepackage{longtable}"
+    return f"% Method {title}\n{needs}\n{table}\n"
+
+
+def to_array(method: Method) -> str:
+    r"""Return a method as a formula with few digits: an ``array``, or equations of its points."""
+    if isinstance(method, CommutatorFree):
+        lines = []
+        for m, weights in enumerate(method.point_coefficients):
+            terms = "".join(
+                f"{'+' if w.value > 0 and k else ''}{_short(w)}\\,F_{{{stage + 1}}}"
+                for k, (stage, w) in enumerate(weights.items())
+            )
+            origin = method.points[m].parent
+            lines.append(f"y_{{{m + 1}}} &= \\exp\\bigl(h({terms})\\bigr)\\,y_{{{origin + 1}}}")
+        stages = ",\\; ".join(
+            f"F_{{{k + 1}}}\\text{{ at }}y_{{{at + 1}}}" for k, at in enumerate(method.stage_points)
+        )
+        ends = f"\\text{{result }}y_{{{method.result + 1}}}"
+        if method.embedded_result is not None:
+            ends += f",\\; \\text{{second }}y_{{{method.embedded_result + 1}}}"
+        lines += [f"&{stages}", f"&{ends}"]
+        return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+    rows = [[_short(entry) if entry else "" for entry in row] for row in _entries(method)]
+    lines = [" & ".join(row) + r" \\" for row in rows]
+    lines[method.stages - 1] += r" \hline"
+    columns = "c|" + "c" * method.stages
+    return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
+
+
+def short_numbers(method: Method) -> Iterator[list[str]]:
+    """Yield the rows of a tableau, abscissae first, or each point's weights, with few digits."""
+    if isinstance(method, CommutatorFree):
+        for weights in method.point_coefficients:
+            yield [_shown(weight) for weight in weights.values()]
+    else:
+        for row in _entries(method):
+            yield [_shown(entry) if entry else "" for entry in row]
+
+
+def _entries(
+    method: Method, exact: Sequence[Fraction] | None = None
+) -> Iterator[list[Coefficient | None]]:
+    """Yield rows of a tableau, abscissae (sums of `exact`) first, None for zeros of its shape."""
+    packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
+    summed = method.layout.full_rows(packed)
+    explicit = method.explicit
+    rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
+    third = getattr(method, "third_weights", None)
+    if third is not None:
+        rows.append(list(third))
+    for i, row in enumerate(rows):
+        stage = i < method.stages
+        entries = [
+            None if stage and explicit and j >= i else Coefficient.read(entry)
+            for j, entry in enumerate(row)
+        ]
+        first = None
+        if stage:
+            numbers = [Coefficient.read(entry) for entry in row]
+            total = Fraction(sum(summed[i]))
+            bits = max(x.bit_length() for x in total.as_integer_ratio())
+            if bits > _MAX_BITS or any(set(number.text) & set(".ex") for number in numbers):
+                # decimal, as the entries
+                first = Coefficient(total, to_decimal(total), Fraction(1))
+            else:
+                first = Coefficient.read(total)
+        yield [first, *entries]
+
+
+def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:
+    rows = []
+    digits = numbers.digits
+    for row in _entries(method, numbers.values):
+        first, *rest = row
+        if first is not None and first.unit and digits is not None:
+            text = to_decimal(first.value, digits, zeros=True)
+            first = Coefficient(first.value, text, first.unit)
+        rows.append([_number(entry) if entry else "" for entry in (first, *rest)])
+    return rows
+
+
+def _butcher(rows: list[list[str]], method: Method) -> str:
+    s = method.stages
+    lines = [" & ".join(f"${entry}$" if entry else "" for entry in row) + r" \\" for row in rows]
+    return _table("r@{\\qquad}" + "r" * s, lines[:s], lines[s:])
+
+
+def _list(method: Method) -> str:
+    """Return a table of the nonzero coefficients of a tableau, one a row."""
+    rows = [row[1:] for row in _entries(method)]
+    labels = [f"a_{{{i}," for i in range(1, method.stages + 1)]
+    labels += ["b_{", r"\hat b_{", r"\tilde b_{"]
+    lines = [
+        f"${label}{j}}}$ & ${_number(entry)}$ \\\\"
+        for label, row in zip(labels, rows, strict=False)
+        for j, entry in enumerate(row, 1)
+        if entry is not None and entry.value
+    ]
+    return _table("ll", [r"Coefficient & Value \\"], lines)
+
+
+def _points(method: CommutatorFree) -> str:
+    """Return a table of the points of a step: parent, weights and role of each."""
+    roles = method.tree.roles()
+    lines = [f"$0$ & & & & {', '.join(roles.get(-1, []))} \\\\"]
+    pairs = zip(method.points, method.point_coefficients, strict=True)
+    for m, (point, weights) in enumerate(pairs):
+        first = f"${m + 1}$ & ${point.parent + 1}$"
+        role = ", ".join(roles.get(m, []))
+        lines.append(r"\addlinespace")
+        for stage, weight in weights.items():
+            lines.append(f"{first} & ${stage + 1}$ & ${_number(weight)}$ & {role} \\\\")
+            first, role = " & ", ""
+    if method.third_weights is not None:
+        lines.append(r"\addlinespace")
+        lines += [
+            f" & & ${stage}$ & ${_number(weight)}$ & third weights \\\\"
+            for stage, weight in enumerate(method.third_weights, 1)
+            if weight.value
+        ]
+    head = r"Point & From & Stage & Weight & Evaluated as \\"
+    return _table("rrrll", [head], lines)
+
+
+def _table(columns: str, head: Sequence[str], lines: Sequence[str]) -> str:
+    long = len(lines) > _MAX_ROWS
+    environment = "longtable" if long else "tabular"
+    return "\n".join([
+        f"\\begin{{{environment}}}{{{columns}}}", r"\toprule", *head,
+        r"\midrule", *[r"\endhead"] * long, *lines, r"\bottomrule", f"\\end{{{environment}}}",
+    ])  # fmt: skip
+
+
+def _number(entry: Coefficient) -> str:
+    if entry.text.lstrip("-").startswith("0x"):  # a double in hexadecimal
+        return _power(to_decimal(entry.value, 17))
+    numerator, slash, denominator = entry.text.partition("/")
+    if not slash:
+        return _power(entry.text)
+    sign = "-" if numerator.startswith("-") else ""
+    return f"{sign}\\frac{{{numerator.lstrip('-')}}}{{{denominator}}}"
+
+
+def _short(entry: Coefficient) -> str:
+    return _number(entry) if _is_short(entry) else _power(to_decimal(entry.value, _SHORT))
+
+
+def _shown(entry: Coefficient) -> str:
+    return entry.text if _is_short(entry) else to_decimal(entry.value, _SHORT)
+
+
+def _is_short(entry: Coefficient) -> bool:
+    return entry.unit == 0 and len(entry.text) <= 2 * _SHORT
+
+
+def _power(text: str) -> str:
+    significand, e, exponent = text.lower().partition("e")
+    return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text

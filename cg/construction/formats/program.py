@@ -1,0 +1,187 @@
+"""A step of an explicit method as a list of moves between slots, the same in every language.
+
+A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
+point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
+precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
+chain of flows takes a single slot.
+"""
+
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import accumulate
+
+from cg.construction.formats.digits import Numbers
+from cg.construction.layouts.points import START, PointTree, tree_of_flat_rows
+from cg.construction.methods.munthe_kaas import MuntheKaas
+
+
+@dataclass(frozen=True)
+class Move:
+    """A flow from the point in slot `origin` to slot `target`, along the sum of `terms`."""
+
+    origin: int
+    target: int
+    terms: tuple[tuple[int, str], ...]
+
+
+@dataclass(frozen=True)
+class Program:
+    """The moves and evaluations of a step; slots and stages are counted from 0."""
+
+    name: str  # an identifier in lower case
+    title: str  # one-line summary of the method
+    source: str
+    slots: int  # number of slots
+    moves: tuple[Move, ...]
+    before: tuple[int, ...]  # number of moves before each stage; the others follow the last stage
+    stage_slots: tuple[int, ...]  # slot at which each stage is evaluated
+    c: tuple[str, ...]  # abscissae
+    result: int  # slot of the result; for a pair, of the result of higher order
+    second: int | None  # slot of the other result, if the error is the distance of the results
+    errors: tuple[tuple[str, ...], ...]  # weights of the stages in errors in the algebra
+    lower_order: int | None  # of the less accurate result of a pair
+    on_algebra: bool  # whether dexp⁻¹ makes derivatives of coordinates of the fields at stages
+
+    @property
+    def stages(self) -> int:
+        """Number of stages."""
+        return len(self.c)
+
+    @property
+    def heading(self) -> str:
+        """Title and source, a line each."""
+        return f"{self.title}\n{self.source}" if self.source else self.title
+
+    @property
+    def term_weights(self) -> tuple[str, ...]:
+        """The weights of the terms of all moves."""
+        return tuple(weight for move in self.moves for _, weight in move.terms)
+
+    def integer_tables(self) -> dict[str, list[str]]:
+        """Return the integers of the moves by array."""
+        tables = {
+            "before": self.before,
+            "slot": self.stage_slots,
+            "origin": (move.origin for move in self.moves),
+            "target": (move.target for move in self.moves),
+            "first": accumulate((len(move.terms) for move in self.moves), initial=0),
+            "term_stage": (stage for move in self.moves for stage, _ in move.terms),
+        }
+        return {name: list(map(str, values)) for name, values in tables.items()}
+
+
+def identifier(name: str) -> str:
+    """Return the name of a method as an identifier in lower case, such as ``rkmk8_5_3``."""
+    text = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    if not text or text[0].isdigit():
+        text = f"method_{text}".strip("_")
+    return text[:40].rstrip("_")
+
+
+def make_program(numbers: Numbers, title: str) -> Program:
+    """Return the program of a step of an explicit method; ValueError for others."""
+    method = numbers.method
+    if not method.explicit:
+        raise ValueError(
+            f"format must be json, toml or latex for an implicit method, whose step isn't a "
+            f"sequence of flows; {method.name or 'this one'} is"
+        )
+    tree, errors = _tree(numbers)
+    tree = tree.without_repetitions()
+    order, before = _sequence(tree)
+    slots, count = _slots(tree, order, before)
+    moves = tuple(
+        Move(
+            slots[tree.points[m].parent],
+            slots[m],
+            tuple((k, numbers.decimal(w)) for k, w in tree.points[m].weights.items()),
+        )
+        for m in order
+    )
+    c = [sum(tree.flat_row(at), Fraction(0)) for at in tree.stage_points]
+    second = tree.embedded_result
+    lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
+    return Program(
+        identifier(method.name),
+        title,
+        method.source,
+        count,
+        moves,
+        before,
+        tuple(slots[at] for at in tree.stage_points),
+        tuple(map(numbers.decimal, c)),
+        slots[tree.result],
+        None if second is None else slots[second],
+        tuple(tuple(map(numbers.decimal, row)) for row in errors),
+        lower,
+        isinstance(method, MuntheKaas),
+    )
+
+
+def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
+    """Return the points of a step to the result of higher order, and the weights of its errors."""
+    method = numbers.method
+    third = getattr(method, "third_weights", None)
+    better = (method.embedded_order or 0) > method.order
+    if isinstance(method, MuntheKaas):
+        rows = [list(map(Fraction, row)) for row in method.layout.full_rows(numbers.values)]
+        b, *others = rows[method.stages :]
+        if better:
+            b, others = others[0], [b]
+        if third is not None:
+            others.append([weight.value for weight in third])
+        errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
+        return tree_of_flat_rows(rows[: method.stages], b), errors
+    tree = method.layout.tree(numbers.values)
+    result, second = tree.result, tree.embedded_result
+    if better and second is not None:
+        result, second = second, result
+    return PointTree(tree.points, tree.stage_points, result, second), []
+
+
+def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
+    """Return the points in the order of their moves, and the number of moves before each stage."""
+    order: dict[int, None] = {}  # an ordered set
+
+    def append_path(end: int) -> None:
+        order.update(dict.fromkeys(tree.path(end)))
+
+    before = []
+    for at in tree.stage_points:
+        append_path(at)
+        before.append(len(order))
+    for end in tree.results:
+        append_path(end)
+    return list(order), tuple(before)
+
+
+def _slots(
+    tree: PointTree, order: list[int], before: tuple[int, ...]
+) -> tuple[dict[int, int], int]:
+    """Return the slot of each point, reused when it isn't needed any more, and their number."""
+    last: dict[int, int] = {}
+    for k, m in enumerate(order):
+        last[tree.points[m].parent] = k
+    for at, count in zip(tree.stage_points, before, strict=True):
+        last[at] = max(last.get(at, 0), count)
+    for end in tree.results:
+        last[end] = len(order)
+    last[START] = len(order)
+    slots = {START: 0}
+    unused: list[int] = []
+    count = 1
+    ended: dict[int, list[int]] = {}
+    for k, m in enumerate(order):
+        unused.extend(slots[other] for other in ended.pop(k, ()))
+        parent = slots[tree.points[m].parent]
+        if parent in unused:
+            slots[m] = parent
+            unused.remove(parent)
+        elif unused:
+            slots[m] = unused.pop()
+        else:
+            slots[m] = count
+            count += 1
+        ended.setdefault(last[m], []).append(m)
+    return slots, count

@@ -1,0 +1,295 @@
+"""The layout of a method: which weights it has, and their positions in a packed vector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Sized
+from dataclasses import dataclass
+from enum import IntEnum
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.layouts.points import START, Point, PointTree, tree_of_rows
+from cg.support.checks import check_integer
+
+T = TypeVar("T")
+
+
+class Rows(IntEnum):
+    """Which entries of ``a`` a tableau may have.
+
+    >>> [rows.name for rows in Rows]
+    ['EXPLICIT', 'DIAGONAL', 'FULL']
+    """
+
+    EXPLICIT = 0
+    DIAGONAL = 1
+    FULL = 2
+
+
+def check_rows(rows: Rows | str | int) -> Rows:
+    """Return the pattern with a name or a number; ValueError if there is none.
+
+    >>> check_rows("diagonal")
+    <Rows.DIAGONAL: 1>
+    """
+    if isinstance(rows, Rows):
+        return rows
+    names = {pattern.name.lower(): pattern for pattern in Rows}
+    if isinstance(rows, str) and rows in names:
+        return names[rows]
+    if isinstance(rows, int | np.integer) and not isinstance(rows, bool) and rows in tuple(Rows):
+        return Rows(rows)
+    raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
+
+
+def unknowns(stages: int, rows: Rows | str | int = Rows.EXPLICIT) -> int:
+    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones.
+
+    >>> [unknowns(4, rows) for rows in Rows]
+    [10, 14, 20]
+    """
+    s = check_integer("stages", stages, 1)
+    above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
+    return above[check_rows(rows)] + s
+
+
+def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
+    """Return the narrowest pattern that holds all nonzero entries of ``a``."""
+    reach = max(
+        (j - i for i, row in enumerate(a) for j, entry in enumerate(row) if entry != 0), default=-1
+    )
+    return Rows.EXPLICIT if reach < 0 else Rows.DIAGONAL if reach == 0 else Rows.FULL
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A method without its numbers: its flows, and the stages whose fields each flow combines.
+
+    The unknowns are the weights, packed point by point. In the layout of a tableau each entry, also
+    a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a pair.
+    """
+
+    parents: tuple[int, ...]  # of each point; `START` for the initial point
+    weights: tuple[tuple[int, ...], ...]  # increasing stages, from 0, of each point's weights
+    stage_points: tuple[int, ...]
+    results: tuple[int, ...]  # point of the result, and of the second result of a pair
+    rows: Rows | None = None  # pattern of a tableau, None for other methods
+    of_time: bool = False  # for linear equations: a stage's weight is its node
+
+    @classmethod
+    def tableau(
+        cls, stages: int, rows: Rows | str | int = Rows.EXPLICIT, pair: bool = False
+    ) -> Layout:
+        """Return the layout of a Crouch–Grossman tableau; a pair has two rows of weights."""
+        return _tableau(check_integer("stages", stages, 1), check_rows(rows), bool(pair))
+
+    @classmethod
+    def of_tree(cls, tree: PointTree) -> Layout:
+        """Return the layout of the nonzero weights of a tree of points."""
+        return cls(
+            tuple(point.parent for point in tree.points),
+            tuple(tuple(point.weights) for point in tree.points),
+            tree.stage_points,
+            tree.results,
+        )
+
+    @property
+    def stages(self) -> int:
+        """Number of stages."""
+        return len(self.stage_points)
+
+    @property
+    def pair(self) -> bool:
+        """Whether there is a second result."""
+        return len(self.results) > 1
+
+    @property
+    def uses_every_stage(self) -> bool:
+        """Whether each stage has a weight at some point."""
+        return {stage for row in self.weights for stage in row} == set(range(self.stages))
+
+    @cached_property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return sum(map(len, self.weights))
+
+    @cached_property
+    def stage_of(self) -> NDArray[np.intp]:
+        """The stage (from 0) of each unknown; shape (size,)."""
+        return np.array([stage for weights in self.weights for stage in weights], dtype=np.intp)
+
+    @cached_property
+    def starts(self) -> tuple[int, ...]:
+        """Index of the first unknown of each point, then `size`."""
+        return tuple(np.cumsum([0, *map(len, self.weights)]).tolist())
+
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """The points of the stages, then those of the results: the end of each row of a tableau."""
+        return *self.stage_points, *self.results
+
+    @property
+    def _tableau_rows(self) -> Rows:
+        if self.rows is None:
+            raise ValueError("layout must be that of a tableau, got one of points")
+        return self.rows
+
+    def path(self, point: int) -> list[int]:
+        """Return the points from the initial point to `point`, without the initial point."""
+        path: list[int] = []
+        while point != START:
+            path.append(point)
+            point = self.parents[point]
+        return path[::-1]
+
+    def row(self, r: int) -> list[int]:
+        """Return the unknowns on the path of row r: of a stage (from 0), or of a result."""
+        return [
+            k for m in self.path(self.ends[r]) for k in range(self.starts[m], self.starts[m + 1])
+        ]
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """Number of unknowns of each row."""
+        return tuple(len(self.row(r)) for r in range(len(self.ends)))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns, with points and stages counted from 1.
+
+        Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights ``w_3,1`` for
+        point 3 and stage 1, nodes ``c_2``.
+        """
+        if self.of_time:
+            nodes = sum(point != START for point in self.stage_points)
+            return [
+                f"c_{stage + 1}" if m < nodes else f"w_{m - nodes + 1},{stage + 1}"
+                for m, weights in enumerate(self.weights)
+                for stage in weights
+            ]
+        if self.rows is None:
+            return [
+                f"w_{m},{stage + 1}"
+                for m, weights in enumerate(self.weights, 1)
+                for stage in weights
+            ]
+        labels = [f"a_{r}," for r in range(1, self.stages + 1)] + ["b_", "b_embedded_"]
+        return [
+            f"{label}{self.stage_of[k] + 1}"
+            for r, label in enumerate(labels[: len(self.ends)])
+            for k in self.row(r)
+        ]
+
+    @property
+    def fixed(self) -> list[int]:
+        """The unknowns that are fixed at zero: the second weight of the last stage of a pair.
+
+        With equal weights of this stage the error estimate would not depend on it.
+        """
+        if self.rows is None or not self.pair:
+            return []
+        return [self.row(self.stages + 1)[-1]]
+
+    def column(self, stage: int) -> NDArray[np.intp]:
+        """Return the weights of a stage (from 0) in other stages and in results."""
+        row = self.row(stage)
+        return np.setdiff1d(np.flatnonzero(self.stage_of == stage), row)
+
+    def without(self, stage: int) -> tuple[Layout, list[int]]:
+        """Return the layout of a tableau without a stage (from 0), and the remaining unknowns."""
+        rows = self._tableau_rows
+        dropped = {*self.row(stage), *np.flatnonzero(self.stage_of == stage).tolist()}
+        kept = [k for k in range(self.size) if k not in dropped]
+        return Layout.tableau(self.stages - 1, rows, self.pair), kept
+
+    def cut(self, x: Sequence[T] | NDArray[Any]) -> list[list[T]]:
+        """Return the packed unknowns of a tableau row by row."""
+        _ = self._tableau_rows
+        check_length(x, self.size)
+        return [[x[k] for k in self.row(r)] for r in range(len(self.ends))]
+
+    def full_rows(self, x: Sequence[T] | NDArray[Any]) -> list[list[T | int]]:
+        """Return the rows of `cut`, padded with zeros to the number of stages."""
+        return [[*row, *[0] * (self.stages - len(row))] for row in self.cut(x)]
+
+    def packed(self, rows: Sequence[Sequence[T]]) -> list[T]:
+        """Return the packed unknowns of full rows: those of ``a``, ``b`` and the second weights."""
+        lengths = _row_lengths(self.stages, self._tableau_rows, self.pair)
+        return [entry for row, length in zip(rows, lengths, strict=True) for entry in row[:length]]
+
+    def point_weights(self, x: Sequence[T]) -> list[dict[int, T]]:
+        """Return the weights of each point as a mapping from stages."""
+        return [
+            {stage: x[begin + k] for k, stage in enumerate(weights)}
+            for begin, weights in zip(self.starts, self.weights, strict=False)
+        ]
+
+    def tree(self, x: Sequence[Fraction]) -> PointTree:
+        """Return the tree of points with packed weights; zeros of a tableau make no points."""
+        if self.rows is not None:
+            rows: list[Any] = self.full_rows(x)
+            return tree_of_rows(rows[: self.stages], *rows[self.stages :])
+        points = map(Point, self.parents, self.point_weights(x))
+        return PointTree(tuple(points), self.stage_points, *self.results)
+
+    @cached_property
+    def segments(self) -> int:
+        """Upper bound of the number of chains of points with no branch, stage or result inside."""
+        after = {m - 1 for m, parent in enumerate(self.parents) if parent != m - 1}
+        branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
+        return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})
+
+    @cached_property
+    def code(self) -> NDArray[np.intc]:
+        """The layout as integers for the compiled core; see ``read_layout`` there."""
+        second = self.results[1] + 1 if self.pair else 0
+        numbers = [
+            self.stages,
+            len(self.parents),
+            self.results[0] + 1,
+            second,
+            *(at + 1 for at in self.stage_points),
+            *(parent + 1 for parent in self.parents),
+            *map(len, self.weights),
+            *(stage + 1 for stage in self.stage_of.tolist()),
+        ]
+        code = np.array(numbers, dtype=np.intc)
+        code.flags.writeable = False
+        return code
+
+
+@lru_cache(maxsize=64)
+def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
+    parents: list[int] = []
+    columns: list[tuple[int, ...]] = []
+    ends = []
+    for length in _row_lengths(stages, rows, pair):
+        last = START
+        for stage in range(length):
+            parents.append(last)
+            columns.append((stage,))
+            last = len(parents) - 1
+        ends.append(last)
+    return Layout(tuple(parents), tuple(columns), tuple(ends[:stages]), tuple(ends[stages:]), rows)
+
+
+def check_length(x: Any, size: int) -> None:
+    """Raise ValueError unless `x` is a sequence of length `size`."""
+    scalar = isinstance(x, str | bytes) or not isinstance(x, Sized)
+    if scalar or (isinstance(x, np.ndarray) and x.ndim != 1):
+        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
+    if len(x) != size:
+        raise ValueError(f"x must have {size} entries, got {len(x)}")
+
+
+def _row_lengths(stages: int, rows: Rows, pair: bool) -> tuple[int, ...]:
+    lengths = {
+        Rows.EXPLICIT: range(stages),
+        Rows.DIAGONAL: range(1, stages + 1),
+        Rows.FULL: (stages,) * stages,
+    }[rows]
+    return (*lengths, *(1 + pair) * (stages,))

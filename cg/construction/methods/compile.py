@@ -1,0 +1,111 @@
+"""Compiles a method into its table, which is all that integrations read of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cg.construction.methods.estimate import error_power
+from cg.construction.methods.interpolant import (
+    extension_of,
+    flows_within,
+    node_count,
+    nodes_of,
+    result_flows,
+    series_order,
+)
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.paths import MethodPaths, paths_of, polynomial_paths
+from cg.construction.methods.splitting import Splitting
+from cg.construction.methods.warnings import estimate_fault
+from cg.support.arrays import Array
+from cg.tables.table import Kind, MethodTable, Output
+
+
+def compiled(method: Method) -> MethodTable:
+    """Return the table of a method, which `Method.table` keeps."""
+    linear = isinstance(method, MagnusMethod)
+    polynomial = polynomial_paths(method) if linear else None
+    exponent = 0.0 if method.embedded_order is None else error_exponent(method)
+    along = None
+    if polynomial is not None:
+        order = method.stages + polynomial.power
+        along = table_of_paths(method, polynomial, 1.0 / order)
+    return table_of_paths(method, paths_of(method), exponent, along)
+
+
+def table_of_paths(
+    method: Method, paths: MethodPaths, exponent: float, polynomial: MethodTable | None = None
+) -> MethodTable:
+    """Return the table of a method whose steps follow paths."""
+    columns = len(paths.stages) + len(paths.brackets)
+    pair = method.embedded_order is not None
+    linear = isinstance(method, MagnusMethod)
+    return MethodTable(
+        name=method.name,
+        kind=kind_of(method),
+        shown=repr(method),
+        order=method.order,
+        embedded_order=method.embedded_order,
+        stages=method.stages,
+        exponent=exponent,
+        kept=columns if paths.registers is None else 1,
+        kept_nodes=columns if linear and method.stages > 2 else 0,
+        converges=method.satisfies(1),
+        fault=estimate_fault(method) if pair else "",
+        numbers=paths.numbers,
+        arrays=paths.arrays,
+        output=_output(method, paths),
+        polynomial=polynomial,
+        source=method,
+    )
+
+
+def kind_of(method: Method) -> Kind:
+    """Return how a method takes a step."""
+    if isinstance(method, Splitting):
+        return Kind.SPLITTING
+    if isinstance(method, MagnusMethod):
+        return Kind.LINEAR
+    if isinstance(method, MuntheKaas):
+        return Kind.ALGEBRA if method.explicit else Kind.COLLOCATION
+    return Kind.GROUP if method.explicit else Kind.IMPLICIT
+
+
+def _output(method: Method, paths: MethodPaths) -> Output:
+    extension, along = extension_of(method), paths.polynomial
+    node, blend = _node_tables(
+        method.stages if along else node_count(method), paths.abscissae if along else None
+    )
+    flow_c, weights = result_flows(paths) if along else flows_within(method)
+    return Output(
+        extension.final + 1, series_order(method), extension.theta, extension.rows,
+        extension.basis, node, blend, flow_c, weights,
+    )  # fmt: skip
+
+
+def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
+    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
+
+    With nodes at given stages there is one interpolant.
+    """
+    node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
+    if stages is not None:
+        node[:, -1] = stages
+        return node, blend
+    for count in range(2, nodes + 1):
+        nodes_here = nodes_of(count)
+        node[:count, count - 2] = nodes_here.nodes
+        blend[: count + 2, count - 2] = nodes_here.blend.coef
+    return node, blend
+
+
+def error_exponent(method: Method) -> float:
+    """Return the power of an error that a step is proportional to, by the orders of a pair."""
+    if method.third_order is not None:
+        advancing = method.advancing if isinstance(method, MuntheKaas) else method
+        second, third = advancing.embedded_order or 0, method.third_order
+        return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
+    orders = method.order, method.embedded_order
+    return 1.0 / (min(order for order in orders if order is not None) + 1)

@@ -1,0 +1,246 @@
+r"""How well the error estimate of a pair sees the error of its step.
+
+The test problem is a constant generator X with a perturbation, :math:`F(t) = X + ε (t/h)^j V` with
+:math:`\operatorname{ad}_X V = iφ V`: the step turns by φ radians. To first order in ε, a result
+that follows flows m with weights :math:`α_{mk}` ends at
+
+.. math::
+
+    T_j(φ) = \sum_m e^{-iφ W_m} φ_1(-i w_m φ) \sum_k α_{mk} c_k^j, \qquad
+    w_m = \sum_k α_{mk}, \quad W_m = \sum_{n<m} w_n, \quad φ_1(x) = (e^x - 1) / x,
+
+and the solution at :math:`\int_0^1 e^{-iφ s} s^j ds`. A result of a Munthe-Kaas method ends at
+:math:`φ_1(-iφ) \sum_i b_i κ_i` with
+
+.. math::
+
+    κ_i = c_i^j D(iφ c_i) - \frac{D(iφ c_i) - 1}{c_i} \sum_k a_{ik} κ_k, \qquad
+    D(x) = \sum_n B_n x^n / n! .
+
+Errors at :math:`φ = 0` are those of the quadrature, others also those of commutators. Two results
+that share nodes or flows share errors that their difference doesn't see, on any problem. So the
+ratio of error to estimate is a property of the coefficients, as the order is.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.methods.end_weights import end_weights, kink_weights
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.frames.dexpinv import bernoulli_terms
+from cg.support.copies import cached
+from cg.tables import MAX_ANGLE
+
+Vector = NDArray[Any]
+Flow = Mapping[int, Any]
+Response = Callable[[Vector, Vector], tuple[Vector, Vector, Vector]]
+"""The result, and its differences from the second and the third result.
+
+By perturbations at the nodes, in place of the powers of the nodes, and by angles φ.
+"""
+
+MAX_RATIO = 10.0
+"""Largest ratio of error to estimate of a pair whose estimate can be relied on."""
+
+_MAX_TURN = 6.0  # of Munthe-Kaas methods: dexp⁻¹ exists below 2π
+_POWERS = range(1, 5)  # of the perturbation
+_STEP = 0.025  # of angles
+_NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
+_ROUNDING = 1e-11
+_DOP853_FACTOR = 0.1
+
+
+@cached
+def jump_ratio(method: Method) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate where the field jumps.
+
+    The ratio is infinite for a pair that has no node at the end of the step. None without an error
+    estimate, and for Magnus methods, whose estimates also use the nodes of the step before.
+    """
+    return _break_ratio(method, 0)
+
+
+@cached
+def kink_ratio(method: Method) -> float | None:
+    """Return the same where the derivative of the field jumps, at a thousand times of the step."""
+    return _break_ratio(method, 1)
+
+
+def _break_ratio(method: Method, power: int) -> float | None:
+    if method.embedded_order is None or isinstance(method, MagnusMethod):
+        return None
+    response, c, still = _response(method, None), method.c, np.zeros(1)
+    ratios = []
+    for place in ((np.arange(1000) + 0.5) / 1000).tolist():
+        values = np.where(c >= place, (c - place) ** power, 0.0)
+        exact = (1 - place) ** (power + 1) / (power + 1)
+        error, estimate = _compare(method, response(values, still), exact)
+        ratios.append(error[0] / max(estimate[0], 1e-300))
+    return float(max(ratios))
+
+
+@cached
+def estimate_ratio(method: Method) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate; None without an estimate.
+
+    It is that of all steps of up to `MAX_ANGLE` radians (of Munthe-Kaas methods less than a turn)
+    with perturbations by the powers 1 to 4 of time, and of the powers of time up to the order plus
+    4 that the quadrature of the result misses.
+    """
+    if method.embedded_order is None:
+        return None
+    if not isinstance(method, MuntheKaas):
+        return _largest_ratio(method, _response(method, None), MAX_ANGLE)
+    series = method.advancing.order, None
+    return max(_largest_ratio(method, _response(method, powers), _MAX_TURN) for powers in series)
+
+
+def _response(method: Method, powers: int | None) -> Response:
+    """Return the response; of a Munthe-Kaas method with the series of dexp⁻¹ up to a power."""
+    if isinstance(method, MuntheKaas):
+        return partial(_algebra_response, method, powers)
+    return partial(_flow_response, method)
+
+
+def error_power(method: Method) -> int:
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
+
+    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)). This n leads to
+    the order of the error of the step, O(h^(p + 1)), or one below.
+    """
+    third = method.third_order
+    second = None if third is None else method.embedded_order
+    if second is None or third is None or third >= second:
+        return 0 if end_weights(method) else 1
+    return max((method.order - second) // (second - third), 1)
+
+
+def _compare(
+    method: Method, responses: tuple[Vector, Vector, Vector], exact: Any
+) -> tuple[Vector, Vector]:
+    """Return errors and estimates."""
+    factor = _DOP853_FACTOR
+    if isinstance(method, MagnusMethod):
+        factor = float(method.third_factor.value)
+    result, e, e3 = responses[0], abs(responses[1]), abs(responses[2])
+    if end := end_weights(method):
+        estimate = np.maximum(e, float(end.factor) * e3)
+    else:
+        estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
+    return abs(result - exact), estimate
+
+
+def _largest_ratio(method: Method, response: Response, max_angle: float) -> float:
+    ratios = [0.0]
+    angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
+    first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s = (nodes + 1) / 2
+    for j in _POWERS:
+        exact = np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j)
+        error, estimate = _compare(method, response(method.c**j, angles), exact)
+        for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
+            nearby = estimate[first[k] : last[k] + 1].max()
+            ratios.append(error[k] / max(nearby, _ROUNDING * error[k]))
+    for j in range(max(method.order, method.embedded_order or 0) + 5):
+        responses = response(method.c**j, np.zeros(1))
+        (error,), (estimate,) = _compare(method, responses, 1 / (j + 1))
+        if error > _ROUNDING:
+            ratios.append(error / max(estimate, _ROUNDING * error))
+    return float(max(ratios))
+
+
+def _phi1(x: Vector) -> Vector:
+    small = abs(x) < 1e-5
+    safe = np.where(small, 1.0, x)
+    return np.where(small, 1 + x / 2, (np.exp(safe) - 1) / safe)
+
+
+def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Vector, Vector]:
+    tree = method.tree
+    lengths, values = _letters(method, values, angles)
+    ends = [tree.result, tree.embedded_result]
+    if (method.embedded_order or 0) > method.order:
+        ends.reverse()
+    results = [
+        _at_end((tree.points[m].weights for m in tree.path(end)), lengths, values, angles)
+        for end in ends
+        if end is not None
+    ]
+    third = np.zeros(len(angles))
+    if isinstance(method, MagnusMethod) and method.error_weights:
+        second, *rest = np.array(method.error_weights, np.float64) @ np.array(values)
+        return results[0], second, rest[0] if rest else third
+    if end := end_weights(method):
+        row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
+        third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
+    elif isinstance(method, MagnusMethod) and method.third_weights is not None:
+        flow = dict(enumerate(weight.value for weight in method.third_weights))
+        third = results[0] - _at_end([flow], lengths, values, angles)
+    elif method.third_order is not None:
+        third = third + np.array(method.error_weights[-1], np.float64) @ values
+    return results[0], _larger(method, results[0] - results[1], values), third
+
+
+def _letters(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Any]:
+    """Return the parts along X and along V of fields at stages, and of brackets of them."""
+    brackets = method.brackets if isinstance(method, MagnusMethod) else ()
+    if not brackets:
+        return np.ones(len(values)), values
+    parts = np.zeros((len(values) + len(brackets), len(angles)), np.complex128)
+    parts[: len(values)] = values[:, None]
+    lengths, turn = np.arange(len(parts)) < len(values), 1j * angles
+    for j, pair in enumerate(brackets, len(values)):
+        u, v = (np.array([a.value for a in row], np.float64) for row in pair)
+        both = (u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j])
+        parts[j] = turn * both
+    return lengths.astype(np.float64), parts
+
+
+def _at_end(flows: Iterable[Flow], lengths: Vector, values: Any, angles: Vector) -> Vector:
+    total, end = 0.0, np.zeros(len(angles), np.complex128)
+    for flow in flows:
+        weights = {k: float(weight) for k, weight in flow.items()}
+        length = sum(weight * lengths[k] for k, weight in weights.items())
+        value = sum(weight * values[k] for k, weight in weights.items())
+        end += np.exp(-1j * angles * total) * _phi1(-1j * length * angles) * value
+        total += length
+    return end
+
+
+def _algebra_response(
+    method: MuntheKaas, powers: int | None, values: Vector, angles: Vector
+) -> tuple[Vector, Vector, Vector]:
+    method = method.advancing
+    stages = method.stages
+    a, c = method.tableau.a, method.tableau.c
+    weights = np.array([method.tableau.b, *np.array(method.error_weights, np.float64)])
+    scale = (_dexpinv(1j * np.outer(angles, c), powers) - 1) / np.where(c == 0, 1.0, c)
+    system = np.eye(stages) + scale[..., None] * a
+    sources = values * (1 + scale * c)
+    kappa = np.linalg.solve(system, sources[..., None])[..., 0]
+    result, second, *others = weights @ kappa.T
+    third = others[0] if others else np.zeros(len(angles))
+    return _phi1(-1j * angles) * result, _larger(method, second, kappa.T), third
+
+
+def _larger(method: Method, second: Vector, values: Vector) -> Vector:
+    """Return the difference of the results, or the sum with `kink_weights` if that is larger."""
+    weights = kink_weights(method)
+    if weights is None:
+        return second
+    kinks: Vector = np.array(weights, np.float64) @ values
+    return np.where(abs(kinks) > abs(second), kinks, second)
+
+
+def _dexpinv(x: Vector, powers: int | None) -> Vector:
+    if powers is None:
+        return np.asarray(1 / _phi1(x))
+    terms = [float(term) for term in bernoulli_terms(powers)]
+    return np.polynomial.polynomial.polyval(x, terms)

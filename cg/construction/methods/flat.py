@@ -1,0 +1,125 @@
+"""Classical order conditions on rooted trees, for methods whose flows commute."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import prod
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.conditions import MAX_ORDER
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.tableau import Tableau
+from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
+from cg.construction.trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
+from cg.support.balls import to_flint, to_fraction
+
+if TYPE_CHECKING:
+    from cg.support.flint import fmpq
+
+Row = Sequence[Coefficient]
+Rows = Sequence[Row]
+Matrix = Sequence[Sequence[Fraction]]
+Failing = list[tuple[RootedTree, Fraction, Fraction]]
+
+
+def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
+    """Return the classical order of a tableau, up to the rounding of its coefficients.
+
+    The tolerance is that of `cg.Method.exact_order`, for the classical weights. With `embedded`, it
+    is the order of the second weights of a pair.
+    """
+    weights = tableau.embedded_weights if embedded else tableau.weights
+    if weights is None:
+        raise ValueError(f"embedded: {tableau!r} has no second weights")
+    return _order(tableau.entries, weights, Fraction(1))
+
+
+def _order(entries: Rows, weights: Row, end: Fraction) -> int:
+    for order in range(1, MAX_ORDER + 1):
+        if _failing(entries, weights, end, order):
+            return order - 1
+    return MAX_ORDER
+
+
+def failing_rooted(tableau: Tableau, order: int) -> Failing:
+    """Return the trees with ``order`` nodes whose conditions fail, with Φ(t) and 1/γ(t)."""
+    return _failing(tableau.entries, tableau.weights, Fraction(1), order)
+
+
+def _failing(entries: Rows, weights: Row, end: Fraction, order: int) -> Failing:
+    a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
+    trees = rooted_trees(order)
+    weights_of_trees, allowed = _weights(a, b, trees), _tolerances(entries, weights, trees)
+    sides = [end**order / density(tree) for tree in trees]
+    compared = zip(trees, weights_of_trees, sides, allowed, strict=True)
+    return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
+
+
+def flat_residuals(a: Matrix, b: Sequence[Fraction], order: int) -> tuple[Fraction, ...]:
+    """Return the exact ``Φ(t) - 1/γ(t)`` of the trees of `rooted_trees_through`."""
+    trees = rooted_trees_through(order)
+    weights = _weights(a, b, trees)
+    return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
+
+
+def _weights(a: Matrix, b: Sequence[Fraction], trees: Sequence[RootedTree]) -> list[Fraction]:
+    matrix = [[(j, to_flint(x)) for j, x in enumerate(row) if x] for row in a]
+    row, zero, one = list(map(to_flint, b)), to_flint(0), to_flint(1)
+    known: dict[RootedTree, list[fmpq]] = {}
+
+    def at_stages(tree: RootedTree) -> list[fmpq]:
+        if tree not in known:
+            product = [one] * len(row)
+            for child in tree:
+                values = at_stages(child)
+                sums = [sum((x * values[j] for j, x in entries), zero) for entries in matrix]
+                product = [p * s for p, s in zip(product, sums, strict=True)]
+            known[tree] = product
+        return known[tree]
+
+    totals = [
+        sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), zero) for tree in trees
+    ]
+    return list(map(to_fraction, totals))
+
+
+def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> list[Fraction]:
+    """Return ``2 Σ_k |∂Φ(t)/∂x_k| u_k`` for each tree, u_k the uncertainty of coefficient k."""
+    units = np.array([float(e.unit) for row in (*entries, weights) for e in row])
+    if not units.any():
+        return [Fraction(0)] * len(trees)
+    a, b = np.array([to_floats(row) for row in entries]), to_floats(weights)
+    known: dict[RootedTree, NDArray[np.float64]] = {}
+
+    def at_stages(tree: RootedTree) -> NDArray[np.float64]:
+        if tree not in known:
+            known[tree] = prod((a @ at_stages(child) for child in tree), start=np.ones(b.size))
+        return known[tree]
+
+    def gradient(tree: RootedTree, outer: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives by a of ``outer · at_stages(tree)``."""
+        factors, total = [a @ at_stages(child) for child in tree], np.zeros_like(a)
+        for k, child in enumerate(tree):
+            inner = prod(factors[:k] + factors[k + 1 :], start=outer)
+            total += np.outer(inner, at_stages(child)) + gradient(child, inner @ a)
+        return total
+
+    jacobian = [np.append(gradient(tree, b), at_stages(tree)) for tree in trees]
+    bounds = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
+    return list(map(Fraction, bounds.tolist()))
+
+
+def stage_orders(tableau: Tableau) -> tuple[int, ...]:
+    """Return the classical order of each row of ``a`` as weights of a step to its abscissa."""
+    orders = []
+    for row in tableau.entries:
+        c = sum((entry.value for entry in row), Fraction(0))
+        if c == 0:
+            orders.append(0)
+            continue
+        orders.append(_order(tableau.entries, row, c))
+    return tuple(orders)

@@ -1,0 +1,320 @@
+"""Magnus methods: products of exponentials for linear equations, with or without brackets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import Legendre
+from numpy.typing import NDArray
+
+from cg.construction.conditions.linear_equations import (
+    LINEAR_ROUNDING,
+    Values,
+    estimated_order,
+    linear_residuals,
+    linear_sensitivities,
+)
+from cg.construction.layouts.layout import Layout, check_length
+from cg.construction.layouts.points import START, MethodError, Point, PointTree
+from cg.construction.methods.coefficients import (
+    Coefficient,
+    read_coefficient,
+    read_row,
+    read_sequence,
+    read_texts,
+    read_third,
+)
+from cg.construction.methods.method import Method, frozen
+from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class MagnusMethod(Method):
+    r"""A Magnus method for linear equations, commutator-free [1]_ or with brackets [2]_.
+
+    A step of :math:`y' = \sum_i a_i(t) E_i(y)` evaluates the coefficients at the nodes,
+    :math:`F_k = a(t_0 + c_k h)`, and follows flows one after the other,
+
+    .. math::
+
+        y_1 = \exp\Bigl(h \sum_k a_{sk} F_k\Bigr) \cdots \exp\Bigl(h \sum_k a_{1k} F_k\Bigr) y_0 .
+
+    No stage depends on a point, so there are fewer order conditions, one for each word in the
+    derivatives of a, and fewer flows than a Runge–Kutta method needs. With brackets one flow is
+    enough: :math:`F_{K+j} = h\, [\sum_k u_{jk} F_k, \sum_k v_{jk} F_k]` is the bracket j of two
+    combinations of the fields before it, and flows combine it like the others.
+
+    Parameters
+    ----------
+    nodes
+        Sequence of K numbers. The nodes c, as `Coefficient.read` takes them.
+    weights
+        Rows, one for each flow, of K numbers, with B brackets of K + B. The weights of each flow,
+        in the order in which flows are followed.
+    embedded
+        Rows of such numbers. The flows of a second result, of lower order, from the initial point.
+        If that and the first result have one flow each, only the exponents are compared: their
+        difference bounds that of the results on compact groups.
+    brackets
+        Pairs of rows ``(u, v)`` of K numbers, K + 1 in the second pair, and so on. A frame has to
+        have a `Frame.bracket`.
+    third
+        Sequence of such numbers. The weights of one flow from the initial point to a third result.
+        If the second result is :math:`e_2` from the first, and the third :math:`e_3`, the estimate
+        of the error is :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the
+        order of the method.
+    third_factor
+        The factor c, positive. The smaller the method's own error, the larger it is.
+    name, source
+        Name and origin of the method.
+
+    Raises
+    ------
+    MethodError
+        If there is no node, no flow, a row has another length than there are nodes, or an entry
+        is no finite number; if there are third weights, but no second result; if ``third_factor``
+        isn't positive.
+
+    References
+    ----------
+    .. [1] A. Alvermann, H. Fehske, "High-order commutator-free exponential time-propagation of
+       driven quantum systems", J. Comput. Phys. 230 (2011), 5930-5956.
+    .. [2] S. Blanes, F. Casas, J. Ros, "High order optimized geometric integrators for linear
+       differential equations", BIT 42 (2002), 262-284.
+
+    Examples
+    --------
+    >>> midpoint = MagnusMethod(["1/2"], [[1]], name="exponential midpoint rule")
+    >>> midpoint.order, midpoint.stages, midpoint.exponentials
+    (2, 1, 1)
+    """
+
+    name: str
+    source: str
+    nodes: tuple[Coefficient, ...]
+    weights: tuple[tuple[Coefficient, ...], ...]
+    embedded_weights: tuple[tuple[Coefficient, ...], ...] | None
+    brackets: tuple[tuple[tuple[Coefficient, ...], ...], ...]
+    third_weights: tuple[Coefficient, ...] | None
+    third_factor: Coefficient
+
+    def __init__(
+        self,
+        nodes: Iterable[Any],
+        weights: Iterable[Iterable[Any]],
+        embedded: Iterable[Iterable[Any]] | None = None,
+        *,
+        brackets: Iterable[Iterable[Iterable[Any]]] = (),
+        third: Iterable[Any] | None = None,
+        third_factor: Any = 1,
+        name: str = "",
+        source: str = "",
+    ) -> None:
+        values = read_texts(name, source, (None, None))
+        values["nodes"] = read_row(nodes, "nodes")
+        count = len(values["nodes"])
+        values["brackets"] = pairs = _pairs(brackets, count)
+        count += len(pairs)
+        values["weights"] = _rows(weights, "weights", count)
+        values["embedded_weights"] = second = (
+            None if embedded is None else _rows(embedded, "embedded", count)
+        )
+        values["third_weights"] = read_third(third, count, second)
+        values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
+        if factor.value <= 0:
+            raise MethodError(f"third_factor must be positive, got {third_factor!r}")
+        self._set(values)
+
+    @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
+    ) -> MagnusMethod:
+        """Return the method with a layout and packed nodes and weights."""
+        packed = layout.point_weights(coefficients)
+        stages = range(layout.stages)
+        nodes = [0 if at == START else packed[at][k] for k, at in enumerate(layout.stage_points)]
+        first = layout.stages - layout.stage_points.count(START)
+        rows = [[weights.get(k, 0) for k in stages] for weights in packed[first:]]
+        flows = layout.results[0] + 1 - first
+        second = rows[flows:] if layout.pair else None
+        return cls(nodes, rows[:flows], second, **fields)
+
+    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
+        """Return the method with other nodes and weights, and the same third ones."""
+        check_length(coefficients, len(self.coefficients))
+        numbers = iter(coefficients)
+
+        def filled(rows: Iterable[Iterable[Coefficient]]) -> list[list[Any]]:
+            return [[next(numbers) if entry.value else entry for entry in row] for row in rows]
+
+        (nodes,), pairs = filled([self.nodes]), [filled(pair) for pair in self.brackets]
+        weights, second = filled(self.weights), filled(self.embedded_weights or ())
+        same: dict[str, Any] = {"third": self.third_weights, "third_factor": self.third_factor}
+        same |= {"brackets": pairs, "name": self.name, "source": self.source}
+        return MagnusMethod(nodes, weights, second or None, **(same | fields))
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        third = self.third_weights, self.third_factor
+        return self.nodes, self.brackets, self.weights, self.embedded_weights, *third
+
+    @cached_property
+    def tree(self) -> PointTree:
+        """The points on the way to both results; stages are at the initial point.
+
+        Weights on brackets follow those on stages. A second result is left out where exponents are
+        compared.
+        """
+        points: list[Point] = []
+        results = []
+        second_rows = () if self._by_exponents else self.embedded_weights or ()
+        for rows in (self.weights, second_rows):
+            parent = START
+            for row in rows:
+                points.append(Point(parent, {k: a.value for k, a in enumerate(row)}))
+                parent = len(points) - 1
+            results.append(parent)
+        second = results[1] if second_rows else None
+        return PointTree(tuple(points), (START,) * len(self.nodes), results[0], second)
+
+    @property
+    def _by_exponents(self) -> bool:
+        """Whether errors are estimated by differences of exponents: both results have one flow."""
+        return len(self.weights) == len(self.embedded_weights or ()) == 1
+
+    @property
+    def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Differences of weights, those on stages first, where exponents are compared."""
+        rows = self.embedded_weights if self._by_exponents else None
+        others = (*(rows or ()), *([self.third_weights] if rows and self.third_weights else []))
+        first = self.weights[0]
+        return tuple(
+            tuple(a.value - b.value for a, b in zip(first, row, strict=True)) for row in others
+        )
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """The nodes and weights that aren't zero, flow after flow, those of both results.
+
+        Those of brackets follow the nodes.
+        """
+        sides = [side for pair in self.brackets for side in pair]
+        rows = (self.nodes, *sides, *self.weights, *(self.embedded_weights or ()))
+        return tuple(a for row in rows for a in row if a.value != 0)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Positions of the nonzero nodes and weights in `coefficients`; see `Layout.of_time`.
+
+        There is none of a method with brackets: AttributeError.
+        """
+        if self.brackets:
+            raise AttributeError(f"{self!r} has brackets, and no layout")
+        flows = Layout.of_tree(self.tree)
+        moved = [k for k, node in enumerate(self.nodes) if node.value]
+        parents = (m if m == START else m + len(moved) for m in flows.parents)
+        return Layout(
+            (*(START for _ in moved), *parents),
+            (*((k,) for k in moved), *flows.weights),
+            tuple(moved.index(k) if k in moved else START for k in range(self.stages)),
+            tuple(m + len(moved) for m in flows.results),
+            of_time=True,
+        )
+
+    @cached_property
+    def embedded(self) -> MagnusMethod | None:
+        if self.embedded_weights is None:
+            return None
+        name = f"{self.name}, embedded" if self.name else ""
+        names = {"name": name, "source": self.source}
+        return MagnusMethod(self.nodes, self.embedded_weights, brackets=self.brackets, **names)
+
+    @cached_property
+    def third_order(self) -> int | None:
+        if self.third_weights is None:
+            return None
+        return MagnusMethod(self.nodes, [self.third_weights], brackets=self.brackets).order
+
+    @cached_property
+    def pair_exponentials(self) -> int:
+        own = self.third_weights is not None and not self._by_exponents
+        return super().pair_exponentials + own
+
+    @cached_property
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The nodes as Fractions."""
+        return tuple(node.value for node in self.nodes)
+
+    @cached_property
+    def c(self) -> NDArray[np.float64]:
+        """The nodes, rounded to double; shape (K,), read-only."""
+        return frozen(self.abscissae)
+
+    @cached_property
+    def exact_order(self) -> int:
+        """The order for linear equations, as far as the stored places can tell."""
+        orders = range(estimated_order(self._numbers("value")), 0, -1)
+        return next((order for order in orders if self.satisfies(order)), 0)
+
+    def residuals(self, order: int) -> list[Decimal]:
+        """Return the residuals of the conditions of all words through a degree, to 50 digits."""
+        return linear_residuals(self._numbers("value"), order)
+
+    def _next_residuals(self) -> NDArray[np.float64]:
+        return np.array(self.residuals(self.order + 1)[2**self.order - 1 :], dtype=np.float64)
+
+    def satisfies(self, order: int) -> bool:
+        """Tell whether the conditions through an order hold, as far as stored places can tell."""
+        bounds = linear_sensitivities(self._numbers("value"), self._numbers("unit"), order)
+        return all(
+            abs(residual) <= TOLERANCE_FACTOR * bound + LINEAR_ROUNDING
+            for residual, bound in zip(self.residuals(order), bounds, strict=True)
+        )
+
+    def _numbers(self, kind: str) -> Values:
+        """Return nodes, weights and brackets as their values or units."""
+
+        def read(entries: Any) -> Any:
+            if isinstance(entries, Coefficient):
+                return getattr(entries, kind)
+            return [read(entry) for entry in entries]
+
+        return read(self.nodes), read(self.weights), read(self.brackets)
+
+
+def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:
+    listed = read_sequence(rows, label, of=" of rows")
+    if not listed:
+        raise MethodError(f"{label} must have at least one row, got none")
+    return tuple(read_row(row, f"{label}[{i}]", count) for i, row in enumerate(listed))
+
+
+def _pairs(pairs: Any, count: int) -> tuple[tuple[tuple[Coefficient, ...], ...], ...]:
+    """Return the two sides of each bracket, which combine `count` nodes and earlier brackets."""
+    read = []
+    for j, pair in enumerate(read_sequence(pairs, "brackets", of=" of pairs of rows")):
+        label = f"brackets[{j}]"
+        rows = _rows(pair, label, count + j)
+        if len(rows) != 2:
+            raise MethodError(f"{label} must have two rows, got {len(rows)}")
+        read.append(rows)
+    return tuple(read)
+
+
+LOBATTO = "Lobatto's formula"
+"""Name of the method of `lobatto`, which isn't listed."""
+
+
+def lobatto(nodes: int) -> MagnusMethod:
+    """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
+    legendre = Legendre.basis(nodes - 1)
+    x = np.array([-1.0, *np.real(legendre.deriv().roots()), 1.0])
+    weights = 1 / (nodes * (nodes - 1) * legendre(x) ** 2)
+    at, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
+    return MagnusMethod(at, [flow], name=LOBATTO)

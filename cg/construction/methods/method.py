@@ -1,0 +1,305 @@
+"""The base class of all methods: points, flows, the flat tableau."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from fractions import Fraction
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.layouts.layout import Layout, check_length
+from cg.construction.layouts.points import FlatSums, Point, PointTree
+from cg.construction.methods.orders import Orders
+from cg.support.checks import check_flag
+from cg.support.parsing import visible
+from cg.tables import MethodTable, stored_table
+
+Result = TypeVar("Result")
+
+ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
+
+_MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
+
+
+class Method(Orders):
+    """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
+
+    Methods are immutable. They keep all coefficients as they were given; numbers derived from them
+    are exact or correctly rounded. The subclasses are `cg.Tableau`, `cg.CommutatorFree`,
+    `cg.MuntheKaas`, `cg.MagnusMethod` and `cg.Splitting`.
+
+    Attributes
+    ----------
+    name, source
+        Name and origin of the method.
+    nominal_order
+        The intended order of a method that satisfies its order conditions only approximately.
+    nominal_residual
+        Upper bound of the absolute residuals through `nominal_order`.
+    tree
+        The points of a step. Those of an implicit method depend on the unknown stages.
+    coefficients
+        All coefficients, packed as `layout` describes.
+    file
+        The file that `cg.load` read the method from; None for other methods. Its certificate may
+        lie beside it. It isn't compared or pickled.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> method = cg.methods["CF4"]
+    >>> isinstance(method, cg.Method), method.order, method.stages, method.exponentials
+    (True, 4, 4, 5)
+    """
+
+    name: str
+    source: str
+    file: Path | None = None
+    stored: ClassVar[bool] = False  # whether its table is, as those of the catalogue are
+    _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
+
+    @property
+    @abstractmethod
+    def embedded(self) -> Self | None:
+        """The method of the second result of a pair; None without it."""
+
+    @classmethod
+    @abstractmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method of this class with a layout and packed coefficients.
+
+        Parameters
+        ----------
+        layout
+        coefficients
+            Sequence of layout.size numbers. Strings, Fractions, integers, floats or `Coefficient`s.
+        **fields
+            Further keyword arguments of the class, such as `name` and `source`.
+        """
+
+    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method with other coefficients in the same places.
+
+        Parameters
+        ----------
+        coefficients
+            Sequence of numbers. As many as `coefficients`, in the same sequence.
+        **fields
+            Further keyword arguments of the class. `name` and `source` are those of this method
+            by default; third weights and a nominal order are left out by default.
+
+        Raises
+        ------
+        ValueError
+            If there are too few or too many coefficients.
+        MethodError
+            If the method would be wrong; of tableaux a `TableauError`.
+
+        Examples
+        --------
+        >>> import crouch_grossman as cg
+        >>> cg.methods["CG2"].with_coefficients(["2/3", "1/4", "3/4"], name="Ralston")
+        <Tableau Ralston: order 2, 2 evaluations, 3 flows>
+        """
+        check_length(coefficients, self.layout.size)
+        names = {"name": self.name, "source": self.source}
+        return self.from_layout(self.layout, coefficients, **(names | fields))
+
+    @property
+    @abstractmethod
+    def _key(self) -> tuple[Any, ...]:
+        """The numbers in which equal methods of a class agree."""
+
+    def _set(self, values: Mapping[str, Any]) -> None:
+        """Set the fields of a frozen dataclass."""
+        vars(self).update(values)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields alone: cached arrays would come back writeable."""
+        return {field.name: self.__dict__[field.name] for field in fields(cast(Any, self))}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Method):
+            return NotImplemented
+        return type(self) is type(other) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash((type(self), self._key))
+
+    def __repr__(self) -> str:
+        name = visible(self.name) or "without name"
+        return f"<{type(self).__name__} {name}: {self.description()}>"
+
+    def description(self, *, complete: bool = False) -> str:
+        """Return order, evaluations and flows in words.
+
+        Parameters
+        ----------
+        complete
+            Include the order even if it takes seconds to compute. By default, the order of a
+            method with more than 200 coefficients is left out unless it is cached.
+
+        Examples
+        --------
+        >>> import crouch_grossman as cg
+        >>> cg.methods["CF5(4)"].description()
+        'order 5(4), 7 evaluations, 9 flows'
+        """
+        complete = check_flag("complete", complete)
+        counts = zip((self.stages, self.exponentials), self._COUNTED, strict=True)
+        parts = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
+        if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
+            pair = "" if self.embedded_order is None else f"({self.embedded_order})"
+            parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
+        elif self.layout.pair:
+            parts.append("a pair")
+        if not self.explicit:
+            parts.append("implicit")
+        return ", ".join(parts)
+
+    def table(self) -> MethodTable:
+        """Return the constants that integrations read, compiled once."""
+        if self.stored:
+            return stored_table(self.name)
+        return self._compiled
+
+    @cached_property
+    def _compiled(self) -> MethodTable:
+        # the compiler knows all classes of methods, which are derived from this one
+        table: MethodTable = import_module("cg.construction.methods.compile").compiled(self)
+        return table
+
+    @property
+    def explicit(self) -> bool:
+        """Whether each stage depends on earlier stages only."""
+        return True
+
+    @property
+    def _explicit_tree(self) -> PointTree:
+        if not self.explicit:
+            raise AttributeError(f"{self!r} is implicit, so that its stages are not points")
+        return self.tree
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The points of a step of an explicit method, parents first; see `Point`."""
+        return self._explicit_tree.points
+
+    @property
+    def stage_points(self) -> tuple[int, ...]:
+        """The point of each stage, -1 for the initial point."""
+        return self._explicit_tree.stage_points
+
+    @property
+    def result(self) -> int:
+        """The point that is the result of a step."""
+        return self._explicit_tree.result
+
+    @property
+    def embedded_result(self) -> int | None:
+        """The point that is the second result of a pair; None without it."""
+        return self._explicit_tree.embedded_result
+
+    @property
+    def stages(self) -> int:
+        """Number of stages s: evaluations of the right-hand side in a step."""
+        return len(self.tree.stage_points)
+
+    @cached_property
+    def exponentials(self) -> int:
+        """Number of flows of a step.
+
+        Initial flows that several stages share count once, and so do points that are equal. Flows
+        to the second result of a pair don't count; see `pair_exponentials`.
+        """
+        return self.tree.flows([*self.tree.stage_points, self.tree.result])
+
+    @property
+    def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Weights of error estimates that are combinations of values at stages."""
+        return ()
+
+    @property
+    def third_order(self) -> int | None:
+        """Order of the third weights of a pair; None without them."""
+        return None
+
+    @cached_property
+    def pair_exponentials(self) -> int:
+        """Number of flows of a step with its error estimate.
+
+        These are `exponentials` and the flows to the second result.
+        """
+        tree = self.tree
+        if not self.explicit:
+            return self.exponentials + sum(entry != 0 for entry in self.exact_embedded or ())
+        second = [] if tree.embedded_result is None else [tree.embedded_result]
+        return tree.flows([*tree.stage_points, tree.result, *second])
+
+    @cached_property
+    def exact(self) -> ExactTableau:
+        """``(a, b)`` as tuples of Fractions, shapes (s, s) and (s,): the flat tableau.
+
+        If flows commute, the method is the classical method with this tableau. Only a
+        `cg.Tableau` is determined by it.
+        """
+        return self.tree.flat_tableau
+
+    @cached_property
+    def exact_embedded(self) -> tuple[Fraction, ...] | None:
+        """The second weights of a pair as Fractions, shape (s,); None without."""
+        second = self.tree.embedded_result
+        return None if second is None else self.tree.flat_row(second)
+
+    @cached_property
+    def a(self) -> NDArray[np.float64]:
+        """Stage coefficients of `exact`, rounded to double; shape (s, s), read-only.
+
+        Functions of tableaux such as `cg.conditions.residuals` refuse them unless the method is a
+        `cg.Tableau`.
+        """
+        sums = FlatSums((self.stages, self.stages))
+        sums[...] = np.array(self.exact[0], dtype=np.float64)
+        sums.flags.writeable = False
+        return sums.view(np.ndarray)
+
+    @cached_property
+    def b(self) -> NDArray[np.float64]:
+        """Weights of `exact`, rounded to double; shape (s,), read-only."""
+        return frozen(self.exact[1])
+
+    @cached_property
+    def b_embedded(self) -> NDArray[np.float64] | None:
+        """Second weights of a pair, rounded to double; shape (s,), read-only; None without."""
+        return None if self.exact_embedded is None else frozen(self.exact_embedded)
+
+    @cached_property
+    def c(self) -> NDArray[np.float64]:
+        """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
+        return frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
+
+    @cached_property
+    def embedded_order(self) -> int | None:
+        """Order of the embedded method, computed like `exact_order`; None without."""
+        return None if self.embedded is None else self.embedded.exact_order
+
+    def set_orders(self, order: int, embedded_order: int | None) -> None:
+        """Store orders that were computed before, unless `order` is only nominal."""
+        if not self.approximate:
+            vars(self).update(exact_order=order, embedded_order=embedded_order)
+            if self.embedded is not None:
+                vars(self.embedded)["exact_order"] = embedded_order
+
+
+def frozen(numbers: Any) -> NDArray[np.float64]:
+    """Return numbers as a read-only array of doubles."""
+    array = np.array(numbers, dtype=np.float64)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,318 @@
+r"""Methods as paths of flows between points, as compiled code takes them.
+
+Point m of a method is reached from its parent by one flow, of fields :math:`F_k` that are frozen
+at stages k,
+
+.. math:: y_m = \exp\Bigl(h \sum_k \alpha_{mk} F_k\Bigr) y_{\mathrm{parent}(m)} .
+
+Points are stored only where they are needed again: stages, results, and points with several
+children. A `Path` is the sequence of flows from one stored point to the next; equal points are
+merged, and points that lead to no stage or result are left out. A row of a tableau is a path from
+the start, with one flow for each coefficient that isn't zero (P. E. Crouch, R. Grossman, "Numerical
+integration of ordinary differential equations on manifolds", J. Nonlinear Sci. 3 (1993), 1-33);
+stages of a commutator-free method may share the first flows (E. Celledoni, A. Marthinsen,
+B. Owren, "Commutator-free Lie group methods", Future Gener. Comput. Syst. 19 (2003), 341-352).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import accumulate, chain
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.conditions import Rows
+from cg.construction.layouts.points import START
+from cg.construction.methods.collocation import transformation
+from cg.construction.methods.end_weights import end_weights, kink_weights
+from cg.construction.methods.estimate import error_power
+from cg.construction.methods.low_storage import Registers, two_registers
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.methods.splitting import Splitting
+from cg.construction.methods.tableau import Tableau
+from cg.support.copies import cached
+
+_ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
+
+Flow = tuple[tuple[int, Fraction], ...]
+"""The stages (from 0) and their weights that make the field of one flow."""
+
+
+Brackets = tuple[tuple[tuple[Fraction, ...], ...], ...]
+
+
+@dataclass(frozen=True)
+class Path:
+    """Flows from one stored point to another."""
+
+    origin: int  # the path at whose end it starts, counting from 1; 0 is the start of the step
+    flows: tuple[Flow, ...]  # the first one first
+
+
+@dataclass(frozen=True)
+class MethodPaths:
+    """A method as paths.
+
+    Stored points are stages, results, and points from which several paths start. Paths are in the
+    order in which a step needs them and counted from 1; 0 is the start of the step.
+    """
+
+    paths: tuple[Path, ...]
+    stages: tuple[int, ...]  # the path to each stage
+    # The paths to the result of the step, the one of higher order of a pair, and to its second
+    # result, or 0.
+    result: int
+    embedded: int
+    # The stage (from 1) at the end of the step, which is the first one of the next step, or 0.
+    final_stage: int
+    c: tuple[Fraction, ...]  # abscissae
+    registers: Registers | None = None  # A and B of a method of two registers
+    # For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else 0.
+    # Coefficients at stages become derivatives of coordinates.
+    series: int = 0
+    # Weights on the coefficients at stages of the combinations by which errors are estimated. With
+    # a second result they are those of the second estimate, or those of `end_weights`, where the
+    # end of the step is a stage more. Those of `kink_weights` are the last but one.
+    errors: tuple[tuple[Fraction, ...], ...] = ()
+    transformation: tuple[Fraction, ...] = ()  # of a collocation method, those of `transformation`
+    third: int = 0  # the path to a third result, for a second estimate of the error, or 0
+    # The exponent of the quotient of two error estimates, see `error_power`, 0 if the larger one
+    # counts; and the factor of the second one in it, by default that of DOP853.
+    power: int = 1
+    factor: Fraction = Fraction(1, 10)
+    # Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along which
+    # one flow leads to the result.
+    polynomial: bool = False
+    # Weights of both sides of brackets, on stages and earlier brackets. Flows and errors have
+    # weights on brackets after those on stages.
+    brackets: Brackets = ()
+    blocks: int = 0  # of stages of an implicit method that are solved one after the other
+    drifts: tuple[Fraction, ...] = ()  # of a splitting method, after each flow, which is a kick
+
+    @property
+    def result_flows(self) -> tuple[Flow, ...]:
+        """All flows from the start to the result."""
+        flows: tuple[Flow, ...] = ()
+        k = self.result
+        while k:
+            path = self.paths[k - 1]
+            flows = path.flows + flows
+            k = path.origin
+        return flows
+
+    @cached_property
+    def abscissae(self) -> NDArray[np.float64]:
+        """The abscissae as a read-only array."""
+        c = np.array(self.c, np.float64)
+        c.flags.writeable = False
+        return c
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers of the record that compiled code reads."""
+        flows = [flow for path in self.paths for flow in path.flows]
+        return {
+            "paths": len(self.paths), "flows": len(flows), "terms": sum(map(len, flows)),
+            "stages": len(self.stages), "errors": len(self.errors),
+            "bracket_count": len(self.brackets), "result": self.result, "embedded": self.embedded,
+            "third": self.third, "final_stage": self.final_stage, "series": self.series,
+            "power": self.power, "factor": float(self.factor), "blocks": self.blocks,
+            "polynomial": int(self.polynomial),
+        }  # fmt: skip
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays of that record."""
+        flows = [flow for path in self.paths for flow in path.flows]
+        terms = [term for flow in flows for term in flow]
+        integers = {
+            "origin": [path.origin for path in self.paths],
+            "path_first": [*accumulate((len(path.flows) for path in self.paths), initial=1)],
+            "flow_first": [*accumulate(map(len, flows), initial=1)],
+            "flow_stage": [stage + 1 for stage, _ in terms],
+            "stage_path": self.stages,
+        }
+        columns = len(self.stages) + len(self.brackets)
+        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
+        reals = {
+            "weight": [weight for _, weight in terms],
+            "c": self.c,
+            "error": [*chain(*self.errors)],
+            "transformation": self.transformation,
+            "brackets": [*chain(*sides)],
+        }
+        if self.drifts:
+            reals["drifts"] = self.drifts
+        if self.registers is not None:
+            reals["registers"] = [*chain(*self.registers)]
+        arrays = {name: np.array(row, np.intc) for name, row in integers.items()}
+        return arrays | {name: np.array(row, np.float64) for name, row in reals.items()}
+
+
+@cached
+def paths_of(method: Method) -> MethodPaths:
+    """Return the paths of a method."""
+    if isinstance(method, Splitting):
+        return _splitting_paths(method)
+    if isinstance(method, MuntheKaas) and not method.explicit:
+        return _collocation_paths(method)
+    series = 0
+    if isinstance(method, MuntheKaas):
+        method = method.advancing
+        series = max(method.order, 1)
+    errors = method.error_weights
+    tree = method.tree
+    result, embedded = tree.result, tree.embedded_result
+    if embedded is not None and (method.embedded_order or 0) > method.order:
+        result, embedded = embedded, result
+    builder = _Builder(method, {result} if embedded is None else {result, embedded})
+    stages = tuple(builder.path_to(point) for point in tree.stage_points)
+    result_path = builder.path_to(result)
+    c = _abscissae(method)
+    ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
+    final = ends[0] if ends and method.explicit else 0
+    embedded_path = 0 if embedded is None else builder.path_to(embedded)
+    third, factor = 0, MethodPaths.factor
+    if isinstance(method, MagnusMethod):
+        factor = method.third_factor.value
+    if isinstance(method, MagnusMethod) and method.third_weights is not None and not errors:
+        flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
+        builder.paths.append(Path(0, (flow,)))
+        third = len(builder.paths)
+    if end := end_weights(method):
+        stages, c, final = (*stages, result_path), (*c, Fraction(1)), len(stages) + 1
+        errors, factor = end.rows, end.factor
+    if kinks := kink_weights(method):
+        errors = (*errors[:-1], kinks, errors[-1])
+    together = isinstance(method, Tableau) and method.rows is Rows.FULL
+    blocks = 0 if method.explicit else 1 if together else method.stages
+    registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
+    return MethodPaths(
+        tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
+        errors, third=third, power=error_power(method), factor=factor, blocks=blocks,
+        brackets=_brackets(method),
+    )  # fmt: skip
+
+
+def _brackets(method: Method) -> Brackets:
+    pairs = method.brackets if isinstance(method, MagnusMethod) else ()
+    return tuple(tuple(tuple(a.value for a in row) for row in pair) for pair in pairs)
+
+
+def _collocation_paths(method: MuntheKaas) -> MethodPaths:
+    """Return the paths of a collocation method: one flow to the result."""
+    flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
+    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
+    return MethodPaths(
+        (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
+        method.error_weights, transformation(method), blocks=1,
+    )  # fmt: skip
+
+
+def _splitting_paths(method: Splitting) -> MethodPaths:
+    """Return the paths of a splitting method, whose flows are kicks followed by drifts.
+
+    The force depends on time and position alone. So at the end of the step it is that of the last
+    stage, if the step ends with a kick.
+    """
+    drifts = [drift.value for drift in method.drift_coefficients]
+    kicks: list[Flow] = [((k, kick.value),) for k, kick in enumerate(method.kick_coefficients)]
+    first = int(drifts[0] != 0)  # a kick of zero before it
+    flows: list[Flow] = [(), *kicks][1 - first :]
+    paths = tuple(Path(k, (flow,)) for k, flow in enumerate(flows))
+    stages = tuple(range(first, first + len(kicks)))
+    c = tuple(accumulate(drifts[:-1]))
+    final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _ROUNDING
+    return MethodPaths(
+        paths, stages, len(paths), 0, method.stages if final else 0, c,
+        drifts=tuple(drifts[1 - first :]),
+    )  # fmt: skip
+
+
+@cached
+def polynomial_paths(method: Method) -> MethodPaths | None:
+    """Return the flow along the polynomial that interpolates coefficients at the nodes of a method.
+
+    The order of a step is at least that of the method. The error is estimated from the highest
+    coefficients of the polynomial in Legendre polynomials, extrapolated to the next one as a
+    geometric sequence; they are taken in pairs, since those of one parity may vanish. ``factor``
+    was measured on eight equations, so that errors at the end are below the tolerances. Return
+    None if there are fewer than three nodes, or two are equal.
+    """
+    nodes = _abscissae(method)
+    if not 3 <= len(set(nodes)) == len(nodes):
+        return None
+    coefficients = []  # of Lagrange's polynomials, by powers of s = 2θ - 1
+    for k, node in enumerate(nodes):
+        row = [Fraction(1)]
+        for other in nodes[:k] + nodes[k + 1 :]:
+            scale, root = 2 * (node - other), 2 * other - 1
+            shifted = [Fraction(0), *row], [*row, Fraction(0)]
+            row = [(a - root * b) / scale for a, b in zip(*shifted, strict=True)]
+        coefficients.append(row)
+    by_power = [tuple(enumerate(column)) for column in zip(*coefficients, strict=True)]
+    last = len(nodes) - 1
+    # s^d is a multiple of Legendre's polynomial of degree d, and polynomials of degree d - 2, ...
+    errors = tuple(
+        tuple(Fraction(2**d, comb(2 * d, d)) * weight for _, weight in by_power[d])
+        for d in range(last, max(last - 4, -1), -1)
+    )
+    return MethodPaths(
+        (Path(0, tuple(by_power)),), (0,) * len(nodes), 1, 0, 0, nodes, errors=errors,
+        factor=Fraction(100), power=1, polynomial=True,
+    )  # fmt: skip
+
+
+class _Builder:
+    """Builds the paths, merging equal points and leaving out unused ones."""
+
+    def __init__(self, method: Method, results: set[int]) -> None:
+        self.points = method.tree.points
+        self.same = method.tree.merged
+        ends = {self.same[point] for point in results.union(method.tree.stage_points)}
+        used: set[int] = set()
+        pending = list(ends)
+        while pending:
+            point = pending.pop()
+            if point != START and point not in used:
+                used.add(point)
+                pending.append(self._parent(point))
+        children = Counter(self._parent(point) for point in used)
+        self.kept = ends | {point for point in used if children[point] > 1}
+        if not method.explicit:  # iterations repeat the last flow of a stage
+            self.kept |= {self._parent(self.same[point]) for point in method.tree.stage_points}
+        self.index = {START: 0}
+        self.paths: list[Path] = []
+
+    def _parent(self, point: int) -> int:
+        return self.same[self.points[point].parent]
+
+    def path_to(self, point: int) -> int:
+        """Return the number of the path to a stored point, adding it and those before it."""
+        point = self.same[point]
+        if point not in self.index:
+            links = [point]
+            while (parent := self._parent(links[-1])) not in self.kept and parent != START:
+                links.append(parent)
+            origin = self.path_to(parent)
+            flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))
+            self.paths.append(Path(origin, flows))
+            self.index[point] = len(self.paths)
+        return self.index[point]
+
+
+def _abscissae(method: Method) -> tuple[Fraction, ...]:
+    if isinstance(method, MagnusMethod):
+        return method.abscissae
+    at = {START: Fraction(0)}
+    for i, point in enumerate(method.tree.points):
+        at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))
+    return tuple(at[point] for point in method.tree.stage_points)

@@ -1,0 +1,233 @@
+"""Splitting methods: compositions of drifts and kicks for mechanical systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import accumulate, chain, count
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.conditions.nystrom import (
+    nystrom_residuals,
+    nystrom_trees,
+    nystrom_values,
+    splitting_residuals,
+    splitting_values,
+)
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START
+from cg.construction.methods.coefficients import Coefficient, read_row, read_texts
+from cg.construction.methods.method import Method, frozen
+from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.support.balls import to_flint, to_fraction
+from cg.support.checks import check_integer
+
+if TYPE_CHECKING:
+    from cg.support.flint import fmpq
+
+Values = Callable[[Sequence[Any], Sequence[Any], int], list[Any]]
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Splitting(Method):
+    r"""A splitting method for mechanical systems, H = T + V [1]_.
+
+    A step with step size h follows the free motion (drift) for d_0 h, changes the momentum (kick)
+    by k_0 h times the force, and so on,
+
+    .. math::
+
+        \varphi^T_{d_0 h}, \varphi^V_{k_0 h}, \varphi^T_{d_1 h}, \dots,
+        \varphi^V_{k_{s-1} h}, \varphi^T_{d_s h} .
+
+    The method is explicit, symplectic where the force is that of a potential, and reversible if it
+    is symmetric. The kinetic energy T must be quadratic in the momentum.
+
+    Parameters
+    ----------
+    drifts
+        Sequence of s + 1 numbers. The drifts d, as `Coefficient.read` takes them. The first and the
+        last may be zero. Then the force of the last kick of a step serves the first kick of the
+        next.
+    kicks
+        Sequence of s numbers. The kicks k.
+    name, source
+        Name and origin of the method.
+
+    Attributes
+    ----------
+    drift_coefficients, kick_coefficients
+        The drifts and the kicks, with their text and uncertainty.
+
+    Raises
+    ------
+    MethodError
+        If there is no kick, there isn't one drift more than there are kicks, or an entry is no
+        finite number.
+
+    References
+    ----------
+    .. [1] S. Blanes, F. Casas, A. Murua, "Splitting methods for differential equations", Acta
+       Numerica 33 (2024), 1-161.
+
+    Examples
+    --------
+    >>> leapfrog = Splitting([0, 1, 0], ["1/2", "1/2"], name="kick, drift, kick")
+    >>> leapfrog.order, leapfrog.stages, leapfrog.exponentials, leapfrog.symmetric
+    (2, 2, 1, True)
+    """
+
+    name: str
+    source: str
+    drift_coefficients: tuple[Coefficient, ...]
+    kick_coefficients: tuple[Coefficient, ...]
+    _COUNTED: ClassVar = ("kick", "drift")
+    embedded = exact_embedded = None  # there is no second result
+
+    def __init__(
+        self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
+    ) -> None:
+        values = read_texts(name, source, (None, None))
+        values["kick_coefficients"] = read_row(kicks, "kicks")
+        count = len(values["kick_coefficients"])
+        values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
+        self._set(values)
+
+    @classmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Splitting:
+        """Return the method with drifts and kicks in the order of a step."""
+        return cls(coefficients[::2], coefficients[1::2], **fields)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.drift_coefficients, self.kick_coefficients
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """Drifts and kicks in the order of a step, the first drift first."""
+        pairs = zip(self.drift_coefficients, self.kick_coefficients, strict=False)
+        return *chain.from_iterable(pairs), self.drift_coefficients[-1]
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Positions of drifts and kicks in `coefficients`: a chain of points, one for each."""
+        size, last = 2 * self.stages + 1, self.stages - 1
+        weights = tuple((min(m // 2, last),) for m in range(size))
+        return Layout(
+            tuple(range(START, size - 1)), weights, tuple(range(0, size - 1, 2)), (size - 1,)
+        )
+
+    @cached_property
+    def drifts(self) -> NDArray[np.float64]:
+        """The drifts d, rounded to double; shape (s + 1,), read-only."""
+        return frozen([d.value for d in self.drift_coefficients])
+
+    @cached_property
+    def kicks(self) -> NDArray[np.float64]:
+        """The kicks k, rounded to double; shape (s,), read-only."""
+        return frozen([k.value for k in self.kick_coefficients])
+
+    @property
+    def b(self) -> NDArray[np.float64]:
+        """The kicks, as weights of a Runge–Kutta–Nyström method; shape (s,), read-only."""
+        return self.kicks
+
+    @cached_property
+    def c(self) -> NDArray[np.float64]:
+        """The times of the kicks, as parts of a step; shape (s,), read-only."""
+        return frozen(list(accumulate(d.value for d in self.drift_coefficients))[:-1])
+
+    @property
+    def tree(self) -> NoReturn:
+        """A splitting method has none: AttributeError."""
+        raise AttributeError(f"{self!r} has drifts and kicks, no tree of points and no tableau")
+
+    @property
+    def stages(self) -> int:
+        """Number of kicks s. In steps that begin and end with a kick, s - 1 evaluate the force."""
+        return len(self.kick_coefficients)
+
+    @cached_property
+    def exponentials(self) -> int:
+        """Number of drifts of a step that aren't zero."""
+        return int(np.count_nonzero(self.drifts))
+
+    @property
+    def pair_exponentials(self) -> int:
+        """Number of drifts of a step; there is no error estimate."""
+        return self.exponentials
+
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether drifts and kicks read backwards are the same, so that a step can be undone."""
+        rows = [[x.value for x in row] for row in (self.drift_coefficients, self.kick_coefficients)]
+        return all(row == row[::-1] for row in rows)
+
+    @cached_property
+    def exact_order(self) -> int:
+        """The order for quadratic kinetic energies, as far as the stored places can tell."""
+        return next(order - 1 for order in count(1) if not self.satisfies(order))
+
+    @cached_property
+    def nystrom(self) -> bool:
+        """Whether the order relies on the kinetic energy: [V, [V, [V, T]]] = 0.
+
+        Other methods have their order for all pairs of flows.
+        """
+        return not self._hold(splitting_residuals, splitting_values, self.exact_order)
+
+    def residuals(self, order: int) -> tuple[Fraction, ...]:
+        """Return Σ d - 1, then the exact residuals ``Φ(t) - 1/γ(t)`` of special Nyström trees.
+
+        Parameters
+        ----------
+        order
+            The largest number of nodes, at least 1.
+        """
+        order = check_integer("order", order, 1)
+        return tuple(map(to_fraction, nystrom_residuals(*self._numbers(), order)))
+
+    def _next_residuals(self) -> NDArray[np.float64]:
+        lower = 1 + len(nystrom_trees(self.order)) if self.order else 0
+        return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
+
+    def satisfies(self, order: int) -> bool:
+        order = check_integer("order", order, 1)
+        return self._hold(nystrom_residuals, nystrom_values, order)
+
+    def tolerance(self, order: int) -> NDArray[np.float64]:
+        """Return the largest residuals that rounded coefficients may cause; see `residuals`."""
+        order = check_integer("order", order, 1)
+        return frozen([to_fraction(x) for x in self._allowed(nystrom_values, order)])
+
+    def _hold(self, residuals: Values, values: Values, order: int) -> bool:
+        if not order:
+            return True
+        allowed = self._allowed(values, order)
+        pairs = zip(residuals(*self._numbers(), order), allowed, strict=True)
+        return all(abs(residual) <= bound for residual, bound in pairs)
+
+    def _allowed(self, values: Values, order: int) -> list[fmpq]:
+        """Return bounds on the changes of values when coefficients change by up to a unit.
+
+        The values are polynomials with positive coefficients, so that their increase at the
+        magnitudes is a bound.
+        """
+        low = values(*self._numbers(abs), order)
+        high = values(*self._numbers(abs, units=True), order)
+        return [TOLERANCE_FACTOR * (x - y) for x, y in zip(high, low, strict=True)]
+
+    def _numbers(
+        self, change: Callable[[Fraction], Fraction] = Fraction, *, units: bool = False
+    ) -> tuple[list[fmpq], list[fmpq]]:
+        """Return drifts and kicks after a change, enlarged by their uncertainties with `units`."""
+
+        def numbers(row: Iterable[Coefficient]) -> list[fmpq]:
+            return [to_flint(change(x.value) + units * x.unit) for x in row]
+
+        return numbers(self.drift_coefficients), numbers(self.kick_coefficients)

@@ -1,0 +1,214 @@
+"""Plots of tableaux and of trees of points."""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from cg.construction.catalogue import resolve_method
+from cg.construction.layouts.points import START, PointTree
+from cg.construction.methods.method import Method
+from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
+from cg.support.checks import check_integer
+from cg.support.quads import to_decimal
+
+_MAX_TERMS = 12  # of all flows together; with more, the weights of flows aren't written
+_SIZE, _MIN_SIZE = 10.0, 7.0  # of the font of tableaux
+_RISE = 0.3  # of the first child above its parent; another branch is 1 above
+
+
+def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
+    """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
+
+    The tableau of a commutator-free method is the classical one, with the sums of the weights of
+    the flows to each stage.
+
+    Parameters
+    ----------
+    method
+    ax
+        Where to draw; a new figure by default.
+    digits
+        Significant digits of coefficients that aren't short fractions.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, `digits` isn't a positive integer, or `ax` isn't axes of
+        matplotlib.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.tableau("CG3", digits=3)
+    >>> sorted({text.get_text() for text in ax.texts})[:4]
+    ['0', '0.551', '13/51', '17/108']
+    """
+    method = resolve_method(method)
+    digits = check_integer("digits", digits, 1)
+    given, ax = ax, axes_for(ax)
+    s = method.stages
+    a, b = method.exact
+    rows = [*a, b]
+    if method.exact_embedded is not None:
+        rows.append(method.exact_embedded)
+    for i, row in enumerate(rows):
+        y = -i - 0.5 * (i >= s)
+        if i < s:
+            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(FAINT))
+        for j, entry in enumerate(row, 1):
+            if entry or (i >= s):
+                ax.text(j, y, _text(entry, digits), **_cell("black"))
+    ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], color="black", linewidth=0.8)
+    ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, color="black", linewidth=0.8)
+    blank(ax)
+    ax.set_xlim(-0.6, s + 0.6)
+    ax.set_ylim(-len(rows) - 0.2, 0.6)
+    _set_title(ax, method)
+    _fit_cells(ax, widen=given is None)
+    return ax
+
+
+def _fit_cells(ax: Any, *, widen: bool) -> None:
+    """Reduce the font size so that no text is wider than a cell of width 1, or widen the figure."""
+    ax.figure.draw_without_rendering()
+    texts = [(text, text.get_window_extent().width) for text in ax.texts]
+    left, right = ax.get_xlim()
+    cell = 0.9 * ax.get_window_extent().width / (right - left)
+    size = _SIZE * min(1.0, cell / max(width for _, width in texts))
+    if widen and size < _MIN_SIZE:
+        ax.figure.set_figwidth(ax.figure.get_figwidth() * _MIN_SIZE / size)
+        size = _MIN_SIZE
+    for text, _ in texts:
+        text.set_fontsize(size)
+
+
+def _set_title(ax: Any, method: Method) -> None:
+    ax.set_title(f"{verbatim(method.name) or 'without name'}: {method.description()}", fontsize=10)
+
+
+def _cell(colour: str) -> dict[str, Any]:
+    return {"ha": "center", "va": "center", "fontsize": _SIZE, "color": colour}
+
+
+def _text(value: Fraction, digits: int) -> str:
+    text = str(value) if len(str(value)) <= digits + 3 else to_decimal(value, digits)
+    return text.replace("-", "−")
+
+
+def _flow(weights: Mapping[int, Fraction]) -> str:
+    """Return the sum of fields of a flow as text, two terms a line."""
+    terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
+    signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
+    return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
+
+
+def points(method: str | Method, ax: Any = None) -> Any:
+    """Draw the points of a step at their times; each line is a flow.
+
+    Stages are numbered circles, the result is a square and the second result a diamond. The
+    weights of each flow are written on its line if there are at most twelve.
+
+    Parameters
+    ----------
+    method
+        An explicit method.
+    ax
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, it is implicit, or `ax` isn't axes of matplotlib.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.points("CF4")
+    >>> ax.get_title()
+    'CF4: order 4, 4 evaluations, 5 flows'
+    """
+    method = resolve_method(method)
+    if not method.explicit:
+        raise ValueError(f"method must be explicit, got {method!r}")
+    ax = axes_for(ax)
+    tree = method.tree.without_repetitions()
+    places = _places(tree)
+    used = [m for m in places if m != START]
+    labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
+    for m in used:
+        xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
+        ax.plot(xs, ys, color=FAINT, linewidth=1.2, zorder=1)
+        if labelled:
+            ax.text(
+                (xs[0] + xs[1]) / 2,
+                (ys[0] + ys[1]) / 2,
+                _flow(tree.points[m].weights),
+                ha="center",
+                va="center",
+                fontsize=7,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+    _draw_points(ax, tree, places)
+    ax.set_xlabel("time of the point, in steps")
+    ax.set_yticks([])
+    for side in ("left", "right", "top"):
+        ax.spines[side].set_visible(False)
+    ax.margins(0.1, 0.15)
+    _set_title(ax, method)
+    return ax
+
+
+def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
+    others = [place for m, place in places.items() if m != START]
+    ax.scatter(*zip(*others, strict=True), s=12, color=FAINT, zorder=2)
+    looks = ("s", COLOURS[1], "result"), ("D", COLOURS[2], "second result")
+    for end, (marker, colour, label) in zip(tree.results, looks, strict=False):
+        ax.scatter(*places[end], s=230, marker=marker, color=colour, zorder=3, label=label)
+    stages: dict[int, list[str]] = {}
+    for k, at in enumerate(tree.stage_points, 1):
+        stages.setdefault(at, []).append(str(k))
+    for number, (at, numbers) in enumerate(stages.items()):
+        once = {"label": "stages"} if number == 0 else {}
+        ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
+        ax.text(
+            *places[at],
+            ", ".join(numbers),
+            color="white",
+            ha="center",
+            va="center",
+            fontsize=7,
+            fontweight="bold",
+            zorder=5,
+        )
+    ax.legend(frameon=False, fontsize=8, markerscale=0.5, loc="upper left")
+
+
+def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
+    """Return the places of the points: x is the time, and each branch has another height."""
+    ends = *tree.stage_points, *tree.results
+    used = sorted({m for end in ends for m in tree.path(end)})
+    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
+    for m in used:
+        children[tree.points[m].parent].append(m)
+    times = {START: 0.0}
+    for m in used:
+        point = tree.points[m]
+        times[m] = times[point.parent] + float(sum(point.weights.values(), Fraction(0)))
+    heights: dict[int, float] = {}
+    pending = [(START, START, True)]
+    while pending:  # depth first, each branch above the previous ones
+        m, parent, first = pending.pop()
+        if m == START:
+            heights[m] = 0.0
+        else:
+            heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
+        pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
+    return {m: (times[m], heights[m]) for m in (START, *used)}

@@ -1,0 +1,254 @@
+"""Words with a slot and letters, as vectors over stages or flows, and their inner products.
+
+The weight of a context h filled with a letter v is a sum over the stages k, or the flows m,
+
+    Φ(h(v)) = Σ_k left_k(h) Φ_k(v) = Σ_m left_m(h) right_m(v),   right_m(v) = Σ_k y_mk Φ_k(v),
+
+with the coefficient y_mk of the flow to point m on stage k. `Pairing.left` has the vectors of the
+contexts, `Pairing.right` those of the letters. The vectors over the flows are derivatives of
+weights by letters, which `word_weights` computes; those over the stages follow from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.words import (
+    Word,
+    add_multiple,
+    condition_words,
+    extend,
+    nodes,
+    shuffle,
+)
+from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import START
+from cg.construction.proofs.dependent.contexts import (
+    SLOT,
+    basis,
+    depth,
+    fill,
+    has_slot,
+    moments,
+    outer_nodes,
+)
+from cg.support import flint
+
+Vector = list[Any]
+_Around = dict[tuple[int, Word], Vector]  # by row and context: the vector over the flows
+_Values = dict[Word, Vector]  # by letter: its weights at the stages
+
+DIFFERENCE = 2
+"""In place of a row of weights: the difference of the first and the second."""
+
+
+class Context(NamedTuple):
+    """A word with a slot along a row of weights, times the values of a letter at stages."""
+
+    row: int
+    context: Word
+    factor: Word = ()
+
+    @property
+    def degree(self) -> int:
+        """Number of nodes of a word besides the letter in the slot."""
+        return outer_nodes(self.context) + nodes(self.factor)
+
+
+class Column(NamedTuple):
+    """A letter, given by the children of its tree, or its moments, taken repeatedly."""
+
+    letter: Word
+    moments: int = 0
+
+    @property
+    def degree(self) -> int:
+        """Number of nodes that it adds to a word, without the letter's root."""
+        return nodes(self.letter) + self.moments
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Contexts and letters as vectors over the same places, stages or flows."""
+
+    contexts: list[Context]
+    columns: list[Column]
+    left: list[Vector]  # of each context; exactly zero where it is for all coefficients
+    right: list[Vector]  # of each column
+
+    def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
+        """Return the rows and words whose weights add up to the product of two vectors."""
+        u, column = self.contexts[i], self.columns[j]
+        contexts = {u.context: 1}
+        for _ in range(column.moments):
+            contexts = extend(moments, contexts)
+        letters = shuffle(u.factor, column.letter)
+        signs = ((0, 1), (1, -1)) if u.row == DIFFERENCE else ((u.row, 1),)
+        weights: dict[tuple[int, Word], int] = {}
+        for context, factor in contexts.items():
+            for letter, multiplicity in letters.items():
+                word = fill(context, letter)
+                for row, sign in signs:
+                    add_multiple(weights, (row, word), sign * factor * multiplicity)
+        return weights
+
+
+def pairings(
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb]
+) -> tuple[Pairing, Pairing]:
+    """Return the pairing over the stages and that over the flows, for coefficients in balls `y`.
+
+    `orders` are those of the rows of weights; they bound the nodes of words.
+    """
+    most = orders[0] - 1
+    of_time = layout.of_time
+    words = sorted([(), *condition_words(most, False, of_time)], key=nodes)
+    letters = [w for w in words if not any(w)] if of_time else words
+    contexts = [(row, h) for row, q in enumerate(orders) for h in ((SLOT,), *basis(q - 2, of_time))]
+    ends = range(len(layout.ends))
+    weights = Weights(layout, [Quantity(end, w) for w in words for end in ends])
+    values_of_weights = iter(weights.evaluate(y[: layout.size]))
+    at_ends = {w: [next(values_of_weights) for _ in ends] for w in words}
+    values = {w: at_ends[w][: layout.stages] for w in letters}
+    adjoints = _Adjoints(layout, y, weights)
+    around: _Around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
+    if len(orders) > 1:
+        shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
+        for h in [h for row, h in contexts if row == 1]:
+            both = zip(around[0, h], around[1, h], strict=True)
+            # flows that both paths share come first: they act alike on a slot at the root
+            cancelled = shared if depth(h) == 0 else set()
+            around[DIFFERENCE, h] = [
+                flint.arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
+            ]
+    return (
+        _over_stages(layout, orders, y, around, values),
+        _over_flows(layout, most, y, around, values),
+    )
+
+
+def _over_stages(
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], around: _Around, values: _Values
+) -> Pairing:
+    """Return the vectors over the stages, from those over the flows and letters' values."""
+    contexts = [
+        Context(row, h, factor)
+        for row, h in around
+        for factor in values
+        if outer_nodes(h) + nodes(factor) <= orders[min(row, 1)] - 2
+    ]
+    contexts.sort(key=lambda u: u.degree)
+    at_stages = {key: _to_stages(layout, y, vector) for key, vector in around.items()}
+    left = [
+        [a * b for a, b in zip(at_stages[u.row, u.context], values[u.factor], strict=True)]
+        for u in contexts
+    ]
+    return Pairing(contexts, [Column(w) for w in values], left, list(values.values()))
+
+
+def _over_flows(
+    layout: Layout, most: int, y: Sequence[flint.arb], around: _Around, values: _Values
+) -> Pairing:
+    """Return the vectors over the flows, those of letters with their moments."""
+    contexts = sorted((Context(row, h) for row, h in around), key=lambda u: u.degree)
+    right: dict[Column, Vector] = {}
+    for w, at_stages in values.items():
+        vector: Vector = [
+            sum((y[k] * at_stages[s] for k, s in _terms(layout, m)), flint.arb(0))
+            for m in range(len(layout.parents))
+        ]
+        for k in range(most - nodes(w) + 1):
+            right[Column(w, k)] = vector
+            vector = _moments_of(layout, y, vector)
+    columns = sorted(right, key=lambda c: c.degree)
+    return Pairing(
+        contexts, columns, [around[u.row, u.context] for u in contexts], [right[c] for c in columns]
+    )
+
+
+class _Adjoints:
+    """Words with a slot as vectors over the flows: derivatives by the letter in the slot."""
+
+    def __init__(self, layout: Layout, y: Sequence[flint.arb], weights: Weights) -> None:
+        self._layout, self._y, self._weights = layout, y, weights
+        self._known: dict[tuple[int, Word], Vector] = {}
+        self._slopes: dict[tuple[int, Word], Vector] = {}
+
+    def of_result(self, row: int, context: Word) -> Vector:
+        """Return the derivatives of a weight of a result."""
+        if (row, context) not in self._known:
+            outer, inner = _cut(context)
+            if inner:
+                before = _to_stages(self._layout, self._y, self.of_result(row, outer))
+                vector = self._of_stages(before, inner)
+            else:
+                vector = self._of_row(self._layout.stages + row, outer)
+            self._known[row, context] = vector
+        return self._known[row, context]
+
+    def _of_stages(self, factors: Vector, context: Word) -> Vector:
+        """Return the derivatives of a sum of weights at stages, with these factors."""
+        outer, inner = _cut(context)
+        total: Vector = [flint.arb(0)] * len(self._layout.parents)
+        for stage, factor in enumerate(factors):
+            if not factor.is_zero():
+                for m in self._layout.path(self._layout.stage_points[stage]):
+                    total[m] = total[m] + factor * self._of_row(stage, outer)[m]
+        if not inner:
+            return total
+        return self._of_stages(_to_stages(self._layout, self._y, total), inner)
+
+    def _of_row(self, row: int, context: Word) -> Vector:
+        if (row, context) not in self._slopes:
+            place = context.index(SLOT)
+            self._slopes[row, context] = self._weights.slopes(
+                row, context[:place], context[place + 1 :]
+            )
+        return self._slopes[row, context]
+
+
+def _cut(context: Word) -> tuple[Word, Word]:
+    """Return a word with the slot in place of the letter that has it, and that letter's word."""
+    for k, letter in enumerate(context):
+        if has_slot(letter):
+            return (*context[:k], SLOT, *context[k + 1 :]), letter
+    return context, ()
+
+
+def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
+    """Return the unknowns of a flow, each with its stage."""
+    return list(enumerate(layout.weights[point], layout.starts[point]))
+
+
+def _to_stages(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
+    vector: list[Any] = [flint.arb(0)] * layout.stages
+    for m, value in enumerate(flows):
+        for k, stage in _terms(layout, m):
+            vector[stage] = vector[stage] + y[k] * value
+    return vector
+
+
+def _moments_of(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
+    """Return the vector of the moments of a letter from that of the letter, v.
+
+    They grow by ``s dv - v ds`` along a path, where s is the weight of τ; see `moments`. On the
+    flow to point m this is ``s v_m - s_m V``, with s and the sum V of v at its start, and its own
+    s_m: the products of what s and v gain on the flow itself cancel.
+    """
+    ends: list[Any] = []  # of each flow: s at its end
+    after: list[Any] = []  # of each flow: V at its end
+    moments_of_flows: list[Any] = []
+    for m, parent in enumerate(layout.parents):
+        step = sum((y[k] for k, _ in _terms(layout, m)), flint.arb(0))
+        if parent == START:
+            ends.append(step)
+            after.append(flows[m])
+            moments_of_flows.append(flint.arb(0))  # exactly: both terms are the same there
+        else:
+            moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
+            ends.append(ends[parent] + step)
+            after.append(after[parent] + flows[m])
+    return moments_of_flows

@@ -1,0 +1,135 @@
+"""Coefficients to any number of digits, by iteration in the box of a certificate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cg.construction.catalogue import resolve_method
+from cg.construction.methods.method import Method
+from cg.construction.proofs.certificate import Certificate, CertificationError
+from cg.construction.proofs.files import certificate_of
+from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
+from cg.support import flint
+from cg.support.balls import exact_midpoint
+from cg.support.balls import working_precision as precision
+from cg.support.checks import check_flag, check_integer
+from cg.support.quads import MAX_WRITTEN, to_decimal
+
+_GUARD_DIGITS = 15
+
+
+def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
+    """Return the coefficients of the exact solution that a certificate proves, as texts.
+
+    The zero is proved again; that left-out conditions follow from others only if the certificate
+    isn't the catalogue's. Fixed coefficients are as stored. All `digits` of the others are right,
+    the last one rounded. CertificationError if the certificate proves fewer digits.
+    """
+    digits = check_integer("digits", digits, 1, MAX_WRITTEN)
+    if not isinstance(certificate, Certificate):
+        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    packed = fitting(certificate, method)
+    if digits > max_digits(certificate):
+        raise CertificationError(
+            f"{certificate.name}: some conditions are only shown to be small, so that digits must "
+            f"be at most {max_digits(certificate)}, got {digits}"
+        )
+    texts = [coefficient.text for coefficient in packed.coefficients]
+    box = certificate.box
+    movable = packed.movable(box)
+    with precision(certificate.bits):
+        if certificate.radius == 0 or not movable:
+            check_rational(packed)
+            return texts
+        attempt = prove_zero(packed, box)
+        if certificate != _stored(method):
+            check_left_out(packed, box, attempt, certificate.bits)
+    for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
+        places = max(digits, -certificate.radius.adjusted()) + guard
+        with precision(precise(places, certificate.bits)):
+            zero = zero_of(packed, box, attempt, places)
+            rounded = [_rounded(zero[k], digits) for k in movable]
+        if all(rounded):
+            for k, text in zip(movable, rounded, strict=True):
+                texts[k] = text or ""
+            return texts
+    raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def max_digits(certificate: Certificate) -> int:
+    """Return how many digits a certificate proves.
+
+    With a bound on residuals these are half of its digits: residuals may be quadratic in the
+    distance from a solution of all conditions.
+    """
+    bound = certificate.box.bound
+    return MAX_WRITTEN if bound is None else min(MAX_WRITTEN, -bound.adjusted() // 2)
+
+
+def _stored(method: Method) -> Certificate | None:
+    try:
+        return certificate_of(method)
+    except CertificationError:
+        return None
+
+
+def digits(
+    method: Method | str,
+    digits: int,
+    *,
+    certificate: Certificate | None = None,
+    embedded: bool = False,
+) -> Any:
+    """Return the coefficients of the exact method, to any number of digits.
+
+    Parameters
+    ----------
+    method
+        A name is looked up in the catalogue.
+    digits
+        Significant digits of the coefficients that the certificate doesn't hold fixed.
+    certificate
+        By default the one of the catalogue; see `cg.certify`.
+    embedded
+        Of a tableau: return the second weights in place of b.
+
+    Returns
+    -------
+    a, b
+        For a tableau: strings. All digits are right. Fixed coefficients are as they are stored.
+    weights
+        For a commutator-free method: of each point, by stage. For a Magnus method each node that
+        isn't zero comes first.
+
+    Raises
+    ------
+    CertificationError
+        If there is no certificate, or it can't be proved.
+    TypeError
+        If an argument isn't of the type listed.
+    ValueError
+        If `digits` is out of range, or there are no second weights.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> cg.digits("CG4b", 40)[1][0]
+    '0.1733158389077557335176411113901044187491'
+    """
+    method = resolve_method(method)
+    if check_flag("embedded", embedded) and not method.layout.pair:
+        raise ValueError(f"embedded: {method.name or 'the method'} has no second weights")
+    if certificate is None:
+        certificate = certificate_of(method)
+    texts = refined_digits(method, certificate, digits)
+    if method.layout.rows is None:
+        return method.layout.point_weights(texts)
+    rows = [[str(entry) for entry in row] for row in method.layout.full_rows(texts)]
+    return rows[: method.stages], rows[method.stages + embedded]
+
+
+def _rounded(ball: flint.arb, digits: int) -> str | None:
+    """Return a ball's digits; None if both of its ends don't round to the same ones."""
+    ends = {to_decimal(exact_midpoint(end), digits) for end in (ball.lower(), ball.upper())}
+    return ends.pop() if len(ends) == 1 else None

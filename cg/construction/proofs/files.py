@@ -1,0 +1,70 @@
+"""The certificates of the catalogue: one TOML file for each method that has one."""
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from os import PathLike
+from pathlib import Path
+
+from cg.construction.catalogue import find_method
+from cg.construction.catalogue.entries import certificate_path
+from cg.construction.methods.method import Method
+from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.proofs.certificate import Certificate, CertificationError
+from cg.construction.proofs.statement import fitting
+
+
+def folder() -> Traversable:
+    """Return the folder of the certificates."""
+    return files("cg.construction.catalogue") / "certificates"
+
+
+def certificate_names() -> list[str]:
+    """Return the names of the methods that have certificates."""
+    names = [path.name for path in folder().iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def certificate_of(method: Method) -> Certificate:
+    """Return the certificate in the catalogue or beside the method's file, unchecked."""
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
+    name = method.name
+    if find_method(name) != method:
+        beside = None if method.file is None else certificate_beside(method.file, method)
+        if beside is not None:
+            return beside
+        raise CertificationError(
+            f"{name or 'the method'} isn't in the catalogue"
+            f"{', and no certificate lies beside its file' * (method.file is not None)}: "
+            "pass certificate=cg.certify(method)"
+        )
+    path = folder() / f"{name}.toml"
+    if not path.is_file():
+        raise CertificationError(f"{name} has no certificate")
+    if isinstance(path, Path):
+        return Certificate.load(path)
+    # of a package that isn't a folder
+    return Certificate.loads(path.read_text(encoding="utf-8"))
+
+
+def proved(method: Method) -> str:
+    """Return how much of a method's order its certificate proves.
+
+    ``"yes"``, ``"in part"`` or ``"no"``; ``"classical"`` for Munthe-Kaas methods.
+    """
+    if isinstance(method, MuntheKaas):
+        return "classical"
+    try:
+        return certificate_of(method).proved
+    except CertificationError:
+        return "no"
+
+
+def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
+    """Return the certificate beside the file of a method, or None; `check` proves it."""
+    path = certificate_path(Path(file))
+    if not path.is_file():
+        return None
+    certificate = Certificate.load(path)
+    fitting(certificate, method)
+    return certificate

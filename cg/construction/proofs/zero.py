@@ -1,0 +1,123 @@
+"""Proofs that there is a zero in a box, and that all conditions hold there.
+
+Krawczyk's test (`krawczyk`) needs as many equations as unknowns: some coefficients are held, some
+conditions left out. It proves one zero z of the others within ``radius`` of the coefficients. The
+conditions left out are then either shown to follow from the others (`dependent`), or to be below
+``bound`` at z, enclosed in balls of `places` decimal places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+
+from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.words import Condition, text
+from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.construction.proofs.certificate import Box, CertificationError
+from cg.construction.proofs.dependent.orthogonality import follow
+from cg.construction.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
+from cg.construction.proofs.statement import Packed
+from cg.support import flint
+from cg.support.balls import to_ball, to_flint, to_fraction
+from cg.support.balls import working_precision as precision
+
+SHARP_PLACES = 45
+"""Decimal places of balls around a zero, in which relations between residuals are evaluated."""
+
+_GUARD_PLACES = 12  # beyond those to which residuals are shown to be small
+
+
+def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
+    """Prove that the equations have exactly one zero in a box, or raise."""
+    system = packed.system(box.left_out)
+    movable = packed.movable(box)
+    if len(movable) != len(system.conditions):
+        raise CertificationError(
+            "there must be as many movable coefficients as equations",
+            movable=len(movable),
+            equations=len(system.conditions),
+        )
+    y = packed.balls()
+    check_places(packed, *packed.system().linearise(y))
+    attempt = krawczyk(system, y, movable, to_ball(Fraction(box.radius)))
+    if not attempt.proved:
+        raise CertificationError(f"{packed.name}: no zero is proved", **attempt.quantities)
+    return attempt
+
+
+def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> None:
+    """Prove what a box says of the conditions that are left out, at the zero of the others."""
+    if not box.left_out:
+        return
+    if box.bound is None:
+        zero = zero_of(packed, box, attempt, SHARP_PLACES)
+        if not follow(packed.layout, packed.orders, zero, box.left_out):
+            raise CertificationError(
+                f"{packed.name}: that conditions follow from others is not proved",
+                left_out=len(box.left_out),
+            )
+        return
+    largest = largest_residual(packed, box, attempt, -box.bound.adjusted(), bits)
+    if not largest < to_ball(Fraction(box.bound)):
+        raise CertificationError(
+            f"{packed.name}: that conditions are small is not proved", residual=float(largest)
+        )
+
+
+def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> list[flint.arb]:
+    """Return balls with radii below ``10**-places`` around the zero that a test proved."""
+    system, movable = packed.system(box.left_out), packed.movable(box)
+    return enclose_zero(system, packed.balls(), movable, attempt, places)
+
+
+def largest_residual(
+    packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
+) -> flint.arb:
+    """Return an upper bound of the residuals that are left out, at the zero of the others."""
+    places += _GUARD_PLACES
+    with precision(precise(places, bits)):
+        zero = zero_of(packed, box, attempt, places)
+        values = EquationSystem(packed.layout, box.left_out).residuals(zero)
+        return max_abs(values)
+
+
+def precise(places: int, bits: int) -> int:
+    """Return the precision that decimal places need, with the bits of a certificate as a guard."""
+    return math.ceil(math.log2(10) * places) + bits
+
+
+def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.arb_mat) -> None:
+    """Refuse coefficients that are further off than their last places can explain.
+
+    Otherwise a solution close to wrong coefficients would pass as theirs.
+    """
+    units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
+    allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)
+    for one, value, bound in zip(packed.conditions, values, allowed, strict=True):
+        if not abs(value) <= float(bound):
+            raise CertificationError(
+                f"the condition of {label(one)} is violated by more than the last places "
+                "of the coefficients can explain",
+                residual=float(abs(value).upper()),
+                allowed=float(bound),
+            )
+
+
+def check_rational(packed: Packed) -> None:
+    """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
+    residuals = packed.system().residuals(list(map(to_flint, packed.values)))
+    for one, residual in zip(packed.conditions, residuals, strict=True):
+        if residual != 0:
+            raise CertificationError(
+                f"{packed.name}: the condition of {label(one)} is violated",
+                residual=float(to_fraction(residual)),
+            )
+
+
+def label(condition: Condition) -> str:
+    """Return a condition's tree in brackets, and whether it is one of second weights."""
+    return text(condition.word) + " embedded" * condition.row

@@ -1,7 +1,0 @@
-"""Export of methods: data files, LaTeX tables, and one step in Python or C."""
-
-from cg.formats.digits import known_digits
-from cg.formats.exporting import FORMATS, export
-from cg.formats.others import to_diffrax, to_nodepy
-
-__all__ = ["FORMATS", "export", "known_digits", "to_diffrax", "to_nodepy"]

@@ -1,0 +1,12 @@
+from cg.construction.plots import points as points
+from cg.construction.plots import stability_region as stability_region
+from cg.construction.plots import tableau as tableau
+from cg.construction.plots import tree as tree
+from cg.plot.attitude import attitude as attitude
+from cg.plot.errors import convergence as convergence
+from cg.plot.errors import work_precision as work_precision
+from cg.plot.observables import bands as bands
+from cg.plot.observables import invariants as invariants
+from cg.plot.trajectories import bloch as bloch
+from cg.plot.trajectories import trajectory_of_axes as trajectory_of_axes
+from cg.plot.trajectories import trajectory_on_sphere as trajectory_on_sphere

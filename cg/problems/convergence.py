@@ -1,0 +1,79 @@
+"""Observed orders from errors at several step sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Frame
+from cg.integration.ivp import integrate
+from cg.integration.rhs.python import Coefficients
+from cg.support.arrays import Array, real_array
+from cg.tables import HasTable
+
+
+def slopes(h: ArrayLike, errors: ArrayLike) -> Array:
+    """Return the n - 1 slopes of log error against log step size between neighbouring points."""
+    steps, sizes = _checked(h, errors)
+    return np.diff(np.log(sizes)) / np.diff(np.log(steps))
+
+
+def observed_order(
+    h: ArrayLike,
+    errors: ArrayLike,
+    *,
+    floor: float = 0.0,
+    h_range: tuple[float, float] = (0.0, np.inf),
+) -> float:
+    """Return the least-squares slope of log error against log step size.
+
+    Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
+    """
+    steps, sizes = _vectors(h, errors)
+    # the negated comparisons keep NaN, which `_checked` reports
+    used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
+    if used.sum() < 2:
+        raise ValueError(
+            f"errors must leave two points above floor = {floor:g} with h in {h_range}, "
+            f"got h = {steps}, errors = {sizes}"
+        )
+    decreasing = np.argsort(-steps[used])
+    steps, sizes = _checked(steps[used][decreasing], sizes[used][decreasing])
+    return float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
+
+
+def final_errors(
+    f: Coefficients,
+    t_span: tuple[float, float],
+    y0: ArrayLike,
+    exact: ArrayLike,
+    *,
+    frame: Frame,
+    method: str | HasTable,
+    h: Sequence[float],
+) -> Array:
+    """Return the distances of integrations with constant steps `h` from the exact end."""
+    runs = (integrate(f, t_span, y0, frame=frame, method=method, h=size) for size in h)
+    return np.array([float(frame.distance(run.y[-1], exact)) for run in runs])
+
+
+def _vectors(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    steps, sizes = real_array(h, "h"), real_array(errors, "errors")
+    if steps.ndim != 1 or steps.shape != sizes.shape:
+        raise ValueError(
+            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
+        )
+    return steps, sizes
+
+
+def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    """Return step sizes and errors as vectors; they must be positive, and steps distinct."""
+    steps, sizes = _vectors(h, errors)
+    for name, values in (("h", steps), ("errors", sizes)):
+        if not (np.isfinite(values).all() and (values > 0.0).all()):
+            raise ValueError(f"{name} must be positive and finite, got {values}")
+    if len(np.unique(steps)) < len(steps):
+        raise ValueError(f"h must be distinct, got {steps}")
+    return steps, sizes
