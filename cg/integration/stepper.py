@@ -18,13 +18,11 @@ from cg.integration.loop.dense import DenseOutput
 from cg.integration.open_run import OpenRun
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem
-from cg.integration.rhs.function import CompiledFunction, Function
+from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.stepper_state import check_data, check_new_y, get_state, replace_rhs, restored
 from cg.support.arrays import Array, Points
-from cg.support.checks import check_flag
 from cg.support.times import apart
 
 
@@ -112,7 +110,7 @@ class Stepper(OpenRun):
     True
     """
 
-    @expand_options
+    @expand_options()
     def __init__(
         self,
         f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
@@ -121,32 +119,21 @@ class Stepper(OpenRun):
         t_bound: float = math.inf,
         *rest: Never,
         frame: Frame,
-        stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jac: Function | ArrayLike | None = None,
-        vectorized: bool = False,
         common_steps: bool = False,
-        events: Any = None,
         **options: Unpack[StepOptions],
     ) -> None:
-        given = complete_options(Stepper.__init__, rest, options, StepOptions)
+        given = complete_options(Stepper.__init__, rest, options)
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
-        vectorized = check_flag("vectorized", vectorized)
-        common = check_flag("common_steps", common_steps)
         many = is_many(frame, y0)
-        if (vectorized or common) and not many:
-            raise ValueError("vectorized and common_steps must be False for a single point")
-        if many and events is not None:
+        if many and given["events"] is not None:
             raise ValueError("events must be None for an ensemble, whose members stop apart")
-        given["events"] = events
+        given["common_steps"] = common_steps
         first_step, breakpoints = given["first_step"], given["breakpoints"]
         given["breakpoints"] = None
         given["first_step"] = None if given["h"] is None else first_step  # may exceed the span here
-        problem = make_problem(
-            f, (start, start), y0, frame=frame, options=given, many=many,
-            vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
-        )  # fmt: skip
+        problem = make_problem(f, (start, start), y0, frame, given, many=many)
         check_resolution(problem.control.h, start)
         check_data(problem.rhs, many)
         self.f = f
