@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any, Never, Unpack
@@ -23,7 +23,12 @@ from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
 from cg.integration.loop.run import Run
 from cg.integration.member_results import MemberResults, Results, solution_of
-from cg.integration.options import EnsembleOptions, complete_options, expand_options
+from cg.integration.options import (
+    EnsembleOptions,
+    Options,
+    complete_options,
+    expand_options,
+)
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction
@@ -207,8 +212,18 @@ def solve_variational_ensemble(
     return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
 
 
-def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
+def _with_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem whose solution has the derivatives that options ask for."""
+    if options["derivatives"] is None:
+        return problem
+    from cg.integration.variational.problem import with_derivatives  # which takes long
+
+    return with_derivatives(problem, options)
+
+
+def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
+    problem, progress = _with_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
     part = _integrate(problem, watch, _count_steps(problem))
     if watch is not None:
@@ -232,6 +247,7 @@ def _count_steps(problem: Problem) -> int:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
+    problem = _with_derivatives(problem, options)
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")

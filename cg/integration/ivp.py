@@ -229,7 +229,7 @@ def solve_ivp(
     True
     """
     given = complete_options(solve_ivp, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given["progress"])
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
 
 
 @expand_options(linear=True)
@@ -274,7 +274,7 @@ def solve_linear(
     (True, np.float64(0.70710678))
     """
     given = complete_options(solve_linear, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given["progress"])
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
 
 
 @expand_options(derivatives="forward")
@@ -339,7 +339,7 @@ def solve_variational(
            [-0.84147098,  0.54030231]])
     """
     given = complete_options(solve_variational, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given["progress"])
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
 
 
 @expand_options()
@@ -404,4 +404,4 @@ def integrate(
     if given["h"] is None:
         raise TypeError("h must be a real number, got None")
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    return solve_one(make_problem(f, t_span, y0, frame, given, every=every), given["progress"])
+    return solve_one(make_problem(f, t_span, y0, frame, given, every=every), given)

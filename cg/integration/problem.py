@@ -339,15 +339,10 @@ def make_problem(
             f"{short(options['events'])}"
         )
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    problem = Problem(
+    return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
         limits=limits, control=control, events=events, t_eval=t_eval,
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer,
     )  # fmt: skip
-    if options["derivatives"] is None:
-        return problem
-    from cg.integration.variational.problem import with_derivatives
-
-    return with_derivatives(problem, options)

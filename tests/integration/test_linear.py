@@ -249,7 +249,7 @@ def test_a_compiled_function_that_reads_its_point_is_refused(tmp_path, reads):
         return cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), rtol=1e-9, atol=1e-9)
 
     if reads:
-        refuses(ValueError, "^a must", solve)
+        refuses(ValueError, "^f must", solve)
         return
     same = cg.solve_linear(lambda t: [t, 1.0, 2 * t], (0, 1), np.eye(3), frame=SO3(), rtol=1e-9,
                            atol=1e-9)  # fmt: skip
