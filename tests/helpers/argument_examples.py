@@ -10,9 +10,9 @@ import matplotlib.figure
 import numpy as np
 
 import cg
-from cg import catalogue, conditions, construction, frames, plot
-from cg import proofs as certification
-from cg.construction import diagnosis
+from cg import conditions, frames, plot
+from cg.construction import candidate, catalogue, diagnosis, eliminate, optimise
+from cg.construction import proofs as certification
 from cg.construction.methods import low_storage, stability
 from cg.construction.trees import ordered as trees
 from cg.support import quads
@@ -50,7 +50,7 @@ CERTIFICATE = cg.certify("CG3")
 TREE = trees.OrderedTree.parse("[[]]")
 SO3 = frames.SO3()
 X = np.linspace(0.1, 0.6, 6)
-CANDIDATE = construction.pack_method(CG3)
+CANDIDATE = candidate.pack_method(CG3)
 SOLVED = cg.solve_ivp(lambda t, y: [0.1, 0.2, 0.3], (0, 1), np.eye(3), frame=SO3, dense_output=True)
 
 
@@ -190,12 +190,12 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(catalogue.resolve_method, method="CG3"),
     call(diagnosis.draw_tree, tree=TREE),
     call(diagnosis.draw_points, method=CG3, digits=4),
-    call(construction.pack_method, method=CG3, order=3),
-    call(construction.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
+    call(candidate.pack_method, method=CG3, order=3),
+    call(candidate.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
          max_iterations=5),
-    call(construction.Goals, principal_error=1.0, interval=(0.0, 1.0), bound=1.5),
-    call(construction.walk, candidate=CANDIDATE, random=RNG, size=0.3, largest=4.0),
-    call(construction.optimise, candidate=CANDIDATE, goals=construction.Goals(), frozen=[],
+    call(optimise.Goals, principal_error=1.0, interval=(0.0, 1.0), bound=1.5),
+    call(eliminate.walk, candidate=CANDIDATE, random=RNG, size=0.3, largest=4.0),
+    call(optimise.optimise, candidate=CANDIDATE, goals=optimise.Goals(), frozen=[],
          max_iterations=1, tolerance=1e-3),
     call(impossibility.read_shape, impossibility.ImpossibilityError, text="tableau", stages=2),
     call(frames.hat, v=[0.1, 0.2, 0.3]),
