@@ -7,6 +7,7 @@ module accepted_step_m
   use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
+  use method_m, only: kind_polynomial
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: store_zeros
   use step_events_m, only: crosses, find_zeros, rotates_far
@@ -232,7 +233,7 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             point = y
-          else if (x%problem%method%polynomial) then
+          else if (x%problem%method%kind == kind_polynomial) then
             call prepare_next(x, output)
             point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else

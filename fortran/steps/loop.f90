@@ -13,6 +13,7 @@
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
+  use method_m, only: kind_polynomial
   use output_m, only: has_room, output_t
   use accepted_step_m, only: detect_events, examine_step, prepare_inner, store_output
   use collocation_m, only: store_column
@@ -89,7 +90,7 @@ contains
     case (phase_error_received)
       call store_error(x)
     case (phase_finish_step)
-      if (x%problem%method%polynomial) call prepare_inner(x, output)
+      if (x%problem%method%kind == kind_polynomial) call prepare_inner(x, output)
       call finish_step(x)
     case (phase_decide_step)
       call accept_or_reject(x)

@@ -7,6 +7,7 @@ module requests_m
   use frames_m, only: complete_coefficients
   use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers
+  use method_m, only: kind_splitting
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vector_field_m, only: evaluate
@@ -77,7 +78,7 @@ contains
     if (x%request%flag == 0) then
       if (x%problem%frame%forces > 0) then
         call take_forces(x%problem%frame, y, f)
-        if (.not. x%problem%method%splitting) call add_free_motion(x%problem%frame, y, f)
+        if (x%problem%method%kind /= kind_splitting) call add_free_motion(x%problem%frame, y, f)
       end if
       if (x%problem%frame%ambient) call complete_coefficients(x%problem%frame, y, f)
       if (finite(size(f), f)) then

@@ -9,6 +9,7 @@ module step_events_m
   use kinds, only: wp
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
+  use method_m, only: kind_splitting
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
   use shared_numbers, only: out_of_memory, raised, resting_contact
@@ -91,7 +92,7 @@ contains
 
     rate = reshape([x%slope, x%end_slope], shape(rate))
     associate (frame => x%problem%frame)
-      if (x%problem%method%splitting) then   ! its coefficients are forces alone
+      if (x%problem%method%kind == kind_splitting) then   ! its coefficients are forces alone
         call add_free_motion(frame, x%y(:, 0), rate(:, 1))
         call add_free_motion(frame, x%y(:, x%result), rate(:, 2))
       end if
