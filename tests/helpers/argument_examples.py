@@ -98,11 +98,11 @@ RUNS = {"seed": 1, "workers": 1}
 
 # fmt: off
 FUNCTION_EXAMPLES: dict[str, Call] = by_name([
-    call(cg.solve_linear, a=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
+    call(cg.solve_linear, f=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
          method="CFM4", h=0.5),
-    call(cg.solve_linear, a=lambda t, *args: np.full((len(t), 3), 0.1), t_span=(0.0, 1.0),
+    call(cg.solve_linear, f=lambda t, *args: np.full((len(t), 3), 0.1), t_span=(0.0, 1.0),
          y0=np.eye(3), frame=SO3, vectorized=True),
-    call(cg.solve_linear_ensemble, a=lambda t, row: 0.1 * row, t_span=(0.0, 1.0), y0=np.eye(3),
+    call(cg.solve_linear_ensemble, f=lambda t, row: 0.1 * row, t_span=(0.0, 1.0), y0=np.eye(3),
          frame=SO3, parameters=np.ones((2, 3)), method="CFM4", h=0.5),
     call(cg.solve_ivp, cg.ConvergenceError, **LONG, **CONTROL, **OUTPUT, **LIMITS,
          breakpoints=[0.5], max_steps=100, parameters=[1.0, 2.0], progress=lambda t, end: None),
@@ -114,9 +114,9 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
          parameters=[0.5, 0.25], P0=np.diag([1.0, 2.0, 3.0]), control_derivatives=True,
          breakpoints=[0.5], noise=np.eye(3)),
     call(cg.solve_variational, **SHORT, derivatives="adjoint", rtol=1e-3),
-    call(cg.solve_linear, a=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
+    call(cg.solve_linear, f=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
          derivatives="adjoint", parameters=[0.5, 0.25, 1.0],
-         da_dp=jac),
+         df_dp=jac),
     call(cg.solve_variational_ensemble, **TWO, parameters=[[0.5, 0.25], [1.0, 0.25]],
          P0=np.diag([1.0, 2.0, 3.0]), method="CG4(3)", max_steps=100),
     call(cg.integrate, cg.ConvergenceError, **SHORT, method="CG3", h=0.25,

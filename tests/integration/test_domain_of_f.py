@@ -126,7 +126,7 @@ def test_linear(method, vectorized):
                                vectorized=vectorized)  # fmt: skip
     assert solution.status == -1
     assert abs(solution.t[-1] - 1) < 1e-14
-    assert "a must return finite numbers" in solution.message
+    assert "f must return finite numbers" in solution.message
     with pytest.raises(KeyError, match="mine"):
         cg.solve_linear(lambda t: raising(t, 0, np.zeros(1)) * np.ones(3), (0, 5), np.eye(3),
                         frame=SO3(), method=method, vectorized=vectorized)  # fmt: skip
