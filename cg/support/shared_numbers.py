@@ -34,6 +34,7 @@ class Stop(IntEnum):
     RAISED = 14  # an exception of Python
     RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
+    STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps

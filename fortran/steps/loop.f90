@@ -8,18 +8,20 @@
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
-!        |                               '------------- rejected --------------'          v
-!        '-------- [jump] <- store output <- [interpolant] <- [detect events] <-----------'
+!        |                               |'------------ rejected --------------'          v
+!        |                               '------------- [tried again] ------ [interpolant, events]
+!        '-------- [jump] <- store output <- complete step <------------------------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
+  use method_m, only: kind_polynomial
   use output_m, only: has_room, output_t
-  use accepted_step_m, only: detect_events, examine_step, prepare_inner, store_output
+  use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
-  use requests_m, only: check_coefficients, request
+  use requests_m, only: check_coefficients, request, retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
@@ -89,7 +91,7 @@ contains
     case (phase_error_received)
       call store_error(x)
     case (phase_finish_step)
-      if (x%problem%method%polynomial) call prepare_inner(x, output)
+      if (x%problem%method%kind == kind_polynomial) call prepare_inner(x, output)
       call finish_step(x)
     case (phase_decide_step)
       call accept_or_reject(x)
@@ -107,6 +109,11 @@ contains
       call store_node(x)
     case (phase_detect_events)
       call detect_events(x, output)
+    case (phase_complete_step)
+      call complete_step(x, output)
+    case (phase_step_shared)
+      x%phase = phase_store_output
+      if (x%request%shared > 0) call retry_step(x)
     case (phase_store_output)
       call store_output(x, output)
     end select

@@ -272,11 +272,26 @@ def test_all_events_of_very_long_steps_are_found(steps, sign):
     np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=1e-11)
 
 
-@pytest.mark.parametrize("common", [None, False, True])
-def test_a_step_that_turns_too_far_for_its_events(common):
-    options = {"frame": cg.frames.SO3(), "method": "CF4", "h": 1e10, "events": lambda t, y: y[0, 0]}
-    solve, y0 = cg.solve_ivp, np.eye(3)
-    if common is not None:
-        solve, y0, options["common_steps"] = cg.solve_ensemble, y0[None], common
-    with pytest.raises(MemoryError, match="the events, of one step"):
-        solve(lambda t, y: [0.0, 0.0, 1.0], (0, 2e10), y0, **options)
+def test_a_step_that_turns_too_far_for_its_events():
+    f, options = lambda t, y: [0.0, 0.0, 1.0], {"frame": SO3(), "method": "CF4", "h": 1e10}
+    options["events"] = lambda t, y: y[0, 0]
+    with pytest.raises(cg.StepTooLongError, match="from t = 0 is too long for its events"):
+        cg.solve_ivp(f, (0, 2e10), np.eye(3), **options)
+    for common in (False, True):
+        with pytest.warns(UserWarning, match="too long for its events"):
+            run = cg.solve_ensemble(f, (0, 2e10), np.eye(3)[None], common_steps=common, **options)
+        assert not run.success
+
+
+def test_common_steps_that_turn_too_far_for_events_are_tried_again():
+    solution = cg.solve_ensemble(
+        lambda t, y, row: [0.0, 0.0, row[0]], (0, 1), np.eye(3), parameters=[[1.0], [8e3]],
+        frame=SO3(), common_steps=True,
+        events=cg.Event(lambda t, y, row: y[1, 0] - 0.5, direction=1),
+    )  # fmt: skip
+    first, second = solution.t_events[0]
+    turns = 2 * np.pi * np.arange(len(second))
+    np.testing.assert_allclose(first, np.pi / 6, rtol=1e-12)
+    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 8e3, rtol=1e-9)
+    assert len(second) == int((8e3 - np.pi / 6) / (2 * np.pi)) + 1
+    assert (solution.nrejected > 0).all()

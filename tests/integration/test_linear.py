@@ -189,7 +189,7 @@ class Qobj:
 
 
 def test_objects_of_qutip_are_named():
-    refuses(ValueError, r"full\(\)", SU(2).coefficients, Qobj())
+    refuses(ValueError, r"full\(\)", SU(2).vee, Qobj())
 
 
 def test_stiff_methods_that_need_brackets_are_no_better():

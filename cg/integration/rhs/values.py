@@ -109,5 +109,5 @@ class Check:
             if shape != self.frame.point_shape:
                 return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
             return "; f returns coefficients of the frame's fields, not the derivative of y"
-        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
+        name = "frame.vee" if group is self.frame else "frame.group.vee"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
