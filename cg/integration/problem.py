@@ -28,20 +28,20 @@ from cg.integration.arguments import (
     check_stops,
     check_times,
 )
+from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
-from cg.integration.loop.record import Control
 from cg.integration.options import EnsembleOptions
-from cg.integration.results import EnsembleSolution
+from cg.integration.output.results import EnsembleSolution
+from cg.integration.plan.jacobian import Jacobian, jacobian_of
+from cg.integration.plan.plan import Plan, has_brackets, plan_of
+from cg.integration.plan.stage_solver import check_stage_solver
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.implicit import check_stage_solver
-from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart

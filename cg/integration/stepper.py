@@ -29,17 +29,17 @@ from cg.integration.arguments import (
     is_many,
 )
 from cg.integration.friction import check_members
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput
-from cg.integration.loop.drive import StepBudget
-from cg.integration.loop.failures import explain_failure
-from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
-from cg.integration.loop.run import Run
 from cg.integration.options import StepOptions, complete_options, expand_options
+from cg.integration.output.dense import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs, check_inputs
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.rhs.samples import Samples
+from cg.integration.run.drive import StepBudget
+from cg.integration.run.failures import explain_failure
+from cg.integration.run.messages import TERMINAL_EVENT, failed_members
+from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS

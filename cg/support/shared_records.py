@@ -133,6 +133,9 @@ COUNTERS = {
 }
 """What is counted of a member."""
 
+COUNTS = tuple(COUNTERS)[2:]
+"""Counts of each member in results, in the order of compiled code."""
+
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Points
 from cg.support.copies import filled
 from cg.support.shared_records import EVENT

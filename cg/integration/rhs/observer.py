@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, PythonRhs
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Array, Points
 
 STORED = "all", "observed"

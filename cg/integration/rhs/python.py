@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import Check
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
-from cg.integration.rhs.values import Check
 from cg.support.arrays import Array, Points
 
 Coefficients = Callable[..., ArrayLike]

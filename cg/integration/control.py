@@ -1,24 +1,13 @@
-"""What Python passes to a run of compiled code: its record, step size control and output."""
+"""The step size control of an integration."""
 
 from __future__ import annotations
 
-import ctypes
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from cg.support.arrays import Array
-from cg.support.shared_records import COUNTERS, RECORD, fields_of
-
-COUNTS = tuple(COUNTERS)[2:]
-"""Counts of each member, in the order of compiled code."""
-
-
-class Record(ctypes.Structure):
-    """The record that compiled code reads and writes."""
-
-    _fields_ = fields_of(RECORD)
 
 
 class Control(NamedTuple):

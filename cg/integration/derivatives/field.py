@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
+from cg.integration.plan.plan import cached_by_frame
+from cg.integration.rhs.checks import Check, when
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.derivatives import Derivative, read_only
+from cg.integration.rhs.given_derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.values import Check, when
-from cg.integration.step.plan import cached_by_frame
 from cg.support.arrays import Array, Points
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))

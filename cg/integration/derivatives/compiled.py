@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.loop.messages import DERIVATIVES
+from cg.integration.derivatives.field import DIFFERENCE_STEP, VariationalField
+from cg.integration.derivatives.noise import Noise
+from cg.integration.plan.blocks import is_compiled
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.derivatives import Derivative
+from cg.integration.rhs.given_derivatives import Derivative
 from cg.integration.rhs.inputs import DataReader, Inputs, WithInput, arguments_of
 from cg.integration.rhs.python import context_of
-from cg.integration.step.compiled_frames import is_compiled
-from cg.integration.step.plan import Plan
-from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
-from cg.integration.variational.noise import Noise
+from cg.integration.run.messages import DERIVATIVES
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.loop.run import Run
-from cg.integration.loop.stiffness import StepCheck
+from cg.integration.run.run import Run
+from cg.integration.run.stiffness import StepCheck
 from cg.support.parallel import raise_if_stopped
 
 _SECONDS = 0.03  # between two checks for an interrupt

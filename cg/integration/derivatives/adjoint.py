@@ -6,8 +6,8 @@ cost with respect to the point at time t is a covector :math:`\lambda`, which sa
 the start is the gradient with respect to the initial point, and :math:`\int \lambda^H B\,dt` that
 with respect to the parameters.
 
-The intervals of `cg.integration.adjoint_equation` are the steps of the integration, divided at
-output times and at those of samples.
+The intervals of `cg.integration.derivatives.adjoint_equation` are the steps of the integration,
+divided at output times and at those of samples.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.integration.adjoint_equation import Equation, Gradient, Intervals, solve
-from cg.integration.loop.dense import DenseOutput
+from cg.integration.derivatives.adjoint_equation import Equation, Gradient, Intervals, solve
+from cg.integration.output.dense import DenseOutput
+from cg.integration.output.results import EnsembleSolution
 from cg.integration.problem import Problem
-from cg.integration.results import EnsembleSolution
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none

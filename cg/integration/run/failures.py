@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.loop.messages import DERIVATIVES, StepTooLongError
-from cg.integration.loop.record import COUNTS
-from cg.integration.loop.run import Run
-from cg.integration.loop.stiffness import find_difficulty
-from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
+from cg.integration.plan.stage_solver import STAGE_SOLVERS, ConvergenceError
+from cg.integration.run.messages import DERIVATIVES, StepTooLongError
+from cg.integration.run.run import Run
+from cg.integration.run.stiffness import find_difficulty
 from cg.support.shared_numbers import Stop
+from cg.support.shared_records import COUNTS
 from cg.tables import Kind
 
 _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning

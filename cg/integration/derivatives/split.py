@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from cg.integration.derivatives.events import VariationalEvents
+from cg.integration.derivatives.field import VariationalField
+from cg.integration.output.results import EnsembleSolution
 from cg.integration.problem import Problem
-from cg.integration.results import EnsembleSolution
-from cg.integration.variational.events import VariationalEvents
-from cg.integration.variational.field import VariationalField
 from cg.support.arrays import Array
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput
-from cg.integration.loop.messages import FINISHED
-from cg.integration.loop.record import COUNTS
+from cg.integration.output.dense import DenseOutput, EnsembleOutput
+from cg.integration.run.messages import FINISHED
 from cg.support.arrays import Array, Points
 from cg.support.copies import ReadOnly, filled
+from cg.support.shared_records import COUNTS
 from cg.support.times import apart
 from cg.tables import MethodTable, made
 

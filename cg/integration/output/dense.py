@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.integration.step.callbacks import Callbacks
-from cg.integration.step.plan import Plan
+from cg.integration.plan.callbacks import Callbacks
+from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, real_array
 from cg.support.copies import ReadOnly
 from cg.support.times import apart, clipped

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import when
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.derivatives import Derivative, derivative_of
+from cg.integration.rhs.given_derivatives import Derivative, derivative_of
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.rhs.values import when
 from cg.support.arrays import Array, Points
 from cg.tables import Kind, MethodTable
 

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.integration.loop.record import COUNTS
-from cg.integration.loop.run import Run
+from cg.integration.plan.plan import has_brackets
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.plan import has_brackets
+from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Stop
+from cg.support.shared_records import COUNTS
 from cg.tables import Kind, MethodTable
 
 _STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.integration.adjoint import tolerance_of, with_adjoint
-from cg.integration.adjoint_equation import Equation
-from cg.integration.linear_adjoint import with_linear_adjoint
-from cg.integration.loop.dense import DenseOutput
+from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint
+from cg.integration.derivatives.adjoint_equation import Equation
+from cg.integration.derivatives.compiled import compiled_variation
+from cg.integration.derivatives.events import VariationalEvents
+from cg.integration.derivatives.field import VariationalField
+from cg.integration.derivatives.linear_adjoint import with_linear_adjoint
+from cg.integration.derivatives.noise import check_covariance, noise_of
+from cg.integration.derivatives.split import Derivatives
 from cg.integration.options import Options
+from cg.integration.output.dense import DenseOutput
+from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import ADJOINT, Problem, Rhs
-from cg.integration.rhs.derivatives import derivative_of
+from cg.integration.rhs.given_derivatives import derivative_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.plan import has_brackets, plan_of
-from cg.integration.variational.compiled import compiled_variation
-from cg.integration.variational.events import VariationalEvents
-from cg.integration.variational.field import VariationalField
-from cg.integration.variational.noise import check_covariance, noise_of
-from cg.integration.variational.results import Derivatives
 from cg.support.arrays import Array, Points, check_finite
 from cg.tables import Kind
 

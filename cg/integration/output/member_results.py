@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
-from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
-from cg.integration.loop.record import COUNTS
+from cg.integration.output.dense import DenseOutput, EnsembleOutput, Steps
+from cg.integration.output.results import EnsembleSolution, Solution, member_fields
 from cg.integration.problem import Problem
-from cg.integration.results import EnsembleSolution, Solution, member_fields
+from cg.integration.run.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.support.arrays import Array, Points
 from cg.support.copies import filled
+from cg.support.shared_records import COUNTS
 
 
 class MemberResults(NamedTuple):

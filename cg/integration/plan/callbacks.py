@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import FlowOverflowError
+from cg.integration.plan.blocks import Dexpinv, dexpinv_of
+from cg.integration.plan.jacobian import Jacobian
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.compiled_frames import Dexpinv, dexpinv_of
-from cg.integration.step.jacobian import Jacobian
-from cg.integration.step.plan import Plan
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
 

@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.step.compiled_frames import (
+from cg.integration.plan.blocks import (
     block_constants,
     describe_blocks,
     has_compiled_difference,

@@ -7,9 +7,9 @@ from typing import Any
 
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.inputs import Inputs, WithInput
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Array, Points
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from cg.integration.derivatives.field import VariationalField, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
-from cg.integration.variational.field import VariationalField, parameter_steps
 from cg.support.arrays import Array, Points
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)

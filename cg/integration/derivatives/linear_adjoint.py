@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from cg.frames.linear_action import LinearAction
-from cg.integration.adjoint import tolerance_of, with_adjoint
-from cg.integration.adjoint_equation import Equation
-from cg.integration.loop.dense import DenseOutput
+from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint
+from cg.integration.derivatives.adjoint_equation import Equation
+from cg.integration.derivatives.field import parameter_differences, structure_constants
+from cg.integration.output.dense import DenseOutput
+from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
+from cg.integration.rhs.checks import when
 from cg.integration.rhs.compiled import CompiledRhs, call_field
-from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.function import TimeFunction
+from cg.integration.rhs.given_derivatives import Derivative, derivative_of
 from cg.integration.rhs.python import PythonRhs, context_of
-from cg.integration.rhs.values import when
-from cg.integration.step.plan import has_brackets
-from cg.integration.variational.field import parameter_differences, structure_constants
 from cg.support.arrays import Array, Points, check_finite
 
 

@@ -14,21 +14,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.integration.loop.dense import Steps
-from cg.integration.loop.record import COUNTS, Record
+from cg.integration.output.dense import Steps
+from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.callbacks import Callbacks
 from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
-from cg.support.shared_records import COUNTERS
+from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
+
+
+class Record(ctypes.Structure):
+    """The record that compiled code reads and writes."""
+
+    _fields_ = fields_of(RECORD)
 
 
 class Run:
