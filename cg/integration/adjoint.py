@@ -30,7 +30,7 @@ from cg.support.arrays import Array, Points, check_finite, complex_array, real_a
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Adjoint:
     """Gradients of costs of a solution with ``derivatives="adjoint"``, which has these methods.
 
@@ -52,6 +52,9 @@ class Adjoint:
     _equation: Equation
     _output: DenseOutput
     _times: Array  # of the output
+
+    def __repr__(self) -> str:
+        return f"Adjoint(times={len(self._times)}, shape={self._equation.shape})"
 
     def gradient(self, cotangent: ArrayLike) -> Gradient:
         """Return the derivatives of a cost by the initial point, parameters and inputs.
@@ -188,8 +191,7 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
         one = joint[0]
         assert one.sol is not None
         adjoint = Adjoint(equation_of(one.sol), one.sol, one.t)
-        sol = one.sol if problem.dense else None
-        return [replace(one, sol=sol, gradient=adjoint.gradient, jacobian=adjoint.jacobian)]
+        return [replace(one, sol=one.sol if problem.dense else None, adjoint=adjoint)]
 
     return replace(problem, dense=True, finish=finish)
 

@@ -25,13 +25,33 @@ _DERIVATIVES = {  # with their last axes
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
-class _Labelled(ReadOnly):
+@dataclass(frozen=True, eq=False)
+class _Results(ReadOnly):
+    """What is known of one solution, and of those of many members with an axis for these."""
+
     t: Array
     y: Points
-    observed: Array | None
+    sol: Any
+    t_events: list[Any] | None
+    y_events: list[Any] | None
+    y_after: list[Any] | None
+    nfev: Any
+    njev: Any
+    nlu: Any
+    nexp: Any
+    steps: Any
+    nrejected: Any
     status: Any
+    message: str
+    success: bool
     table: MethodTable
     frame: Frame
+    h: float | None = None
+    observed: Array | None = None
+    transition: Any = None  # not Array | None, with which type checkers refuse transition[-1]
+    sensitivity: Any = None
+    covariance: Any = None
+    dt_events: list[Any] | None = None
 
     @property
     def method(self) -> Any:
@@ -73,7 +93,7 @@ class _Labelled(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(_Labelled):
+class Solution(_Results):
     """The solution of an initial value problem, with the field names of SciPy's function.
 
     The derivative of ``y[i]`` with respect to a number has coordinates ``xi`` in the frame if it is
@@ -130,8 +150,9 @@ class Solution(_Labelled):
     dt_events
         For each event the derivatives of its times with respect to the coordinates of ``y0``, then
         the parameters, shape ``(n_i, dim + k)``, or None without events.
-    gradient, jacobian
-        With ``derivatives="adjoint"`` the functions of `cg.Adjoint`, else None.
+    adjoint
+        With ``derivatives="adjoint"`` a `cg.Adjoint`, else None; so are its methods ``gradient``
+        and ``jacobian``, which the solution has as well.
 
     Examples
     --------
@@ -162,12 +183,7 @@ class Solution(_Labelled):
     array([0.      , 0.      , 3.141593])
     """
 
-    t: Array
-    y: Points
     sol: DenseOutput | None
-    t_events: list[Any] | None
-    y_events: list[Any] | None
-    y_after: list[Any] | None
     nfev: int
     njev: int
     nlu: int
@@ -175,18 +191,17 @@ class Solution(_Labelled):
     steps: int
     nrejected: int
     status: int
-    message: str
-    success: bool
-    table: MethodTable
-    frame: Frame
-    h: float | None = None
-    observed: Array | None = None
-    transition: Any = None  # not Array | None, with which type checkers refuse transition[-1]
-    sensitivity: Any = None
-    covariance: Any = None
-    dt_events: list[Any] | None = None
-    gradient: Any = None
-    jacobian: Any = None
+    adjoint: Any = None
+
+    @property
+    def gradient(self) -> Any:
+        """`Adjoint.gradient`."""
+        return self.adjoint and self.adjoint.gradient
+
+    @property
+    def jacobian(self) -> Any:
+        """`Adjoint.jacobian`."""
+        return self.adjoint and self.adjoint.jacobian
 
     def __repr__(self) -> str:
         times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
@@ -197,7 +212,7 @@ class Solution(_Labelled):
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleSolution(_Labelled):
+class EnsembleSolution(_Results):
     """The solutions of many problems; ``solution[i]`` is the `Solution` of a member.
 
     Attributes
@@ -241,31 +256,9 @@ class EnsembleSolution(_Labelled):
     ((3, 2, 3, 3), [0, 0], (3, 3, 3))
     """
 
-    t: Array
-    y: Points
     sol: EnsembleOutput | None
-    t_end: Array
-    t_events: list[list[Array]] | None
-    y_events: list[list[Points]] | None
-    y_after: list[list[Points]] | None
-    status: Any
-    nfev: Any
-    njev: Any
-    nlu: Any
-    nexp: Any
-    steps: Any
-    nrejected: Any
-    messages: dict[int, str]
-    message: str
-    success: bool
-    table: MethodTable
-    frame: Frame
-    h: float | None = None
-    observed: Array | None = None
-    transition: Any = None
-    sensitivity: Any = None
-    covariance: Any = None
-    dt_events: list[list[Array]] | None = None
+    t_end: Array = field(kw_only=True)  # the last time of each member
+    messages: dict[int, str] = field(kw_only=True)
     _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
     def __repr__(self) -> str:
