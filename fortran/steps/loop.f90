@@ -21,7 +21,7 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
-  use requests_m, only: check_coefficients, request, retry_step
+  use requests_m, only: check_coefficients, request, retry_or_store
   use phases_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
@@ -109,8 +109,7 @@ contains
     case (phase_complete_step)
       call complete_step(x, output)
     case (phase_step_shared)
-      x%phase = phase_store_output
-      if (x%request%shared > 0) call retry_step(x)
+      call retry_or_store(x)
     case (phase_store_output)
       call store_output(x, output)
     end select
