@@ -44,7 +44,8 @@ contains
         call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
         if (x%status /= finished) return
         x%needs_interpolant = any(events%came_from /= 0) &
-          .or. any(crosses(events%before, events%after, x%problem%events%direction) &
+          .or. any(crosses(events%before, events%after, x%problem%events%direction, &
+                           x%problem%events%period) &
                    .and. (abs(events%after) > 0 .or. x%last%kept))
       end associate
     end if

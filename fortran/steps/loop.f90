@@ -21,7 +21,7 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
-  use requests_m, only: check_coefficients, request, retry_step
+  use requests_m, only: check_coefficients, request, retry_or_store
   use phases_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
@@ -78,10 +78,7 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-      x%slope_known = .true.
-      x%phase = phase_next_stage
-      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+      call store_start(x)
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
@@ -112,11 +109,20 @@ contains
     case (phase_complete_step)
       call complete_step(x, output)
     case (phase_step_shared)
-      x%phase = phase_store_output
-      if (x%request%shared > 0) call retry_step(x)
+      call retry_or_store(x)
     case (phase_store_output)
       call store_output(x, output)
     end select
   end subroutine advance
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_start(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+    x%slope_known = .true.
+    x%phase = phase_next_stage
+    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+  end subroutine store_start
 
 end module loop_m

@@ -4,8 +4,8 @@
 module step_m
   use kinds, only: wp
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
-  use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
-                          max_suspicion, rejected_size, resumed_size, suspected_error
+  use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
+                          resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
   use explicit_m, only: request_explicit, start_explicit, store_explicit
   use frames_m, only: apply_flows

@@ -28,13 +28,16 @@ module step_events_m
 contains
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
-  ! at the end of the interval before, or it is the initial point.
-  pure elemental logical function crosses(before, after, direction)
+  ! at the end of the interval before, or it is the initial point. A change by more than half a period
+  ! is a wrap.
+  pure elemental logical function crosses(before, after, direction, period)
     real(wp), intent(in) :: before, after
     integer, intent(in) :: direction
+    real(wp), intent(in) :: period           ! 0 without one
 
     crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
+    if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
   end function crosses
 
   ! Finds the zeros of all events in a step, unless a function fails. If `detects` is true, the
@@ -188,7 +191,10 @@ contains
     real(wp), intent(in) :: ends(2), values(2)
     real(wp) :: zero
 
-    if (.not. crosses(values(1), values(2), g%trajectory%problem%events%direction(g%event))) return
+    associate (events => g%trajectory%problem%events)
+      if (.not. crosses(values(1), values(2), events%direction(g%event), &
+                        events%period(g%event))) return
+    end associate
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero)

@@ -126,7 +126,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.solve_ivp, **SHORT, inputs=cg.Samples([0.0, 0.5], [1.0, 2.0])),
     call(cg.Samples, times=[0.0, 0.5, 1.0], values=[[1.0, 2.0, 3.0]], kind="hold", end=2.0,
          causal=False, members=True),
-    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=stay),
+    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=stay, period=6.0),
     call(cg.Stepper, f=turning, t0=0.0, y0=np.eye(3), t_bound=1.0, frame=SO3, **CONTROL, **LIMITS,
          args=(1.0,), parameters=[1.0, 2.0], breakpoints=[0.5]),
     call(cg.search, OSError, order=2, stages=2, starts=2, **RUNS, maxfev=50, refine_below=1e-15,
