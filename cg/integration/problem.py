@@ -301,7 +301,12 @@ def make_problem(
     many: bool = False,
     every: int = 1,
 ) -> Problem:
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
+
+    The order is that of need: flags decide what other options may be, the frame and the method how
+    points are read, points and inputs how many members there are, and all of these make the
+    right-hand side, which is called from then on.
+    """
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)

@@ -14,7 +14,13 @@ from cg.integration.plan.blocks import is_compiled
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.given_derivatives import Derivative
-from cg.integration.rhs.inputs import DataReader, Inputs, WithInput, arguments_of
+from cg.integration.rhs.inputs import (
+    DataReader,
+    Inputs,
+    WithInput,
+    arguments_of,
+    members_with_data,
+)
 from cg.integration.rhs.python import context_of
 from cg.integration.run.messages import DERIVATIVES
 from cg.support.arrays import Array, Points
@@ -91,9 +97,7 @@ def compiled_variation(
 
     first, *constants = _first_record(variational, plan)
     in_python = _set_functions(first, variational)
-    members = (None if inputs is None else inputs.members) or 1
-    if parameters is not None:
-        members = len(parameters)
+    members = members_with_data(inputs, parameters) or 1
     first.inputs = 0 if inputs is None else inputs.width
     own = variational.count - variational.inputs
     scales = np.zeros(own + first.inputs)

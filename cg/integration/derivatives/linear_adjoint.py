@@ -18,7 +18,7 @@ from cg.integration.rhs.checks import when
 from cg.integration.rhs.compiled import CompiledRhs, call_field
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.given_derivatives import Derivative, derivative_of
-from cg.integration.rhs.python import PythonRhs, context_of
+from cg.integration.rhs.python import context_of
 from cg.support.arrays import Array, Points, check_finite
 
 
@@ -75,15 +75,8 @@ def _linearisation(
 
 def _coefficients(rhs: Any, times: Array, point: Points) -> Array:
     """Return the coefficients at times, shape ``(times, dim)``."""
-    if rhs.vectorized:
-        members = np.zeros(len(times), dtype=np.intp)
-        row: Array = rhs.at_members(times.copy(), members, point[None].copy())
-        return row
-    points = np.broadcast_to(point, (len(times), *point.shape))
-    if not isinstance(rhs, PythonRhs):
-        own: Array = rhs.at_times(times, points)
-        return own
-    return call_field(rhs, *rhs.addresses()[:2], rhs.frame, times, points)
+    values: Array = rhs.at_times(times, np.broadcast_to(point, (len(times), *point.shape)))
+    return values
 
 
 def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points) -> Array:
