@@ -280,7 +280,7 @@ class MatrixGroup(Frame):
             return coordinates_between(block, self.dim, 2, start, end)
         # Quotient minus identity from the difference, without cancellation for points nearby
         difference = self._quotient(start, end - start)
-        finite = np.isfinite(difference).all(axis=(-2, -1))[..., None]
+        finite = np.asarray(np.isfinite(difference).all(axis=(-2, -1)))[..., None]
         coordinates = self._log1p(np.where(finite[..., None], difference, 0.0))
         return self._checked_coordinates(np.where(finite, coordinates, np.nan), start, end)
 
