@@ -43,7 +43,8 @@ def solve_ivp(
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
+        `cg.frames.PhaseSpace` the forces, or with ``rhs="derivative"`` the derivative of ``y``. It
+        is given a read-only ``y`` of shape
         ``frame.point_shape``. An exception that it raises ends the
         call. It may be a compiled function as for `cg.integrate`.
     t_span
@@ -110,6 +111,11 @@ def solve_ivp(
     parameters
         Numbers, shape ``(k,)``, passed to ``f`` and the events as last argument; a compiled
         ``f`` receives their address.
+    rhs
+        ``"coefficients"``, or ``"derivative"`` if ``f`` returns the derivative of ``y`` in its
+        shape, as for SciPy, a compiled one its numbers. A part that no field has, such as one
+        normal to the manifold, is dropped, with a warning if it is larger than rounding. ``jac``
+        stays that of the coefficients, see `cg.frames.Frame.coefficients`.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"``, whose matrices take ``dim``
         evaluations and :math:`dim^3` operations, or ``"fixed-point"``, which is faster for more
@@ -187,6 +193,7 @@ def integrate(
     inputs: Samples | tuple[Samples, ...] | None = None,
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
+    rhs: str = "coefficients",
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Function | ArrayLike | None = None,
     save_every: int = 1,
@@ -221,7 +228,7 @@ def integrate(
     h
         Step size, positive whatever the direction. If it doesn't divide the span, the last
         step is shorter.
-    inputs, args, parameters, stage_solver, jac, progress
+    inputs, args, parameters, rhs, stage_solver, jac, progress
         As for `cg.solve_ivp`.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
@@ -267,7 +274,7 @@ def integrate(
     every = min(check_integer("save_every", save_every, 1), 2**62)
     options: Options = {
         "method": method, "h": h, "inputs": inputs, "args": args, "parameters": parameters,
-        "observe": observe, "store": store,
+        "observe": observe, "store": store, "rhs": rhs,
     }  # fmt: skip
     problem = make_problem(
         f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),

@@ -30,6 +30,7 @@ class StepOptions(TypedDict, total=False):
     inputs: Samples | tuple[Samples, ...] | None
     args: Iterable[Any] | None
     parameters: ArrayLike | None
+    rhs: str
 
 
 class Options(StepOptions, total=False):
@@ -45,6 +46,7 @@ class Options(StepOptions, total=False):
 
 _DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
     "method": AUTO,
+    "rhs": "coefficients",
     "max_step": math.inf,
     "dense_output": False,
     "store": "all",

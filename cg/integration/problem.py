@@ -41,7 +41,7 @@ from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, plan_of
+from cg.integration.step.plan import Plan, for_derivatives, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
@@ -248,6 +248,20 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     return points, numbers
 
 
+def _returns_derivatives(rhs: Any, f: Any, frame: Frame) -> bool:
+    """Return whether ``f`` returns derivatives of points, after checking that it may."""
+    if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
+        raise ValueError(f"rhs must be 'coefficients' or 'derivative', got {rhs!r}")
+    if rhs == "derivative" and isinstance(f, TimeFunction):
+        raise ValueError("rhs must be 'coefficients' for a linear equation, got 'derivative'")
+    if rhs == "derivative" and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"rhs must be 'coefficients' on a phase space, where f returns the forces alone, got "
+            f"{rhs!r}; the product of its factors takes derivatives"
+        )
+    return rhs == "derivative"
+
+
 def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
@@ -257,6 +271,8 @@ def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
+    if _returns_derivatives(options["rhs"], f, frame):
+        frame = for_derivatives(frame)
     return plan_of(frame, _choose_method(options["method"], f, frame, least)), rtol
 
 
@@ -278,6 +294,7 @@ def make_problem(
     check_stage_solver(stage_solver)
     vectorized, common = check_flag("vectorized", vectorized), check_flag("common_steps", common)
     plan, rtol = _make_plan(f, frame, options)
+    frame = plan.frame
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:

@@ -46,7 +46,7 @@ class PythonRhs:
         function = f.a if isinstance(f, TimeFunction) else f
         own = None if inputs is None else inputs.members
         own = own if parameters is None else len(parameters)
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time
+        rest = frame, frame.rhs_shape, self.check, self.check.of_time, frame.rhs_dtype
         self._contexts = Contexts(function, self.arguments, None if vectorized else own, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -178,11 +178,20 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    of_time: bool = False,
+    of_time: bool = False, dtype: Any = np.float64,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
-    rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
+    rest = (
+        frame.point_shape,
+        frame.dtype.num,
+        shape,
+        check,
+        [None],
+        of_time,
+        with_input,
+        np.dtype(dtype).num,
+    )
     return function, args, *rest

@@ -50,7 +50,12 @@ def add_derivatives(
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
         joint = PythonRhs(field, field.product, *data)
     else:
-        joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
+        plan = (
+            problem.plan
+            if problem.plan.compiled
+            else plan_of(problem.plan.given, problem.plan.method)
+        )
+        joint = compiled_variation(field, plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         absolute = _tolerances(problem, field, control_derivatives, "atol")
         relative = _tolerances(problem, field, control_derivatives, "rtol")

@@ -238,4 +238,6 @@ class SolutionMaker:
             for name in ("y_events", "y_after"):
                 fields[name] = [[split(z)[0] for z in members] for members in fields[name]]
         fields |= split_results(fields["y"], self.variational, self.covariance)
-        return EnsembleVariationalSolution(**fields | {"frame": self.variational.frame})
+        return EnsembleVariationalSolution(
+            **fields | {"frame": self.variational.frame._given or self.variational.frame}
+        )
