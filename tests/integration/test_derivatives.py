@@ -116,10 +116,9 @@ def test_what_it_refuses():
     space = cg.frames.PhaseSpace(cg.frames.SO3())
     with pytest.raises(ValueError, match="rhs must be 'coefficients' on a phase space"):
         cg.solve_ivp(lambda t, y: y, (0, 1), np.zeros(12), frame=space, rhs="derivative")
-    with pytest.raises(ValueError, match="rhs must be 'coefficients' for a linear equation"):
-        cg.solve_linear(
-            lambda t: np.zeros(3), (0, 1), np.eye(3), frame=cg.frames.SO3(), rhs="derivative"
-        )
+    options = {"frame": cg.frames.SO3(), "linear": True, "rhs": "derivative"}
+    with pytest.raises(ValueError, match="rhs must be 'coefficients' with linear=True"):
+        cg.solve_ivp(lambda t: np.zeros(3), (0, 1), np.eye(3), **options)
 
 
 @pytest.mark.parametrize("method", ["auto", "CF4(3)"])
@@ -229,14 +228,14 @@ def test_options_meet_derivatives():
     np.testing.assert_allclose(two.t_events[0], one.t_events[0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(two.sol(0.7), one.sol(0.7), rtol=0, atol=1e-13)
     del options["events"], options["observe"], options["dense_output"]
-    for more in ({}, {"derivatives": "adjoint"}):
-        one = cg.solve_variational(coefficients, (0, 2), Y0, **options, **more)
-        two = cg.solve_variational(derivative, (0, 2), Y0, rhs="derivative", **options, **more)
-        pairs = [(one.y, two.y)]
-        pairs += [(one.sensitivity, two.sensitivity)] if not more else []
-        pairs += [(one.jacobian().parameters, two.jacobian().parameters)] if more else []
-        for a, b in pairs:
-            np.testing.assert_allclose(b, a, rtol=0, atol=1e-7)
+    for kind in ("forward", "adjoint"):
+        one = cg.solve_ivp(coefficients, (0, 2), Y0, **options, derivatives=kind)
+        two = cg.solve_ivp(derivative, (0, 2), Y0, rhs="derivative", **options, derivatives=kind)
+        a, b = (
+            run.sensitivity if kind == "forward" else run.adjoint.jacobian().parameters
+            for run in (one, two)
+        )
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-7)
     stiff = {"frame": BODY, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
     one, two = (
         cg.solve_ivp(f, (0, 2), Y0, rhs=rhs, **stiff).y[-1]
@@ -246,8 +245,14 @@ def test_options_meet_derivatives():
     space = cg.frames.FieldFrame(
         [lambda y: np.array([y[0]])], lambda v, y: y * np.exp(v), point_shape=1
     )
-    run = cg.solve_variational(
-        lambda t, y, p: -p * y, (0, 1), [1.0], frame=space, parameters=[2.0], rhs="derivative"
+    run = cg.solve_ivp(
+        lambda t, y, p: -p * y,
+        (0, 1),
+        [1.0],
+        frame=space,
+        parameters=[2.0],
+        rhs="derivative",
+        derivatives="forward",
     )
     np.testing.assert_allclose(run.sensitivity[-1], [[-1.0]], rtol=0, atol=1e-6)
 

@@ -97,7 +97,6 @@ class Check:
     def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
         self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f, TimeFunction)
-        self.name = "a" if self.of_time else "f"  # in error messages
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
@@ -109,7 +108,7 @@ class Check:
         shape = self.frame.rhs_shape
         shape = (len(t), *shape) if self.vectorized else shape
         dtype = self.frame.rhs_dtype
-        return read_value(value, self.name, shape, t, self.rows, self._hint, dtype=dtype)
+        return read_value(value, "f", shape, t, self.rows, self._hint, dtype=dtype)
 
     def _hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
