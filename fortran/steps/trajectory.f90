@@ -59,6 +59,7 @@ module trajectory_m
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: received(:)     ! (dimension) coefficients
+    real(wp), allocatable :: slope(:)        ! (point_size) a derivative
     integer :: flag = 0                      ! returned by the field
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
@@ -172,6 +173,7 @@ contains
                 x%f(frame%dimension, merge(1, size(method%error, 1), &
                                            method%kind == kind_registers)), &
                 x%request%y(frame%point_size), &
+                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &

@@ -243,6 +243,8 @@ class Program:
         else:
             items.append(f"rtol={self.rtol!r}")
             items.append(f"atol={self.atol!r}")
+        if self.frame.returned != (-1,):
+            items.append("rhs='derivative'")
         if self.output is not None:
             items.append(f"t_eval={self.times(self.output)}")
         if self.dense:

@@ -196,7 +196,7 @@ SPACES = (
     Space("cg.frames.GL(2)", np.eye(2), 4, moved_by(units(2), "left")),
     Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(units(2), "congruent")),
     Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 3, moved_by(ROTATIONS, "left")),
-    Space("cg.frames.AmbientStiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False,
+    Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False,
           returned=(3, 2)),
     Space("cg.frames.Grassmann(3, 1)", np.diag([1.0, 0, 0]), 3, moved_by(ROTATIONS, "similar")),
     Space(
