@@ -115,7 +115,7 @@ class StateSize(IntEnum):
     """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
 
     REALS = 14
-    INTEGERS = 17
+    INTEGERS = 18
 
 
 class FailedFunction(IntEnum):
