@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar
@@ -20,6 +21,9 @@ from cg.frames.local_coordinates import (
 from cg.frames.manifold import Manifold
 from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
+
+NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
+"""Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -136,6 +140,61 @@ class Frame(Manifold, FieldAlgebra):
             Points, shape ``(..., *point_shape)``.
         """
         return self._arguments(v, y)[0]
+
+    def coefficients(self, y: ArrayLike, dy: ArrayLike) -> Array:
+        """Return the coefficients of derivatives of points, the inverse of `field`.
+
+        Of several ones with the same tangent they are those of least norm, without isotropy. A part
+        of ``dy`` that no field has, such as one normal to the manifold, is dropped.
+
+        Parameters
+        ----------
+        y
+            Points, shape ``(..., *point_shape)``.
+        dy
+            Their derivatives, of the same shape; leading axes broadcast.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(..., dim)``.
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes of an argument aren't ``point_shape``, or it isn't numeric.
+
+        Warns
+        -----
+        UserWarning
+            If the part of ``dy`` that is dropped is larger than rounding.
+
+        Examples
+        --------
+        The angular velocity of a quaternion:
+
+        >>> from cg.frames import UnitQuaternion
+        >>> UnitQuaternion().coefficients([0, 0, 0, 1], [0, 0, 0.5, 0])
+        array([0., 0., 1.])
+        """
+        point, tangent = np.broadcast_arrays(self._points(y), self._points(dy, "dy"))
+        rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
+        v = np.asarray(self._coefficients_at(rows, slopes))
+        self._warn_of_normal_part(slopes, slopes - self.field(v, rows))
+        return v.reshape(*point.shape[: point.ndim - len(self.point_shape)], self.dim)
+
+    def _warn_of_normal_part(self, slopes: Points, dropped: Points) -> None:
+        axes = tuple(range(1, slopes.ndim))
+        lengths, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in (dropped, slopes))
+        excess = lengths > NORMAL_PART * sizes + NORMAL_ROUNDING
+        if excess.any():
+            k = int(np.argmax(excess))
+            place = f" of derivative {k}" if len(slopes) > 1 else ""
+            warnings.warn(
+                f"dy has a part that the fields of {self!r} don't have, which is dropped: "
+                f"{lengths[k] / sizes[k]:.3g} of the length{place}",
+                stacklevel=3,
+            )
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.

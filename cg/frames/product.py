@@ -168,9 +168,9 @@ class Product(Frame):
         each = self._each("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
         return np.concatenate(each, axis=-1)
 
-    def complete_rhs(self, f: Array, y: Array) -> Array:
-        parts = self._split_vector(f), self._split(y)
-        return np.concatenate(self._each("complete_rhs", *parts), axis=-1)
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        parts = self._split(y), self._split(tangent)
+        return np.concatenate(self._each("_coefficients_at", *parts), axis=-1)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)

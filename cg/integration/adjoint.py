@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,16 +24,15 @@ from numpy.typing import ArrayLike
 from cg.integration.adjoint_equation import Equation, Gradient, Intervals, solve
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.problem import Problem
-from cg.integration.results import EnsembleSolution, Solution
-from cg.support.arrays import Points, check_finite, complex_array, real_array
+from cg.integration.results import EnsembleSolution
+from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
-ADJOINT = "adjoint"
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AdjointSolution(Solution):
-    """A `Solution` whose costs have gradients: with ``derivatives="adjoint"``.
+class Adjoint:
+    """Gradients of costs of a solution with ``derivatives="adjoint"``, which has these methods.
 
     Examples
     --------
@@ -50,8 +49,12 @@ class AdjointSolution(Solution):
     (array([0.540302, 0.841471]), array([-0.420735]))
     """
 
-    _equation: Equation = field(kw_only=True)
-    _output: DenseOutput = field(kw_only=True)
+    _equation: Equation
+    _output: DenseOutput
+    _times: Array  # of the output
+
+    def __repr__(self) -> str:
+        return f"Adjoint(times={len(self._times)}, shape={self._equation.shape})"
 
     def gradient(self, cotangent: ArrayLike) -> Gradient:
         """Return the derivatives of a cost by the initial point, parameters and inputs.
@@ -89,7 +92,7 @@ class AdjointSolution(Solution):
         count = len(starts)
         covector = np.zeros_like(given[0])
         ends = np.empty((count, *covector.shape), given.dtype)
-        at = np.searchsorted(starts[order], sign * self.t).tolist()
+        at = np.searchsorted(starts[order], sign * self._times).tolist()
         for i in range(count, -1, -1):
             while at and at[-1] == i:
                 covector = covector + given[len(at) - 1]
@@ -136,7 +139,7 @@ class AdjointSolution(Solution):
 
     def _read(self, cotangent: ArrayLike) -> Points:
         """Return the cotangents at all times, shape ``(times, n, columns)``."""
-        shape, times = self._equation.shape, len(self.t)
+        shape, times = self._equation.shape, len(self._times)
         array: Points = (complex_array if self._is_complex else real_array)(cotangent, "cotangent")
         check_finite(array, "cotangent")
         if array.shape not in (shape, (times, *shape)):
@@ -156,10 +159,10 @@ class AdjointSolution(Solution):
     def _parts(self) -> list[Intervals]:
         """The solved intervals from the first point to the last one that is stored."""
         curves = () if self._equation.inputs is None else self._equation.inputs.curves
-        edges = np.concatenate([self._output.ts, self.t, *(curve.times for curve in curves)])
+        edges = np.concatenate([self._output.ts, self._times, *(curve.times for curve in curves)])
         sign = self._output._direction
         edges = np.unique(sign * edges)
-        first, last = sign * self._output.ts[0], sign * self.t[-1]
+        first, last = sign * self._output.ts[0], sign * self._times[-1]
         edges = edges[(edges >= first) & (edges <= last)]
         if first == last:
             edges = np.repeat(edges, 2)
@@ -183,14 +186,14 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
     if problem.t_eval is not None and not len(problem.t_eval):
         raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")
 
-    def make_solution(_: Problem, fields: dict[str, Any]) -> Any:
-        """Return a list of the only member, for the fields of an `EnsembleSolution`."""
-        given = EnsembleSolution(**fields)._fields_of(0)
-        sol = given["sol"]
-        given |= {"_equation": equation_of(sol), "_output": sol}
-        return [AdjointSolution(**given | {"sol": sol if problem.dense else None})]
+    def finish(_: Problem, joint: EnsembleSolution) -> Any:
+        """Return a list of the solution of the only member."""
+        one = joint[0]
+        assert one.sol is not None
+        adjoint = Adjoint(equation_of(one.sol), one.sol, one.t)
+        return [replace(one, sol=one.sol if problem.dense else None, adjoint=adjoint)]
 
-    return replace(problem, dense=True, make_solution=make_solution)
+    return replace(problem, dense=True, finish=finish)
 
 
 def tolerance_of(problem: Problem) -> float:
@@ -203,10 +206,3 @@ def tolerance_of(problem: Problem) -> float:
     if tolerance is None:
         return _FIXED_STEPS
     return tolerance if problem.of_time else 10.0 * tolerance
-
-
-def check_derivatives(derivatives: Any) -> bool:
-    """Return whether derivatives are those of the adjoint equation."""
-    if derivatives is not None and not (isinstance(derivatives, str) and derivatives == ADJOINT):
-        raise ValueError(f"derivatives must be None or 'adjoint', got {derivatives!r}")
-    return derivatives == ADJOINT

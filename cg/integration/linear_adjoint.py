@@ -22,8 +22,8 @@ from cg.integration.variational.field import parameter_differences, structure_co
 from cg.support.arrays import Array, Points, check_finite
 
 
-def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:
-    """Return the problem whose solution has gradients, after checking ``da_dp``."""
+def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
+    """Return the problem whose solution has gradients, after checking ``df_dp``."""
     frame, rhs = problem.plan.frame, problem.rhs
     numbers, inputs = rhs.parameters, rhs.inputs
     if not isinstance(frame, LinearAction) and not has_brackets(frame):
@@ -36,21 +36,21 @@ def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:
         check_finite(numbers, "parameters")
     count = (0 if numbers is None else numbers.shape[-1]) + (inputs.width if inputs else 0)
     if count:
-        if callable(da_dp):
-            da_dp = TimeFunction(da_dp, rhs.vectorized)
-            da_dp = da_dp.with_input() if inputs else da_dp
+        if callable(df_dp):
+            df_dp = TimeFunction(df_dp)
+            df_dp = df_dp.with_input() if inputs else df_dp
         shape = frame.dim, count
-        derivative = derivative_of(da_dp, "da_dp", frame, shape, rhs.vectorized, None)
-    elif da_dp is not None:
-        raise ValueError(f"parameters must be given with da_dp = {da_dp!r}, got None")
+        derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, None)
+    elif df_dp is not None:
+        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     return with_adjoint(problem, partial(_equation, problem, derivative))
 
 
-def _equation(problem: Problem, da_dp: Derivative | None, sol: DenseOutput) -> Equation:
+def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> Equation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
     numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
     count = None if numbers is None else numbers.shape[-1]
-    own = partial(_linearisation, problem.rhs, da_dp, problem.points[0])
+    own = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
         at, rest = partial(own, matrices), (matrices, frame.is_skew, sol)
@@ -62,14 +62,14 @@ def _equation(problem: Problem, da_dp: Derivative | None, sol: DenseOutput) -> E
 
 
 def _linearisation(
-    rhs: Any, da_dp: Derivative | None, point: Points, generators: Points, times: Array
+    rhs: Any, df_dp: Derivative | None, point: Points, generators: Points, times: Array
 ) -> tuple[Points, Array | None]:
     """Return A, and the derivatives of the coefficients by the parameters and inputs."""
     a = _coefficients(rhs, times, point)
     if not np.isfinite(a).all():
-        raise ValueError(f"a must return finite numbers, got others from {when(times)} on")
+        raise ValueError(f"f must return finite numbers, got others from {when(times)} on")
     fixed = rhs.parameters is None and rhs.inputs is None
-    b = None if fixed else _derivative(rhs, da_dp, times, point)
+    b = None if fixed else _derivative(rhs, df_dp, times, point)
     return np.tensordot(a, generators, 1), b
 
 
@@ -86,26 +86,26 @@ def _coefficients(rhs: Any, times: Array, point: Points) -> Array:
     return call_field(rhs, *rhs.addresses()[:2], rhs.frame, times, points)
 
 
-def _derivative(rhs: Any, da_dp: Derivative | None, times: Array, point: Points) -> Array:
+def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points) -> Array:
     """Return the derivatives of the coefficients, shape ``(times, dim, k)``."""
     import cg._core_r64 as core
 
-    if da_dp is None:
+    if df_dp is None:
         return _differences(rhs, times, point)
-    arguments = rhs.arguments(np.zeros(len(times), dtype=np.intp) if da_dp.vectorized else 0)
-    if da_dp.vectorized:
-        return da_dp(times, point[None], arguments)
-    function, inputs, frame, shape = da_dp.function, rhs.inputs, da_dp.frame, da_dp.shape
+    arguments = rhs.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
+    if df_dp.vectorized:
+        return df_dp(times, point[None], arguments)
+    function, inputs, frame, shape = df_dp.function, rhs.inputs, df_dp.frame, df_dp.shape
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = context_of(function.a, arguments, frame, shape, da_dp.check, True)
+        context = context_of(function.function, arguments, frame, shape, df_dp.check, True)
         address = core.function_addresses()[0]
         return call_field(rhs, address, id(context), frame, times, points, shape)
     data = rhs.parameters if inputs is None else inputs.data_with(rhs.parameters)
     own = function.user_data
     table = () if inputs is None or own else inputs.table(rhs.parameters)
     values = function.values(frame, own or data.ctypes.data, times, points, shape, table)
-    return np.array([da_dp.check(each, t) for each, t in zip(values, times, strict=True)])
+    return np.array([df_dp.check(each, t) for each, t in zip(values, times, strict=True)])
 
 
 def _differences(rhs: Any, times: Array, point: Points) -> Array:

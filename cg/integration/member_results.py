@@ -147,9 +147,8 @@ class Results:
             "observed": joint.observed,
             "_direction": problem.direction,
         }
-        if problem.make_solution is None:
-            return filled(EnsembleSolution, fields)
-        return problem.make_solution(problem, fields)
+        solution = filled(EnsembleSolution, fields)
+        return solution if problem.finish is None else problem.finish(problem, solution)
 
     def _output(self) -> EnsembleOutput:
         """Return the continuous solution, only initial points of members whose worker died."""
@@ -174,7 +173,7 @@ class Results:
 
 def solution_of(problem: Problem, part: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
-    if problem.events is not None or problem.dense or problem.make_solution is not None:
+    if problem.events is not None or problem.dense or problem.finish is not None:
         result = Results(problem, None)
         result.add(slice(0, 1), part)
         return result.solution()[0]

@@ -16,7 +16,7 @@ from cg.support.copies import ReadOnly, filled
 from cg.support.times import apart
 from cg.tables import MethodTable, made
 
-_EVENT_FIELDS = "t_events", "y_events", "y_after"
+_EVENT_FIELDS = "t_events", "y_events", "y_after", "dt_events"
 _DERIVATIVES = {  # with their last axes
     "transition": "initial_coordinate",
     "sensitivity": "parameter",
@@ -25,13 +25,33 @@ _DERIVATIVES = {  # with their last axes
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
-class _Labelled(ReadOnly):
+@dataclass(frozen=True, eq=False)
+class _Results(ReadOnly):
+    """What is known of one solution, and of those of many members with an axis for these."""
+
     t: Array
     y: Points
-    observed: Array | None
+    sol: Any
+    t_events: list[Any] | None
+    y_events: list[Any] | None
+    y_after: list[Any] | None
+    nfev: Any
+    njev: Any
+    nlu: Any
+    nexp: Any
+    steps: Any
+    nrejected: Any
     status: Any
+    message: str
+    success: bool
     table: MethodTable
     frame: Frame
+    h: float | None = None
+    observed: Array | None = None
+    transition: Any = None  # not Array | None, with which type checkers refuse transition[-1]
+    sensitivity: Any = None
+    covariance: Any = None
+    dt_events: list[Any] | None = None
 
     @property
     def method(self) -> Any:
@@ -60,7 +80,7 @@ class _Labelled(ReadOnly):
             last = [f"observable_{k}" for k in range(np.ndim(self.observed) - 1 - len(members))]
             variables["observed"] = (["t", *members, *last], self.observed)
         for name, axis in _DERIVATIVES.items():
-            value = getattr(self, name, None)
+            value = getattr(self, name)
             if value is not None:
                 variables[name] = (["t", *members, "coordinate", axis], value)
         for name in _NUMBERS:
@@ -73,8 +93,11 @@ class _Labelled(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(_Labelled):
-    """What `cg.solve_ivp` and `cg.integrate` return, with the field names of SciPy's function.
+class Solution(_Results):
+    """The solution of an initial value problem, with the field names of SciPy's function.
+
+    The derivative of ``y[i]`` with respect to a number has coordinates ``xi`` in the frame if it is
+    the tangent ``frame.field(xi, y[i])``.
 
     Attributes
     ----------
@@ -116,6 +139,20 @@ class Solution(_Labelled):
         Absolute size of equal steps, None for adaptive ones.
     observed
         What ``observe`` returned at the times ``t``, shape ``(n, ...)``, or None.
+    transition
+        With ``derivatives="forward"``, else None as the following: derivatives of the coordinates
+        of ``y`` with respect to those of ``y0``, shape ``(n, dim, dim)``, read-only.
+    sensitivity
+        The same with respect to the parameters, shape ``(n, dim, k)``, or None without any.
+    covariance
+        ``transition @ P0 @ transition.T`` at each time, and what noise adds to it, shape
+        ``(n, dim, dim)``; or None without ``P0`` and noise.
+    dt_events
+        For each event the derivatives of its times with respect to the coordinates of ``y0``, then
+        the parameters, shape ``(n_i, dim + k)``, or None without events.
+    adjoint
+        With ``derivatives="adjoint"`` a `cg.Adjoint`, else None; so are its methods ``gradient``
+        and ``jacobian``, which the solution has as well.
 
     Examples
     --------
@@ -129,14 +166,24 @@ class Solution(_Labelled):
     (True, (3, 3, 3), True)
     >>> solution.message
     'The end of t_span was reached.'
+
+    A body makes half a turn about its z axis; small errors in body axes rotate in the opposite
+    direction.
+
+    >>> solution = cg.solve_ivp(
+    ...     lambda t, y, rate: [0.0, 0.0, rate[0]], (0, np.pi), np.eye(3), frame=cg.frames.SO3(),
+    ...     parameters=[1.0], derivatives="forward", P0=np.diag([1e-4, 4e-4, 1e-4]), rtol=1e-9,
+    ...     atol=1e-9, control_derivatives=True,
+    ... )
+    >>> solution.transition[-1].round(9) + 0.0
+    array([[-1.,  0.,  0.],
+           [ 0., -1.,  0.],
+           [ 0.,  0.,  1.]])
+    >>> solution.sensitivity[-1].ravel().round(6) + 0.0
+    array([0.      , 0.      , 3.141593])
     """
 
-    t: Array
-    y: Points
     sol: DenseOutput | None
-    t_events: list[Any] | None
-    y_events: list[Any] | None
-    y_after: list[Any] | None
     nfev: int
     njev: int
     nlu: int
@@ -144,12 +191,17 @@ class Solution(_Labelled):
     steps: int
     nrejected: int
     status: int
-    message: str
-    success: bool
-    table: MethodTable
-    frame: Frame
-    h: float | None = None
-    observed: Array | None = None
+    adjoint: Any = None
+
+    @property
+    def gradient(self) -> Any:
+        """`Adjoint.gradient`."""
+        return self.adjoint and self.adjoint.gradient
+
+    @property
+    def jacobian(self) -> Any:
+        """`Adjoint.jacobian`."""
+        return self.adjoint and self.adjoint.jacobian
 
     def __repr__(self) -> str:
         times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
@@ -160,8 +212,8 @@ class Solution(_Labelled):
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleSolution(_Labelled):
-    """What `cg.solve_ensemble` returns; ``solution[i]`` is the `Solution` of a member.
+class EnsembleSolution(_Results):
+    """The solutions of many problems; ``solution[i]`` is the `Solution` of a member.
 
     Attributes
     ----------
@@ -182,12 +234,15 @@ class EnsembleSolution(_Labelled):
         The messages in one sentence.
     success
         Whether all members succeeded.
-    t_events, y_events, y_after
+    t_events, y_events, y_after, dt_events
         For each event a list of the members' arrays, or None without events.
     method, frame, h
         As those of `Solution`.
     observed
         What ``observe`` returned, shape ``(n, members, ...)``, or None.
+    transition, sensitivity, covariance
+        As those of `Solution`, with the members as second axis; NaN at times that a member didn't
+        reach.
 
     Examples
     --------
@@ -201,27 +256,9 @@ class EnsembleSolution(_Labelled):
     ((3, 2, 3, 3), [0, 0], (3, 3, 3))
     """
 
-    t: Array
-    y: Points
     sol: EnsembleOutput | None
-    t_end: Array
-    t_events: list[list[Array]] | None
-    y_events: list[list[Points]] | None
-    y_after: list[list[Points]] | None
-    status: Any
-    nfev: Any
-    njev: Any
-    nlu: Any
-    nexp: Any
-    steps: Any
-    nrejected: Any
-    messages: dict[int, str]
-    message: str
-    success: bool
-    table: MethodTable
-    frame: Frame
-    h: float | None = None
-    observed: Array | None = None
+    t_end: Array = field(kw_only=True)  # the last time of each member
+    messages: dict[int, str] = field(kw_only=True)
     _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
     def __repr__(self) -> str:
@@ -246,6 +283,9 @@ class EnsembleSolution(_Labelled):
         ends = self._direction, self.t_end[member], self.status[member], counts
         fields = member_fields(self, member, *ends)
         fields |= {"table": self.table, "frame": self.frame, "h": self.h}
+        for name in _DERIVATIVES:
+            array = getattr(self, name)
+            fields[name] = None if array is None else array[: len(fields["t"]), member]
         return fields | events | {"sol": None if self.sol is None else self.sol[member]}
 
 

@@ -139,6 +139,7 @@ EVENT = {
     "direction": "integer",  # sign of the slope at an event, 0 for any
     "most": "integer",  # this event ends the trajectory
     "jumps": "integer",  # whether the solution jumps
+    "period": "real",  # its multiples are zeros too; 0 without one
 }
 """A function whose zeros are events."""
 

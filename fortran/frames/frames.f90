@@ -118,7 +118,7 @@ contains
         case (callback_block)
           angle = merge(0.0_wp, min(angle, two_turns), fields)
         case (linear_action_block)
-          angle = merge(2, 1, fields) * dot_product(abs(v(k + 1:k + block%dimension)), &
+          angle = merge(2.0_wp, 1.0_wp, fields) * dot_product(abs(v(k + 1:k + block%dimension)), &
                                                     block%action%norm)
         case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
           if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle

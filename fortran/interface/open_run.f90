@@ -143,6 +143,7 @@ contains
       run%events%direction = int(table%direction)
       run%events%most = table%most
       run%events%jumps = table%jumps /= 0
+      run%events%period = table%period
       run%events%member_data = record%data
       run%events%stride = record%data_stride
       run%events%callback = run%python
@@ -163,6 +164,7 @@ contains
         observer%functions%count = size(table)
         observer%functions%address = table%function
         observer%functions%data = table%data
+        observer%functions%period = table%period
         observer%functions%member_data = record%observer_data
         observer%functions%stride = record%observer_stride
         observer%functions%inputs = run%field%inputs

@@ -82,7 +82,7 @@ contains
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
-    if (together) share = huge(share) / (2 * size(share))
+    if (together) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0

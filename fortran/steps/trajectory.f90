@@ -6,7 +6,7 @@ module trajectory_m
   use events_m, only: events_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
-  use method_m, only: method_t
+  use method_m, only: kind_collocation, kind_implicit, kind_registers, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
   use time_grid_m, only: grid_t
@@ -167,9 +167,10 @@ contains
     x%problem => problem
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin))
-      x%result = merge(1, method%result, method%two_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, method%two_registers)), &
-                x%f(frame%dimension, merge(1, size(method%error, 1), method%two_registers)), &
+      x%result = merge(1, method%result, method%kind == kind_registers)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, method%kind == kind_registers)), &
+                x%f(frame%dimension, merge(1, size(method%error, 1), &
+                                           method%kind == kind_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
@@ -177,9 +178,9 @@ contains
                 x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      if (method%collocation) then
+      if (method%kind == kind_collocation) then
         call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)
-      else if (method%implicit) then
+      else if (method%kind == kind_implicit) then
         x%solver%fixed_point = .not. problem%dense
         n = merge(size(x%f) / method%blocks, 0, problem%dense)
         allocate (x%solver%value, mold=x%f, stat=memory)

@@ -180,7 +180,7 @@ def test_any_number_of_further_arguments(frame, method, count):
 
 
 @pytest.mark.parametrize(("frame", "y0", "value", "hint"), [
-    (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.coefficients\(matrix\)"),
+    (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.vee\(matrix\)"),
     (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
     (
         Product(SO3(), Euclidean(1)), [*np.eye(3).ravel(), 0], (np.zeros(3), [0.0]),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,7 +61,7 @@ class Steps:
 class DenseOutput(ReadOnly):
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
-    It doesn't call ``f``.
+    It doesn't call ``f``. With ``derivatives="forward"`` these are functions of time as well.
 
     Parameters
     ----------
@@ -94,6 +96,8 @@ class DenseOutput(ReadOnly):
     >>> between.shape, bool((frame.membership_error(between) < 1e-14).all())
     ((3, 4), True)
     """
+
+    _derivatives: Any = None  # splits points that hold derivatives
 
     def __init__(
         self,
@@ -135,6 +139,31 @@ class DenseOutput(ReadOnly):
         ValueError
             If a time is beyond the ends, or ``t`` isn't real numbers.
         """
+        return self._points(t) if self._derivatives is None else self._part("y", t)
+
+    def transition(self, t: ArrayLike) -> Any:
+        """Return transition matrices, shape ``(*t.shape, dim, dim)``; None without derivatives."""
+        return self._part("transition", t)
+
+    def sensitivity(self, t: ArrayLike) -> Any:
+        """Return derivatives by parameters, shape ``(*t.shape, dim, k)``; None without any."""
+        return self._part("sensitivity", t)
+
+    def covariance(self, t: ArrayLike) -> Any:
+        """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0`` and noise."""
+        return self._part("covariance", t)
+
+    def with_derivatives(self, derivatives: Any) -> Self:
+        """Return the solution, whose points hold derivatives, as functions of time."""
+        made = copy.copy(self)
+        made._derivatives = derivatives
+        return made
+
+    def _part(self, name: str, t: ArrayLike) -> Any:
+        none = self._derivatives is None
+        return None if none else self._derivatives.split(self._points(t))[name]
+
+    def _points(self, t: ArrayLike) -> Points:
         times = real_array(t, "t")
         inside, outside = clipped(times.ravel(), self.t_min, self.t_max)
         if outside is not None:
@@ -182,7 +211,8 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={times}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        return self._members[member]
+        one, derivatives = self._members[member], self._derivatives
+        return one if derivatives is None else one.with_derivatives(derivatives.of(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)

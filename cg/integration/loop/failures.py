@@ -77,8 +77,8 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))
-        case Stop.STEP_TOO_LONG:
-            error = StepTooLongError(t)
+        case Stop.STEP_TOO_LONG | Stop.STEP_TOO_LONG_FOR_EVENTS:
+            error = StepTooLongError(t, stop is Stop.STEP_TOO_LONG_FOR_EVENTS)
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
     return error

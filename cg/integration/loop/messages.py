@@ -8,10 +8,11 @@ TERMINAL_EVENT = "A terminal event ended the integration."
 
 
 class StepTooLongError(ArithmeticError):
-    """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
+    """A fixed step is too long for a method on a Lie algebra, or for the events in it.
 
-    Rotations reach it after a full turn. An adaptive step is tried again with a smaller size;
-    with fixed steps a smaller ``h`` is needed.
+    Such a method needs coordinates within the radius of dexp⁻¹, which rotations reach after a full
+    turn. Events are looked for in up to eight million turns. An adaptive step is tried again with a
+    smaller size.
 
     Examples
     --------
@@ -27,16 +28,19 @@ class StepTooLongError(ArithmeticError):
     the step from t = 0 is too long for a method o
     """
 
-    def __init__(self, t: float) -> None:
-        super().__init__(
-            f"the step from t = {t:.17g} is too long for a method on a Lie algebra: coordinates "
-            "of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; take a smaller "
-            "h, or a method that needs no brackets"
+    def __init__(self, t: float, for_events: bool = False) -> None:
+        reason = (
+            "its events, as it rotates by more than eight million turns; take a smaller h"
+            if for_events
+            else "a method on a Lie algebra: coordinates of a stage are beyond the radius of "
+            "dexp⁻¹, for rotations a full turn; take a smaller h, or a method that needs no "
+            "brackets"
         )
-        self.t = t
+        super().__init__(f"the step from t = {t:.17g} is too long for {reason}")
+        self.t, self.for_events = t, for_events
 
-    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float]]:
-        return StepTooLongError, (self.t,)
+    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float, bool]]:
+        return StepTooLongError, (self.t, self.for_events)
 
 
 def failed_members(failures: dict[int, str], total: int) -> str:

@@ -296,10 +296,59 @@ class Run:
             member, arrays = member[order], [array[order] for array in arrays]
         return Steps(self.plan, member - 1, *arrays)
 
-    def stop_interpolants(self) -> None:
-        """Stop storing interpolants."""
-        self._dense.clear()
-        self.record.dense_capacity = 0
+    def last_interpolants(self) -> Steps:
+        """Return the interpolants of the last step, which ``keep_last`` keeps."""
+        self.allocate_interpolants(self.members)
+        self._core.loop_set_output(self.address)
+        self._core.loop_interpolate(self.address)
+        self.record.budget = 0
+        try:
+            self.call()
+            return self.interpolants()
+        finally:
+            self._dense.clear()
+            self.record.dense_capacity = 0
+
+    def restart(self, t: float, rows: Array, first_step: float | None) -> None:
+        """Start all trajectories anew at a time, from points as doubles."""
+        data = self.rhs.data_address
+        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data)
+        if rows is not self.end:
+            self.end[...] = rows
+        self.reached[...] = t
+        self.clear_ends()
+
+    def resume(self, stops: Array) -> None:
+        """Continue all trajectories with other ends of segments."""
+        self._core.loop_continue(self.address, stops)
+        self.clear_ends()
+
+    def clear_ends(self) -> None:
+        """Forget that trajectories have ended."""
+        self.record.ended = self.record.failed = self.record.raised = 0
+
+    def saved(self) -> dict[str, Any]:
+        """Return what another run of the same problem needs to go on."""
+        jacobian = self.callbacks.jacobian
+        kept = {} if jacobian is None else jacobian.kept
+        return {
+            "states": self._buffers["states"].copy(),
+            "counters": self.counters.copy(),
+            "trajectories": self.state(),
+            "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from what another run has saved."""
+        reals, integers, points, slopes = saved["trajectories"]
+        if (jacobian := self.callbacks.jacobian) is not None:
+            jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
+        self._core.loop_state(
+            self.address, True, reals.T, integers.T, points.transpose(2, 1, 0),
+            slopes.transpose(2, 1, 0),
+        )  # fmt: skip
+        self._buffers["states"][...] = saved["states"]
+        self.counters[...] = saved["counters"]
 
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
@@ -342,6 +391,12 @@ class Run:
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
         of, t, y = _joined(self._events)
         return of - 1, t, plan.points(y, (len(t), 2))
+
+    def take_events(self) -> tuple[NDArray[np.int64], Array, Points]:
+        """Return all events, and forget them."""
+        events = self.events()
+        self._events.clear()
+        return events
 
 
 def _joined(parts: list[list[Any]]) -> list[Any]:

@@ -176,7 +176,7 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     ``int (double t, const double *y, double *f, void *user_data)``.
     """
     if isinstance(f, TimeFunction):
-        f = f.a
+        f = f.function
     return f if isinstance(f, CompiledRhs) else _compiled(f, name, SIGNATURE)
 
 

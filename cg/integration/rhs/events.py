@@ -51,13 +51,17 @@ class Event:
     jump
         ``jump(t, y, *args)`` returns the point from which the solution continues, shape
         ``frame.point_shape``.
+    period
+        Period of a function that is known up to its multiples, such as ``2 * np.pi`` of an angle:
+        the event is at all multiples, and where the value wraps there is none. Between two
+        comparisons of signs the function must change by less than half a period.
 
     Raises
     ------
     TypeError
         If ``function`` or ``jump`` isn't callable.
     ValueError
-        If ``terminal`` or ``direction`` has an impossible value.
+        If ``terminal``, ``direction`` or ``period`` has an impossible value.
 
     Examples
     --------
@@ -80,6 +84,7 @@ class Event:
     terminal: bool | int = False
     direction: float = 0.0
     jump: Callable[..., Any] | None = None
+    period: float | None = None
 
     def __post_init__(self) -> None:
         self._check("event", "function")
@@ -107,7 +112,14 @@ class Event:
             direction = math.nan
         if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
+        period = self.period
+        if period is not None and not (_is_real(period) and 0.0 < period < math.inf):
+            raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
         return most, (direction > 0.0) - (direction < 0.0)
+
+
+def _is_real(number: object) -> bool:
+    return isinstance(number, int | float | np.integer | np.floating) and number is not True
 
 
 def _is_count(number: float | np.integer[Any]) -> bool:
@@ -121,7 +133,7 @@ class EventTable:
     functions don't get its data.
 
     ``rows`` is the table that compiled code reads: of each event the addresses of the function and
-    of its data, the sign of its direction, its limit, and whether it jumps.
+    of its data, the sign of its direction, its limit, whether it jumps, and the bits of its period.
     """
 
     def __init__(
@@ -147,6 +159,7 @@ class EventTable:
                 "direction": sign,
                 "most": most,
                 "jumps": event.jump is not None,
+                "period": np.float64(event.period or 0.0).view(np.int64),
             }
             rows.append([row[name] for name in EVENT])
         if inputs:
@@ -182,9 +195,14 @@ class EventTable:
         """Return the value of an event's function in Python, after checking it."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
-        if isinstance(raw, float) and math.isfinite(raw):
-            return raw
-        return float(read_finite(raw, f"events[{index}]", (), t, number=True))
+        if not (isinstance(raw, float) and math.isfinite(raw)):
+            raw = float(read_finite(raw, f"events[{index}]", (), t, number=True))
+        return self.wrapped(index, raw)
+
+    def wrapped(self, index: int, value: float) -> float:
+        """Return a value of an event's function, next to zero if it has a period."""
+        period = self.events[index].period
+        return value if period is None else math.remainder(value, period)
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump, after checking it."""
@@ -209,6 +227,6 @@ def _with_input(event: Event) -> Event:
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    defaults = {"terminal": False, "direction": 0, "jump": None}
+    defaults = {"terminal": False, "direction": 0, "jump": None, "period": None}
     given = {name: getattr(event, name, value) for name, value in defaults.items()}
     return filled(Event, {"function": event, **given})  # checked later, with its index in messages

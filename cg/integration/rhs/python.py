@@ -29,6 +29,8 @@ class PythonRhs:
     ``first`` is the place of the first member in the ensemble for error messages.
     """
 
+    failed_name = "f"  # in error messages
+
     def __init__(
         self,
         f: Coefficients,
@@ -42,8 +44,7 @@ class PythonRhs:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
         self.vectorized, self.first, self.inputs = vectorized, first, inputs
         self.check = Check(f, frame, vectorized)
-        self.name = self.failed_name = self.check.name
-        function = f.a if isinstance(f, TimeFunction) else f
+        function = f.function if isinstance(f, TimeFunction) else f
         own = None if inputs is None else inputs.members
         own = own if parameters is None else len(parameters)
         rest = frame, frame.rhs_shape, self.check, self.check.of_time
@@ -87,7 +88,7 @@ class PythonRhs:
             which = f" in member {self.first + member}"
         u = "" if self.inputs is None else "u, "
         if self.check.of_time:
-            return f"at t = {t:.17g}{which}; a is given (t, {u}...){extra[1:]}"
+            return f"at t = {t:.17g}{which}; f is given (t, {u}...){extra[1:]}"
         of_time = self.takes(1 + count) and not self.takes(2 + count)
         hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
         given = f"f is given (t, y, {u}...) with y of shape {shape}"
@@ -95,27 +96,34 @@ class PythonRhs:
 
     def check_call(self) -> None:
         """Raise TypeError unless ``f`` takes the further arguments."""
-        count = len(self.args) + (self.parameters is not None)
-        if self.takes(2 + count) is not False:
-            return
-        function, u = (self.f.function, ["u"]) if isinstance(self.f, WithInput) else (self.f, [])
-        names = ["t", "y", *u, *(f"args[{k}]" for k in range(len(self.args)))]
+        of_time, has_inputs = self.check.of_time, self.inputs is not None
+        names = ["t", *["y"] * (not of_time), *(f"args[{k}]" for k in range(len(self.args)))]
         names += ["parameters"] * (self.parameters is not None)
+        if self.takes(len(names)) is not False:
+            return
+        names[2 - of_time : 2 - of_time] = ["u"] * has_inputs
+        hint = "; coefficients that depend on the point need cg.solve_ivp without linear=True"
         raise TypeError(
-            f"f must be callable as f({', '.join(names)}){' with inputs u' * len(u)}, got a "
-            f"function of {inspect.signature(function, follow_wrapped=False)}"
+            f"f must be callable as f({', '.join(names)}){' with inputs u' * has_inputs}, got a "
+            f"function of {inspect.signature(self._given, follow_wrapped=False)}{hint * of_time}"
         )
+
+    @property
+    def _given(self) -> Any:
+        """What the user gave."""
+        f: Any = self.f
+        while isinstance(f, TimeFunction | WithInput):
+            f = f.function
+        return f
 
     def takes(self, count: int) -> bool | None:
         """Return whether ``f`` takes a number of arguments beside inputs, None if unknown."""
-        with_input = isinstance(self.f, WithInput)
         try:
-            function = self.f.function if isinstance(self.f, WithInput) else self.f
-            signature = inspect.signature(function, follow_wrapped=False)
+            signature = inspect.signature(self._given, follow_wrapped=False)
         except (TypeError, ValueError):  # it has none
             return None
         try:
-            signature.bind(*range(count + with_input))
+            signature.bind(*range(count + (self.inputs is not None)))
         except TypeError:
             return False
         return True

@@ -88,7 +88,6 @@ class Check:
     def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
         self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f, TimeFunction)
-        self.name = "a" if self.of_time else "f"  # in error messages
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Array:
@@ -99,7 +98,7 @@ class Check:
         """
         shape = self.frame.rhs_shape
         shape = (len(t), *shape) if self.vectorized else shape
-        return read_value(value, self.name, shape, t, self.rows, self._hint)
+        return read_value(value, "f", shape, t, self.rows, self._hint)
 
     def _hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
@@ -110,5 +109,5 @@ class Check:
             if shape != self.frame.point_shape:
                 return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
             return "; f returns coefficients of the frame's fields, not the derivative of y"
-        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
+        name = "frame.vee" if group is self.frame else "frame.group.vee"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"

@@ -130,7 +130,7 @@ class VariationalEvents(EventTable):
         data = max(int(self.rows[index, 1]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
-        return float(function(t, point.ctypes.data, data))
+        return self.wrapped(index, float(function(t, point.ctypes.data, data)))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""

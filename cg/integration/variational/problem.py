@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.integration.problem import Problem, Rhs
+from cg.integration.adjoint import tolerance_of, with_adjoint
+from cg.integration.adjoint_equation import Equation
+from cg.integration.linear_adjoint import with_linear_adjoint
+from cg.integration.loop.dense import DenseOutput
+from cg.integration.options import Options
+from cg.integration.problem import ADJOINT, Problem, Rhs
 from cg.integration.rhs.derivatives import derivative_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets, plan_of
@@ -17,9 +23,8 @@ from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 from cg.integration.variational.noise import check_covariance, noise_of
-from cg.integration.variational.results import SolutionMaker
-from cg.support.arrays import Array, check_finite
-from cg.support.checks import check_flag
+from cg.integration.variational.results import Derivatives
+from cg.support.arrays import Array, Points, check_finite
 from cg.tables import Kind
 
 _LOOSE = 10.0
@@ -27,24 +32,29 @@ _LOOSE = 10.0
 hardly shorter, and are not too long for derivatives where the solution itself is simple."""
 
 
-def add_derivatives(
-    problem: Problem,
-    jac: Any,
-    df_dp: Any,
-    P0: ArrayLike | None,
-    control_derivatives: Any,
-    noise: Any,
-    by_inputs: bool = False,
-) -> Problem:
-    """Return the problem of points with derivatives, after checking the arguments.
+_ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
 
-    Further arguments are those of `cg.solve_variational`; ``by_inputs`` tells whether the values
-    of inputs are parameters as well.
+
+def with_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem whose solution has the derivatives that options ask for."""
+    if problem.of_time:
+        return with_linear_adjoint(problem, options["df_dp"])
+    joint = _add_derivatives(problem, options)
+    if options["derivatives"] == ADJOINT:
+        return with_adjoint(problem, partial(_equation_along, joint))
+    return joint
+
+
+def _add_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem of points with derivatives, after checking the options.
+
+    For the adjoint equation the values of inputs are parameters as well.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
-    control_derivatives = check_flag("control_derivatives", control_derivatives)
+    controlled, by_inputs = options["control_derivatives"], options["derivatives"] == ADJOINT
     _check_problem(problem)
-    field = _make_field(frame, rhs, jac, df_dp, noise_of(noise, problem), by_inputs)
+    noise = noise_of(options["noise"], problem)
+    field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
@@ -52,11 +62,11 @@ def add_derivatives(
     else:
         joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
-        absolute = _tolerances(problem, field, control_derivatives, "atol")
-        relative = _tolerances(problem, field, control_derivatives, "rtol")
+        absolute = _tolerances(problem, field, controlled, "atol")
+        relative = _tolerances(problem, field, controlled, "rtol")
         control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
-    covariance = check_covariance(P0, frame.dim, members)
+    covariance = check_covariance(options["P0"], frame.dim, members)
     return replace(
         problem,
         plan=plan_of(field.product, problem.plan.method),
@@ -64,7 +74,7 @@ def add_derivatives(
         points=field.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, field),
-        make_solution=SolutionMaker(field, covariance),
+        finish=Derivatives(field, covariance).finish,
     )
 
 
@@ -136,3 +146,25 @@ def _tolerances(
     # the square of the norm of the joint error is then the sum of those of both parts
     shares = np.sqrt(np.array([own.size, others.size]) / (own.size + others.size))
     return np.concatenate([shares[0] * own, shares[1] * others])
+
+
+def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
+    """Return the equation of the problem with derivatives, along a solution without them."""
+    rhs: Any = joint.rhs
+    if tolerance_of(joint) >= _ONE_SIDED:
+        for record in rhs.records:
+            record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
+    count = None if rhs.parameters is None else rhs.parameters.shape[-1]
+    shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
+    return Equation(along, shape, tolerance_of(joint), count, rhs.inputs)
+
+
+def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+    """Return A and B along a solution, from derivatives that are unit vectors."""
+    variational = rhs.variational
+    n = variational.frame.dim
+    values = rhs.at_times(times, variational.start(sol(times)))
+    if not np.isfinite(values).all():
+        raise ValueError("f and its derivatives must return finite numbers")
+    slopes = values[:, n:].reshape(len(times), n, -1)
+    return slopes[..., :n], slopes[..., n:] if variational.count else None
