@@ -259,6 +259,7 @@ class Program(Record):
             "breakpoints=at": self.breaks,
             f"inputs={self.named_inputs('samples')}": self.inputs,
             "parameters=parameters": self.parameters,
+            "rhs='derivative'": self.frame.returned != (-1,),
         }
         sizes = [f"h={length / self.steps!r}"] if self.steps else adaptive
         return ["frame=frame", *sizes, *(text for text, value in given.items() if value)]
