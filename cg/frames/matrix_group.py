@@ -287,7 +287,7 @@ class MatrixGroup(Frame):
     def _quotient(self, y: Points, change: Points) -> Points:
         """Return y⁻¹ times a change (body) or the change times y⁻¹, NaN for singular points."""
         # Points may be singular by rounding; np.linalg.inv would raise.
-        regular = np.asarray(np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
+        regular = (np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, y, np.eye(self.size)))
         with np.errstate(over="ignore", invalid="ignore"):
             quotient = inverse @ change if self.convention == "body" else change @ inverse

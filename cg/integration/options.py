@@ -34,6 +34,7 @@ class StepOptions(TypedDict, total=False):
     inputs: Samples | tuple[Samples, ...] | None
     args: Iterable[Any] | None
     parameters: ArrayLike | None
+    rhs: str
     stage_solver: str
     jac: Function | ArrayLike | None
     vectorized: bool
@@ -68,6 +69,7 @@ class EnsembleOptions(Options, total=False):
 _KINDS = (StepOptions, Options, EnsembleOptions)
 _DEFAULTS: dict[str, Any] = dict.fromkeys(EnsembleOptions.__annotations__) | {
     "method": AUTO,
+    "rhs": "coefficients",
     "max_step": math.inf,
     "stage_solver": DEFAULT_STAGE_SOLVER,
     "vectorized": False,

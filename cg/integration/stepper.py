@@ -370,7 +370,8 @@ class Stepper:
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
-            first = -1.0  # keeps the sizes proposed
+            same_f = args is None and parameters is None and inputs is None
+            first = -1.0 if same_f else -2.0  # keeps the sizes proposed
         self._replace_data(time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):

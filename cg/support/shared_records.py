@@ -54,6 +54,8 @@ RECORD = {
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
     "residual": "real",  # of the stage equations in the last iteration of a single trajectory
+    "dropped": "real",  # largest relative part of a derivative that no field has, and its time
+    "dropped_at": "real",
     # of each member
     "states": "address",  # its point (at first the initial one), its time, the time of a failure
     "counters": "address",  # `COUNTERS`

@@ -11,16 +11,19 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
-  use stiefel_m, only: make_intrinsic, move_stiefel, restore_stiefel
+  use stiefel_m, only: move_stiefel, restore_stiefel
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
+  public :: frame_t, apply_flows, distance_bound, make_frame, &
             restore, turning
 
   type :: frame_t
     integer :: dimension = 0, point_size = 0
-    logical :: ambient = .false.             ! whether coefficients have to be completed
+    logical :: derivatives = .false.         ! whether right-hand sides give derivatives of points
+    logical :: python_derivatives = .false.  ! whether only Python has their coefficients
+    ! the largest part of one that is dropped, relative to it, and its time
+    real(wp), pointer :: dropped => null(), dropped_at => null()
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
@@ -76,7 +79,6 @@ contains
           if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
-          frame%ambient = .true.
           used = used + 1
           block%dimension = block%n * block%k
           block%point_size = block%dimension
@@ -127,23 +129,6 @@ contains
       end associate
     end do
   end function turning
-
-  ! Replaces derivatives of orthonormal columns, which right-hand sides give, by their coefficients.
-  subroutine complete_coefficients(frame, y, f)
-    type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
-
-    integer :: i
-
-    do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), n => frame%blocks(i)%n * frame%blocks(i)%k)
-        if (block%kind == stiefel_block) &
-          call make_intrinsic(block%k, block%n, y(block%points + 1:block%points + n), &
-                              f(block%vectors + 1:block%vectors + n))
-      end associate
-    end do
-  end subroutine complete_coefficients
 
   ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
   ! different blocks commute, so each block is moved along all of them at once.

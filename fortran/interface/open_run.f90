@@ -40,6 +40,8 @@ contains
       run%frame = plan%frame
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
+      run%frame%dropped => run%record%dropped
+      run%frame%dropped_at => run%record%dropped_at
       field%rhs => field_at(record%function)
       field%data_address = record%data
       field%data_stride = record%data_stride

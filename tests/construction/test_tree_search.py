@@ -14,7 +14,7 @@ from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START, MethodError, check_tree
 from cg.construction.runs import Store
 from cg.construction.search.shapes import draw_layout, layout_of
-from cg.construction.search.start import start_layout
+from cg.construction.search.start import run_start, start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
 from cg.construction.solvers.system import ConditionSystem
 
@@ -70,6 +70,14 @@ def test_drawn_pairs_have_nonzero_estimates():
         x = [float(entry.value) for entry in method.coefficients]
         x[layout.starts[-2] :] = [3 * entry for entry in x[layout.starts[-2] :]]
         assert np.abs(ConditionSystem(5, layout).residual(np.array(x))).max() < 1e-13
+
+
+def test_pairs_whose_results_become_equal_are_left_out():
+    tree = (-1, *range(8), 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9
+    result = cg.search(5, 7, 1, 1, tree=tree, bound=1.5, minimise="principal_error")
+    start = run_start(result.settings, 45)
+    assert start.exact
+    assert replace(result, starts=(start,)).methods == ()
 
 
 def test_last_weight_of_estimate_is_held_while_solving():

@@ -6,7 +6,7 @@ on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -55,26 +55,28 @@ class Task:
     def derivative(self, t: float, z: np.ndarray) -> np.ndarray:
         y = self.point(z)
         v = np.asarray(self.f(t, y, *self.arguments(t)), dtype=float).reshape(-1)
-        return reals(self.space.field(v, y))
+        return reals(self.space.field(np.nan_to_num(v), y))  # f stands still out of its domain
 
 
-def curve(kind: str, times: np.ndarray, values: np.ndarray, causal: bool = False) -> Callable:
+def curve(kind: str, times: np.ndarray, values: np.ndarray) -> Callable:
     """Return the function of time of samples of one number."""
     if kind == "linear":
         return lambda t: float(np.interp(t, times, values))
     if kind == "cubic":
         spline = CubicSpline(times, values)
         return lambda t: float(spline(t))
-    if kind == "averages" and not causal:
+    if kind == "averages":
         sums = np.concatenate([[0.0], np.cumsum(values * np.diff(times))])
         rate = CubicSpline(times, sums).derivative()
         return lambda t: float(rate(t))
-    middles = (times[1:] + times[:-1]) / 2
-    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(middles)]) if causal else None
+    slopes = np.zeros(len(values))
+    middles = (times[: len(values)] + np.append(times, np.inf)[1 : len(values) + 1]) / 2
+    if kind == "causal":
+        slopes[1:] = np.diff(values) / np.diff(middles)
 
     def of_one_interval(t: float) -> float:
         k = min(max(int(np.searchsorted(times, t, "right")) - 1, 0), len(values) - 1)
-        return float(values[k] + (slopes[k] * (t - middles[k]) if causal else 0.0))
+        return float(values[k] + (slopes[k] * (t - middles[k]) if slopes[k] else 0.0))
 
     return of_one_interval
 
@@ -256,20 +258,9 @@ def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) ->
     return largest
 
 
-def tangents(
-    task: Task, tangent: np.ndarray, parameters: np.ndarray | float, times: Sequence[float]
-) -> np.ndarray:
-    """Return the derivatives of the points at times along a tangent and a change of parameters.
-
-    They are differences of order four.
-    """
-    rows = []
-    for step in (1e-4, -1e-4, 2e-4, -2e-4):
-        rest = tuple(value + step * parameters for value in task.rest)
-        start = task.point(reals(task.y0) + step * tangent)
-        path = solve(replace(task, y0=start, rest=rest))
-        rows.append(np.array([path(t) for t in times]))
-    a, b, c, d = rows
+def difference(numbers: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Return the derivative at zero, by a difference of order four."""
+    a, b, c, d = (numbers(step) for step in (1e-4, -1e-4, 2e-4, -2e-4))
     return (8 * (a - b) - (c - d)) / 12e-4
 
 
@@ -298,6 +289,6 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
     state = np.concatenate([reals(task.y0), (e0 @ initial @ e0.T).reshape(-1)])
     stops = [s for s in {*task.breakpoints, *task.knots} if min(t, end) < s < max(t, end)]
     for stop in [*sorted(stops, reverse=end < t), end]:
-        run = solve_ivp(both, (t, stop), state, args=(t, stop), rtol=1e-9, atol=1e-11)
+        run = solve_ivp(both, (t, stop), state, "DOP853", args=(t, stop), rtol=1e-8, atol=1e-10)
         t, state = stop, run.y[:, -1]
     return state[n:].reshape(n, n)

@@ -12,6 +12,7 @@ import numpy as np
 
 from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
 from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.packed import make_method
 from cg.construction.methods.tolerance import to_floats
@@ -161,6 +162,6 @@ class SearchResult:
             source += ", then along the solution set"
             try:
                 method = to_method(improved, name=name, source=source)
-            except NotExactError:
+            except (NotExactError, MethodError):  # the latter if both results of a pair agree
                 return None
         return requirements.key(improved), method

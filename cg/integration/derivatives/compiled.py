@@ -119,7 +119,9 @@ def compiled_variation(
     contexts = []
     for record, given in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            contexts.append(context_of(function, given, variational.frame, shape, check))
+            frame = variational.frame
+            dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
+            contexts.append(context_of(function, given, frame, shape, check, False, dtype))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
@@ -182,7 +184,13 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
 
         f = WithInput(with_copies) if isinstance(f, WithInput) else with_copies
     functions: list[tuple[str, Any, tuple[int, ...], Any]]
-    functions = [("f", f, (frame.rhs_dim,), variational.check)]
+    functions = [("f", f, frame.rhs_shape, variational.check)]
+    if frame._given is not None and not is_compiled(frame):
+        # compiled code has the coefficients of derivatives on compiled frames only
+        def coefficients(t: float, y: Points, *arguments: Any) -> Array:
+            return variational.coefficients(t, y, _with_copy(arguments) if shifted else arguments)
+
+        functions = [("f", coefficients, (frame.dim,), lambda value, t, y: value)]
     if jac is None and not is_compiled(frame):
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:

@@ -60,7 +60,10 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
         joint = PythonRhs(field, field.product, *data)
     else:
-        joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
+        plan = problem.plan
+        if not plan.compiled:  # f gives coefficients there
+            plan = plan_of(plan.given, plan.method)
+        joint = compiled_variation(field, plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         absolute = _tolerances(problem, field, controlled, "atol")
         relative = _tolerances(problem, field, controlled, "rtol")

@@ -74,4 +74,4 @@ class Derivatives:
                 events[name] = [[split(z)[0] for z in members] for members in each]
         sol = None if joint.sol is None else joint.sol.with_derivatives(self)
         parts: Any = {**self.split(joint.y), **events}
-        return replace(joint, sol=sol, frame=self.field.frame, **parts)
+        return replace(joint, sol=sol, frame=self.field.frame._given or self.field.frame, **parts)

@@ -142,7 +142,7 @@ class Results:
             "message": message,
             "success": not failures,
             "table": problem.plan.method,
-            "frame": problem.plan.frame,
+            "frame": problem.plan.given,
             "h": problem.control.h,
             "observed": joint.observed,
             "_direction": problem.direction,
@@ -181,7 +181,7 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
     ends = problem.direction, part.reached.item(0), part.status[0], part.counts[0].tolist()
     return filled(Solution, {
         **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
-        "y_after": None, "table": problem.plan.method, "frame": problem.plan.frame,
+        "y_after": None, "table": problem.plan.method, "frame": problem.plan.given,
         "h": problem.control.h,
     })  # fmt: skip
 

@@ -78,6 +78,12 @@ class Callbacks:
         coordinates = frame._nearest_coordinates if nearest else frame.local_coordinates
         return coordinates(self._point(x), self._point(y))
 
+    def _coefficients(self, y: Array, dy: Array) -> Array:
+        if not (np.isfinite(y).all() and np.isfinite(dy).all()):
+            return np.full(self.frame.dim + 1, np.nan)
+        v, dropped = self.frame._coefficients(self._point(y), self._point(dy))
+        return np.append(v, dropped * np.linalg.norm(dy))
+
     def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
         assert self.jacobian is not None
         assert self.rhs is not None
@@ -118,6 +124,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.NEARBY: Callbacks._nearby,
     Operation.NEAREST: lambda self, x, y: self._nearby(x, y, nearest=True),
     Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
+    Operation.COEFFICIENTS: Callbacks._coefficients,
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
     Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
     Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),

@@ -38,6 +38,7 @@ class Plan:
         import cg._core_r64 as core
 
         self.core, self.frame, self.method = core, frame, method
+        self.given = frame._given or frame  # that of the user, `frame` if f returns coefficients
         along = method.polynomial if isinstance(frame, LinearAction) else None
         self.table = table = method if along is None else along
         self.compiled = is_compiled(frame)
@@ -57,6 +58,8 @@ class Plan:
         self.address: int = core.plan_open(
             blocks, block_constants(frame), ctypes.addressof(table.record)
         )
+        if frame._given is not None:
+            core.plan_take_derivatives(self.address)
         if isinstance(frame, PhaseSpace):
             core.plan_set_bodies(self.address, *frame.compiled_bodies())
         weakref.finalize(self, core.plan_close, self.address)
@@ -129,17 +132,24 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 def plan_of(frame: Frame, method: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
     plans = _plans_on(frame)
-    plan = plans.get(id(method))
+    key = id(method), frame._given is None
+    plan = plans.get(key)
     if plan is None:
         if len(plans) == _MAX_PLANS:
             plans.pop(next(iter(plans)), None)
-        plan = plans[id(method)] = Plan(frame, method)  # which keeps the method alive
+        plan = plans[key] = Plan(frame, method)  # which keeps the method alive
     return plan
 
 
 @cached_by_value
-def _plans_on(frame: Frame) -> dict[int, Plan]:
+def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
     return {}
+
+
+@cached_by_value
+def for_derivatives(frame: Frame) -> Frame:
+    """Return `Frame.for_derivatives`, which is cached."""
+    return frame.for_derivatives()
 
 
 @cached_by_value

@@ -12,7 +12,14 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
-from cg.support.arrays import Array, Points, conversion_hint, is_complex_array, real_array
+from cg.support.arrays import (
+    Array,
+    Points,
+    complex_array,
+    conversion_hint,
+    is_complex_array,
+    real_array,
+)
 from cg.support.checks import short
 
 _JOIN = "; join parts by np.concatenate"
@@ -32,16 +39,18 @@ def read_value(
     rows: str = "",
     hint: Callable[[tuple[int, ...]], str] | None = None,
     number: bool = False,
-) -> Array:
+    dtype: Any = np.float64,
+) -> Points:
     """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
 
     A vectorized function returns ``rows``, each of a member or of a time. The hint gets the shape
     of the array.
     """
     try:
-        array = real_array(value, name)
+        array: Points = (real_array if dtype == np.float64 else complex_array)(value, name)
     except ValueError as error:
-        expected = f"{shape[0]} real numbers" if len(shape) == 1 else f"an array of shape {shape}"
+        kind = "real" if dtype == np.float64 else "complex"
+        expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else f"an array of shape {shape}"
         expected = expected if shape else "a real number"
         join = isinstance(value, list | tuple) and any(map(np.ndim, value))
         text = _JOIN if join else conversion_hint(value, error)
@@ -90,24 +99,30 @@ class Check:
         self.of_time = isinstance(f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
-    def __call__(self, value: Any, t: Any, y: Points | None = None) -> Array:
-        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
+    def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
+        """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
 
         ValueError is raised if it has another shape. Numbers that aren't finite pass: compiled code
         rejects the step in which they are.
         """
         shape = self.frame.rhs_shape
         shape = (len(t), *shape) if self.vectorized else shape
-        return read_value(value, "f", shape, t, self.rows, self._hint)
+        dtype = self.frame.rhs_dtype
+        return read_value(value, "f", shape, t, self.rows, self._hint, dtype=dtype)
 
     def _hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
         shape = shape[int(self.vectorized) :]
+        if self.frame.rhs_shape == self.frame.point_shape:
+            return ""
         group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
         flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
         if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
             if shape != self.frame.point_shape:
                 return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
-            return "; f returns coefficients of the frame's fields, not the derivative of y"
+            return '; rhs="derivative" takes derivatives of y'
         name = "frame.vee" if group is self.frame else "frame.group.vee"
-        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
+        return (
+            f"; {name}(matrix) are those of a matrix in the Lie algebra, and "
+            'rhs="derivative" takes derivatives of y'
+        )

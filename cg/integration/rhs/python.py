@@ -47,7 +47,7 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized)
         function = f.function if isinstance(f, TimeFunction) else f
         members = None if vectorized else members_with_data(inputs, parameters)
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time
+        rest = frame, frame.rhs_shape, self.check, self.check.of_time, frame.rhs_dtype
         self._contexts = Contexts(function, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -191,11 +191,11 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    of_time: bool = False,
+    of_time: bool = False, dtype: Any = np.float64,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
-    rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
-    return function, args, *rest
+    rest = check, [None], of_time, with_input, np.dtype(dtype).num
+    return function, args, frame.point_shape, frame.dtype.num, shape, *rest

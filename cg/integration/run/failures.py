@@ -133,6 +133,12 @@ def find_mistakes(run: Run) -> list[str]:
                 "changes by more than the radius of dexp⁻¹, for rotations a full turn; take a "
                 "smaller h"
             )
+    if run.record.dropped:
+        texts.append(
+            f"f returns derivatives with a part that the fields of {plan.given!r} don't have, "
+            f"which is dropped: up to {run.record.dropped:.3g} of their length, at "
+            f"t = {run.record.dropped_at:.17g}"
+        )
     if not plan.surely_on_manifold(run.end):
         points = plan.points(np.ascontiguousarray(run.end), (run.members,))
         points = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
