@@ -131,7 +131,7 @@ def _make_rhs(
         if of_time:
             f = TimeFunction(f)
         if inputs is not None:
-            f = f.with_input() if of_time else WithInput(f)
+            f = WithInput(f)
         first = 0 if many else None
         rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
         if of_time or inputs is not None:
