@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.model.reference import Crossing, Task, curve
+from tests.model.reference import Task, curve
 from tests.model.spaces import SPACES, Space, reals
 
 FOLDER = tempfile.TemporaryDirectory()
@@ -253,8 +253,9 @@ class Program(Record):
         )  # fmt: skip
 
     def _options(self) -> list[str]:
-        varied = f" * np.resize([1.0, 0.3], {self.frame.measured})"
         length, n = abs(self.length), self.frame.coordinates
+        shape = self.frame.base.shape if self.frame.entries else (n,)
+        varied = f" * np.resize([1.0, 0.3], {shape})"
         adaptive = [
             *(f"{name}={getattr(self, name)!r}{varied * (name in self.arrays)}"
               for name in ("rtol", "atol")),
@@ -305,14 +306,10 @@ class Program(Record):
 
         curves = [curve(u.kind, names[f"times{k}"], changed(f"values{k}"))
                   for k, u in enumerate(self.inputs)]  # fmt: skip
-        crossings = [
-            Crossing(event.function, event.terminal, event.direction, event.jump)
-            for event in names["options"].get("events", ())
-        ]
         task = Task(
             self.frame, names["python"],
             (self.start, self.start + 4 * self.length if self.endless else self.end),
-            names["y0"], crossings, self.times(self.breaks), curves,
+            names["y0"], names["options"].get("events", ()), self.times(self.breaks), curves,
             [t for k in range(len(self.inputs)) for t in names[f"times{k}"].tolist()],
             (changed("parameters"),) if self.parameters else (),
         )  # fmt: skip
