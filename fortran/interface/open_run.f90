@@ -143,7 +143,7 @@ contains
       run%events%address = table%function
       run%events%data = table%data
       run%events%direction = int(table%direction)
-      run%events%most = table%most
+      run%events%limit = table%limit
       run%events%jumps = table%jumps /= 0
       run%events%period = table%period
       run%events%member_data = record%data

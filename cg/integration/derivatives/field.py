@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
-from cg.integration.plan.plan import cached_by_frame
 from cg.integration.rhs.checks import Check, when
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.given_derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.support.arrays import Array, Points
+from cg.support.caches import cached_by_value
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
@@ -203,7 +203,7 @@ def parameter_differences(
     return np.stack(columns, axis=-1)
 
 
-@cached_by_frame
+@cached_by_value
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
     """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Callable
-from functools import lru_cache, wraps
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from cg.integration.plan.blocks import (
     is_compiled,
 )
 from cg.support.arrays import Array, Points
+from cg.support.caches import cached_by_value
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 from cg.tables import MethodTable
@@ -126,32 +125,8 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
-_MAX_FRAMES = 64  # whose results are kept
 _MAX_PLANS = 64  # of a frame that are kept
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
-
-
-_Result = TypeVar("_Result")
-
-
-def cached_by_frame(function: Callable[[Frame], _Result]) -> Callable[[Frame], _Result]:
-    """Keep the last results of a function, unless a frame of the user can't be hashed."""
-    results = lru_cache(maxsize=_MAX_FRAMES)(function)
-    last: Any = None, None
-
-    @wraps(function)
-    def call(frame: Frame) -> _Result:
-        nonlocal last
-        known, result = last
-        if known is not frame:
-            try:
-                result = results(frame)
-            except TypeError:
-                return function(frame)
-            last = frame, result
-        return result  # type: ignore[no-any-return]
-
-    return call
 
 
 def plan_of(frame: Frame, method: MethodTable) -> Plan:
@@ -166,18 +141,18 @@ def plan_of(frame: Frame, method: MethodTable) -> Plan:
     return plan
 
 
-@cached_by_frame
+@cached_by_value
 def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
     return {}
 
 
-@cached_by_frame
+@cached_by_value
 def for_derivatives(frame: Frame) -> Frame:
     """Return `Frame.for_derivatives`, which is cached."""
     return frame.for_derivatives()
 
 
-@cached_by_frame
+@cached_by_value
 def has_brackets(frame: Frame) -> bool:
     """Return whether a frame has brackets of its fields."""
     try:
