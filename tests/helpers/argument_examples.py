@@ -12,8 +12,8 @@ import numpy as np
 import cg
 from cg import catalogue, conditions, construction, frames, plot
 from cg import proofs as certification
-from cg.construction import diagnosis
 from cg.construction.methods import low_storage, stability
+from cg.construction.plots import text as drawing
 from cg.construction.trees import ordered as trees
 from cg.support import quads
 from research import impossibility
@@ -188,8 +188,8 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(catalogue.dumps, method=CG3),
     call(catalogue.dumps_json, method=CG3),
     call(catalogue.resolve_method, method="CG3"),
-    call(diagnosis.draw_tree, tree=TREE),
-    call(diagnosis.draw_points, method=CG3, digits=4),
+    call(drawing.draw_tree, tree=TREE),
+    call(drawing.draw_points, method=CG3, digits=4),
     call(construction.pack_method, method=CG3, order=3),
     call(construction.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
          max_iterations=5),
