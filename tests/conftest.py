@@ -99,7 +99,7 @@ def affine(function):
 @pytest.fixture
 def path(tmp_path):
     """Return the file of a store of runs."""
-    return tmp_path / "runs.db"
+    return tmp_path / "runs.jsonl"
 
 
 @pytest.fixture

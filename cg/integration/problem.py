@@ -93,9 +93,8 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return place, points, parameters and inputs of consecutive members, for `select`."""
-        part = slice(members[0], members[-1] + 1)
+    def data(self, part: slice) -> tuple[int, Points, Array | None, Inputs | None]:
+        """Return place, points, parameters and inputs of some members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
         return part.start, self.points[part], numbers, inputs and inputs.part(part)
@@ -104,7 +103,7 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)):
             return self
-        return self.select(*self.data([members.start, members.stop - 1]))
+        return self.select(*self.data(members))
 
     def select(
         self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None

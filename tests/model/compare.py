@@ -24,18 +24,21 @@ from tests.model.spaces import reals
 TOLERANCES = 50  # admitted, times the growth of errors
 EPS = float(np.finfo(float).eps)
 EVENTS, COUNTS = ("t_events", "y_events", "y_after"), ("steps", "nrejected")
+DERIVATIVES = ("transition", "sensitivity", "covariance")
 
 CALL = "s = cg.solve_ivp(f, span, y0, **options)"
 OBSERVED = """calls = [0]
 def counted(*arguments):
     calls[0] += 1
-    return python(*arguments)
+    return f(*arguments)
 def observe(t, y, *rest): return [t, float(np.abs(y).sum())]
-s = cg.solve_ivp(NAME, span, y0, **options, observe=observe, store="observed")"""
+s = cg.solve_ivp(NAME, span, y0, **options, observe=observe, store=STORE)"""
 VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
-STEPPING = """stepping = {k: v for k, v in options.items() if k not in ("t_eval", "dense_output")}
-s = cg.Stepper(f, span[0], y0, span[1], **stepping)
+STEPPING = """others = "t_eval dense_output linear derivatives control_derivatives P0 noise".split()
+stepping = {k: v for k, v in options.items() if k not in others}
+g = python if "linear" in options else f
 """
+STEPPER = f"{STEPPING}s = cg.Stepper(g, span[0], y0, span[1], **stepping)\n"
 STEPS = """t, y = [s.t], [s.y]
 while s.status == "running":
     message = s.step()
@@ -53,8 +56,6 @@ for goal in GOALS:
     y.append(s.y)
     s.restart(y=s.y)
 """
-LINEAR = """def a(t, *rest): return f(t, np.broadcast_to(y0, (*np.shape(t), *y0.shape)), *rest)
-s = cg.solve_linear(a, span, y0, **options"""
 JAX = """import types, diffrax, jax
 jax.config.update("jax_enable_x64", True)
 traced = types.FunctionType(f.__code__, {**globals(), "np": jax.numpy})
@@ -139,11 +140,12 @@ def check(program: Program) -> str:
     outcome = "compared"
     with warnings.catch_warnings():
         warnings.simplefilter("error" if not program.steps else "ignore")
+        warnings.filterwarnings("ignore", "invalid value encountered in sqrt")
         try:
             case.solution, case.bound = case.solve(), _bound(case)
         except Unclear as reason:
             return str(reason)
-        for compare in (alone, observed, same_without_output, with_fixed_steps, *(
+        for compare in (alone, observed, same_without_output, with_fixed_steps, derivatives, *(
             globals()[name] for name in program.callers
         )):  # fmt: skip
             try:
@@ -316,7 +318,8 @@ def observed(case: Case) -> None:
     """Numbers at output times in place of points; and as many calls of f as ``nfev`` says."""
     if not case.program.observe:
         return
-    code = OBSERVED.replace("NAME", "f" if case.program.compiled else "counted")
+    code = OBSERVED.replace("STORE", "'all'" if case.program.derivatives else "'observed'")
+    code = code.replace("NAME", "f" if case.program.compiled else "counted")
     run, solution = case.run(code), case.solution
     s = run["s"]
     own = [run["observe"](t, y) for t, y in zip(solution.t, solution.y, strict=True)]
@@ -324,7 +327,8 @@ def observed(case: Case) -> None:
         raise Difference("observed isn't the function of the points", code)
     same(solution, s, ("t", "nfev", *EVENTS, *COUNTS), code)
     calls = run["calls"][0]
-    if calls != s.nfev and not case.program.compiled and case.program.method not in SPLITTINGS:
+    exempt = case.program.compiled or case.program.derivatives == "forward"
+    if calls != s.nfev and not exempt and case.program.method not in SPLITTINGS:
         raise Difference(f"nfev is {s.nfev}, there are {calls} calls", code)
 
 
@@ -346,20 +350,19 @@ PLAIN = "{**options, 't_eval': None, 'dense_output': False}"
 
 def with_fixed_steps(case: Case) -> None:
     """`integrate` takes the steps of `solve_ivp`."""
-    if not case.program.steps or case.program.events or case.program.breaks:
+    if not case.program.steps:
         return
-    names = ("frame", "method", "h", "inputs", "parameters")
-    code = f"s = cg.integrate(f, span, y0, **{{k: options[k] for k in {names} if k in options}})"
-    plain = case.solve(t_eval=None, dense_output=False)
-    same(plain, case.solve(code), ("t", "y", "nfev", "nexp"), code)
+    code = CALL.replace("solve_ivp", "integrate")
+    same(case.solution, case.solve(code), ("t", "y", "nfev", "nexp", *DERIVATIVES), code)
 
 
 def step_by_step(case: Case) -> None:
     """Steps of a `Stepper`, copied, pickled and continued, are those of `solve_ivp`."""
     if any(zero.jump and zero.terminal for zero in case.program.events):
         return  # a stepper makes the last jump too
-    code = STEPPING + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
-    plain, run = case.solve(t_eval=None, dense_output=False), case.run(code)
+    code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
+    plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
+    run = case.run(code)
     same(plain, run["s"], EVENTS, code)
     t, y = np.array(run["t"]), np.array(run["y"])
     if not np.array_equal(plain.y[-1], y[-1]) or not (case.jumps() or np.array_equal(plain.y, y)):
@@ -376,7 +379,7 @@ def advanced(case: Case) -> None:
     if any(zero.terminal for zero in program.events):
         return
     times = [program.at(share) for share in (0.31, 0.77, 1.0)]
-    code = STEPPING + GOALS.replace("GOALS", str(times))
+    code = STEPPER + GOALS.replace("GOALS", str(times))
     _near(case, times, case.run(code)["y"], code)
     earlier = f"s.restart(t={times[0]!r}, y=y[0])\ns.advance({times[1]!r})\ny = [s.y]\n"
     _near(case, [times[1]], case.run(code + earlier)["y"], code + earlier)
@@ -423,7 +426,7 @@ def members(
     for way in (way for way in ways if not (program.compiled and "vectorized" in way)):
         s = case.solve(f"{code}{way})")
         for i, own in enumerate((case.solution, single, case.solution)):
-            compared = ("t", "y") if program.output is not None else ()
+            compared = ("t", "y", *DERIVATIVES) if program.output is not None else ()
             same(own, s[i], (*compared, *EVENTS, *COUNTS), f"{code}{way})[{i}]")
             if own.status == 0 and not np.array_equal(s[i].y[-1:], own.y[-1:]):
                 raise Difference(f"the end of member {i} differs", f"{code}{way})\nprint(s.y)")
@@ -459,13 +462,6 @@ def _numbers(case: Case, step: float, changes: dict, times: Sequence[float]) -> 
     return np.concatenate([*(path(t) for t in times), happened])
 
 
-def _differentiable(case: Case) -> bool:
-    program = case.program
-    return program.frame.brackets and program.method != "RadauIIA5" and not (
-        program.steps or program.endless or program.length == 0
-    )  # fmt: skip
-
-
 def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
     error = float(np.abs(ours - expected).max(initial=0.0))
     if error > case.bound + 1e-7:
@@ -476,23 +472,19 @@ def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
             raise Difference(f"{text}: {np.array(ours)}, of the model {np.array(expected)}", code)
 
 
+def derivatives(case: Case) -> None:
+    if case.program.derivatives and np.isfinite(case.bound) and not case.program.steps:
+        forward(case) if case.program.derivatives == "forward" else backward(case)
+
+
 def forward(case: Case) -> None:
     """Derivatives and covariances by the variational equation."""
-    program, space = case.program, case.program.frame
-    if not _differentiable(case):
-        return
+    program, space, s = case.program, case.program.frame, case.solution
     xi, changes = _changes(case)
-    density = np.diag(np.arange(1.0, space.coordinates + 1)) / program.length
-    code = f"given = dict(P0=0.1 * np.eye({space.coordinates}), control_derivatives=True)\n"
-    if program.length > 0:
-        code += f"given['noise'] = np.diag({np.diag(density).tolist()})\n"
-    code += "s = cg.solve_variational(f, span, y0, **options, **given)"
-    s = case.solve(code)
-    accurate(case, s, code)
     kept = [i for i, t in enumerate(s.t) if not case.near_jump(t)]
     model = difference(lambda step: _numbers(case, step, changes, s.t[kept]))
     points, happened = np.split(model, [len(kept) * reals(space.base).size])
-    lines = f"{code}\nprint(s.transition, s.sensitivity)  # xi = {xi.tolist()}, {changes}"
+    lines = f"{CALL}\nprint(s.transition, s.sensitivity)  # xi = {xi.tolist()}, {changes}"
     for i, row in zip(kept, points.reshape(len(kept), reals(space.base).size), strict=True):
         coordinates = s.transition[i] @ xi
         if program.parameters:
@@ -506,16 +498,18 @@ def forward(case: Case) -> None:
     elif reals(space.base).size <= 9 and program.output is None:
         fields = np.stack([space.tangent(e, s.y[-1]) for e in np.eye(space.coordinates)], axis=1)
         ours = fields @ s.covariance[-1] @ fields.T
-        spread = density * (program.length > 0)
+        spread = np.diag(np.arange(1.0, space.coordinates + 1)) / program.length * program.noisy
         model = covariance(case.path.task, 0.1 * np.eye(space.coordinates), spread)
         size = max(1.0, float(np.abs(model).max()))
-        _check_derivative(case, ours / (2 * size), model / (2 * size), f"{code}\ns.covariance")
+        _check_derivative(
+            case, ours / (2 * size), model / (2 * size), f"{CALL}\nprint(s.covariance)"
+        )
 
 
-def _gradient(case: Case, code: str) -> None:
-    """Compare the gradient of one number with differences: by the start, parameters and inputs."""
-    program, space = case.program, case.program.frame
-    s, rng = case.solve(code), np.random.default_rng(7)
+def backward(case: Case) -> None:
+    """The gradient of one number by the start, parameters and inputs, by the adjoint equation."""
+    program, space, s = case.program, case.program.frame, case.solution
+    rng = np.random.default_rng(7)
     xi, changes = _changes(case)
     for k, samples in enumerate(program.inputs):
         changes[f"values{k}"] = samples.scale * rng.uniform(-1, 1, samples.count)
@@ -526,7 +520,7 @@ def _gradient(case: Case, code: str) -> None:
         for i, weight in zip(rows, weights, strict=True)
     ])  # fmt: skip
     cotangent = cotangent if program.output else cotangent[0]
-    code += f"\ng = s.gradient(np.array({cotangent.tolist()}))"
+    code = f"{CALL}\ng = s.gradient(np.array({cotangent.tolist()}))"
     g = case.run(code)["g"]
     inputs = g.inputs if isinstance(g.inputs, tuple) else (g.inputs,)
     ours = g.y0 @ xi + (g.parameters @ changes["parameters"] if program.parameters else 0.0)
@@ -534,25 +528,6 @@ def _gradient(case: Case, code: str) -> None:
     expected = difference(lambda step: _numbers(case, step, changes, s.t[rows]))
     lines = f"{code}\nprint(g)  # xi = {xi.tolist()}, {changes}"
     _check_derivative(case, ours, weights.ravel() @ expected, lines)
-
-
-def backward(case: Case) -> None:
-    """Gradients by the adjoint equation."""
-    if _differentiable(case) and not case.program.events:
-        _gradient(case, CALL.replace("ivp", "variational").replace(")", ", derivatives='adjoint')"))
-
-
-def linear(case: Case) -> None:
-    """`solve_linear`, where f depends on time alone."""
-    program, space = case.program, case.program.frame
-    if program.form == "state" or space.phase or space.returned != (-1,):
-        return
-    if program.compiled or program.edge or program.method == "RadauIIA5":
-        return
-    accurate(case, case.solve(f"{LINEAR})"), f"{LINEAR})")
-    accurate(case, case.solve(f"{LINEAR}, vectorized=True)"), f"{LINEAR}, vectorized=True)")
-    if _differentiable(case) and not program.events:
-        _gradient(case, f"{LINEAR}, derivatives='adjoint')")
 
 
 def in_jax(case: Case) -> None:

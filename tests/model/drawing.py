@@ -19,7 +19,7 @@ FIXED = (
     "RKMK8(5,3)", "ImplicitMidpoint", "DICG4b",
 )  # fmt: skip
 SPLITTINGS = ("Leapfrog", "McLachlan2", "BlanesMoan4", "BlanesMoan6")
-CALLERS = ("step_by_step", "advanced", "members", "processes", "forward", "backward", "linear")
+CALLERS = ("step_by_step", "advanced", "members", "processes")
 SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
 
 
@@ -71,7 +71,8 @@ def program(seed: int, index: int) -> Program:
         events=(*some(3, zero), *one((), (), (), (Zero("edge"),))),
         breaks=one((), (0.3,), (0.31, 0.75), (0.5, 0.31)), inputs=some(2, samples),
         parameters=one(False, True), compiled=one("", "", "", "c", "c", one("c", "numba")),
-        callers=tuple({one(*CALLERS), one(*CALLERS)}) if rng.random() > 0.005 else ("in_jax",),
+        linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
+        callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
     ))  # fmt: skip
 
 
@@ -86,7 +87,7 @@ def admitted(program: Program) -> Program:
     change(True, callers=tuple(callers))
     change(not frame.compiled, compiled="")
     change("in_jax" in callers, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
-    change("in_jax" in callers, arrays="")
+    change("in_jax" in callers, arrays="", linear=False)
     change("in_jax" in callers and program.method not in PAIRS[1:-1], method="CF5(4)")
     change(program.steps, first_step=0.0, max_step=0.0, arrays="", rtol=1e-6, atol=1e-6)
     change(program.length == 0.0, output=None, breaks=(), inputs=(), events=(), steps=0.0)
@@ -97,9 +98,16 @@ def admitted(program: Program) -> Program:
     change(not frame.brackets and program.method.startswith(("RKMK", "Radau")), method="CF5(4)")
     change(program.method in SPLITTINGS and program.form == "state", form="time")  # friction
     change(frame.phase and abs(program.length) > 10.0, length=program.length / 1e4)  # free motion
-    change(callers == ["linear"], compiled="", form="time")
+    plain = not frame.phase and frame.returned == (-1,) and program.method != "RadauIIA5"
+    plain = plain and not any(zero.kind == "edge" for zero in program.events)
+    change(program.linear, linear=plain)
+    change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
+    smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
+    change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
+    change(program.linear and program.derivatives, derivatives="adjoint")
+    change(program.derivatives == "adjoint", events=(), output=program.output or None)
     inputs = program.inputs
-    if abs(program.length) < 1e-3 or callers != ["linear"] or not frame.compiled:  # they take long
+    if abs(program.length) < 1e-3 or program.derivatives or callers or not frame.compiled:  # slow
         inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in inputs)
     inputs = tuple(replace(u, count=200) if u.idle else u for u in inputs)
     events = [zero for zero in program.events if zero.kind != "edge" or not program.steps]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.model.reference import Crossing, Task, curve
+from tests.model.reference import Task, curve
 from tests.model.spaces import SPACES, Space, reals
 
 FOLDER = tempfile.TemporaryDirectory()
@@ -46,15 +46,18 @@ members{k} = cg.Samples(
     times{k}, np.stack([values{k}, values{k}[::-1], values{k}]), {kind}, members=True)
 """
 FUNCTION = """
-def f(t, y{further}):
+def python(t, y{further}):
     z = np.reshape(y{view}, (*np.shape(t), 1, -1))
     v = rate * np.sin((w * z).sum(-1) + np.multiply.outer(t, speed) + phase)
     v = v * np.prod(1 - 2 * (np.asarray(t)[..., None] >= at), -1)[..., None]
-    with np.errstate(invalid="ignore"):
-        v = (v{driven}) * np.sqrt(room + (z * edge).sum(-1))
+    v = (v{driven}) * np.sqrt(room + (z * edge).sum(-1))
     v = {mixed}
     return v.reshape(*np.shape(t), {returned})
-python = f
+f = python
+"""
+OF_TIME = """
+def f(t{further}):
+    return python(t, np.broadcast_to(y0, (*np.shape(t), *y0.shape)){further})
 """
 IN_C = """
 def table(array): return "{" + ", ".join(map(repr, [*np.ravel(array).tolist(), 0.0])) + "}"
@@ -93,7 +96,7 @@ def f(t, y, v, data): return inner(t, y, v, data)
 PLANE = """
 normal{k} = np.random.default_rng({zero.seed}).random({size}) - 0.5
 normal{k} /= np.linalg.norm(normal{k})
-level{k} = float(normal{k} @ y0.view(float).ravel()) + {zero.place} - 0.5
+level{k} = float(normal{k} @ y0.view(float).ravel()) + ({zero.place} - 0.5)
 """
 EVENT = """
 def event{k}(t, y{further}): return {body}
@@ -169,6 +172,8 @@ class Program(Record):
     inputs: tuple[Input, ...] = ()
     parameters: bool = False
     compiled: str = ""
+    linear: bool = False
+    derivatives: str = ""
     callers: tuple[str, ...] = ()
 
     @property
@@ -183,6 +188,11 @@ class Program(Record):
     def edge(self) -> bool:
         """Whether f has a domain."""
         return any(zero.kind == "edge" for zero in self.events)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether there is noise, which isn't admitted backward in time."""
+        return self.derivatives == "forward" and self.length > 0
 
     def at(self, share: float) -> float:
         """Return the time at a share of the span, to the bit the end for one."""
@@ -215,6 +225,7 @@ class Program(Record):
             mixed="v * p[..., :1] + p[..., 1:] * v[..., ::-1]" if self.parameters else "v",
             returned=", ".join(map(str, space.returned)),
         )  # fmt: skip
+        text += OF_TIME.format(further=further) if self.linear else ""
         text += IN_C.replace("COUNT", str(2 * self.parameters)) if self.compiled else ""
         text += IN_NUMBA if self.compiled == "numba" else ""
         for k, zero in enumerate(self.events):
@@ -242,8 +253,9 @@ class Program(Record):
         )  # fmt: skip
 
     def _options(self) -> list[str]:
-        varied = f" * np.resize([1.0, 0.3], {self.frame.measured})"
-        length = abs(self.length)
+        length, n = abs(self.length), self.frame.coordinates
+        shape = self.frame.base.shape if self.frame.entries else (n,)
+        varied = f" * np.resize([1.0, 0.3], {shape})"
         adaptive = [
             *(f"{name}={getattr(self, name)!r}{varied * (name in self.arrays)}"
               for name in ("rtol", "atol")),
@@ -260,6 +272,10 @@ class Program(Record):
             f"inputs={self.named_inputs('samples')}": self.inputs,
             "parameters=parameters": self.parameters,
             "rhs='derivative'": self.frame.returned != (-1,),
+            "linear=True": self.linear,
+            f"derivatives={self.derivatives!r}": self.derivatives,
+            f"control_derivatives=True, P0=0.1 * np.eye({n})": self.derivatives == "forward",
+            f"noise=np.diag(np.arange(1.0, {n + 1}) / {length!r})": self.noisy,
         }
         sizes = [f"h={length / self.steps!r}"] if self.steps else adaptive
         return ["frame=frame", *sizes, *(text for text, value in given.items() if value)]
@@ -291,14 +307,10 @@ class Program(Record):
 
         curves = [curve(u.kind, names[f"times{k}"], changed(f"values{k}"))
                   for k, u in enumerate(self.inputs)]  # fmt: skip
-        crossings = [
-            Crossing(event.function, event.terminal, event.direction, event.jump)
-            for event in names["options"].get("events", ())
-        ]
         task = Task(
             self.frame, names["python"],
             (self.start, self.start + 4 * self.length if self.endless else self.end),
-            names["y0"], crossings, self.times(self.breaks), curves,
+            names["y0"], names["options"].get("events", ()), self.times(self.breaks), curves,
             [t for k in range(len(self.inputs)) for t in names[f"times{k}"].tolist()],
             (changed("parameters"),) if self.parameters else (),
         )  # fmt: skip

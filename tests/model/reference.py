@@ -7,6 +7,7 @@ on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -20,24 +21,18 @@ KICK = 1e-6  # size of the perturbations that show how errors grow
 
 
 @dataclass(frozen=True)
-class Crossing:
-    """An event as the model takes it: ``terminal`` is a number of times, zero for never."""
-
-    function: Callable
-    terminal: int = 0
-    direction: int = 0
-    jump: Callable | None = None
-
-
-@dataclass(frozen=True)
 class Task:
-    """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``."""
+    """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``.
+
+    An event has a ``function``, its ``terminal`` number of times, zero for never, its
+    ``direction``, and a ``jump`` or None.
+    """
 
     space: Space
     f: Callable
     span: tuple[float, float]
     y0: np.ndarray
-    events: Sequence[Crossing] = ()
+    events: Sequence[Any] = ()
     breakpoints: Sequence[float] = ()
     curves: Sequence[Callable] = ()
     knots: Sequence[float] = ()
@@ -146,15 +141,11 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
 def _direction(task: Task, z: np.ndarray, seed: int) -> np.ndarray:
     """Return a random tangent."""
     rng, space = np.random.default_rng(seed), task.space
-    y = task.point(z)
-    if space.phase:
-        y = y.copy()
-        y[-space.dim :] = rng.standard_normal(space.dim)
-    tangent = reals(space.field(rng.standard_normal(space.dim), y))
+    tangent = space.tangent(rng.standard_normal(space.coordinates), task.point(z))
     return tangent / max(np.linalg.norm(tangent), 1e-300)
 
 
-def _value(task: Task, event: Crossing, t: float, z: np.ndarray) -> float:
+def _value(task: Task, event: Any, t: float, z: np.ndarray) -> float:
     return float(event.function(t, task.point(z), *task.arguments(t)))
 
 
@@ -246,15 +237,12 @@ def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) ->
         other = solve(path.task, kicks, rtol=1e-10)
         if [len(events) for events in other.events] != [len(events) for events in path.events]:
             return np.inf
-        moved = sorted([*path.jumps, *other.jumps, path.end, other.end])
+        moved = list(zip([*path.jumps, path.end], [*other.jumps, other.end], strict=False))
+        changes = [other.last - path.last]
         for t in times:
-            near = any(
-                abs(t - a) <= 100 * abs(a - b) + 1e-9 * abs(end - begin)
-                for a, b in zip(moved[::2], moved[1::2], strict=False)
-            )
-            if not near:
-                largest = max(largest, float(np.abs(other(t) - path(t)).max()) / KICK)
-        largest = max(largest, float(np.abs(other.last - path.last).max()) / KICK)
+            if all(abs(t - a) > 100 * abs(a - b) + 1e-9 * abs(end - begin) for a, b in moved):
+                changes.append(other(t) - path(t))
+        largest = max(largest, *(float(np.abs(change).max()) / KICK for change in changes))
     return largest
 
 
@@ -269,11 +257,10 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
 
     A is the derivative of y' in the space around, E has the frame's fields as columns.
     """
-    n, dim = reals(task.y0).size, task.space.dim
+    n, units = reals(task.y0).size, np.eye(task.space.coordinates)
 
     def fields(z):
-        y = task.point(z)
-        return np.stack([reals(task.space.field(e, y)) for e in np.eye(dim)], axis=1)
+        return np.stack([task.space.tangent(e, task.point(z)) for e in units], axis=1)
 
     def both(t, state, begin, end):
         t = within(t, begin, end)

@@ -36,11 +36,6 @@ class Space:
     along: Field | None = None
 
     @property
-    def measured(self) -> tuple[int, ...]:
-        """The shape of tolerances."""
-        return self.base.shape if self.entries else (self.coordinates,)
-
-    @property
     def coordinates(self) -> int:
         """The number of coordinates of a tangent."""
         return self.dim * (1 + self.phase)
@@ -78,14 +73,6 @@ def skew(n: int) -> np.ndarray:
     return basis
 
 
-def units(n: int) -> np.ndarray:
-    return np.eye(n * n).reshape(n * n, n, n)
-
-
-def combination(basis: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.tensordot(v, basis, 1)
-
-
 def moved_by(basis: np.ndarray, side: str) -> Field:
     """Return the field of matrices that act from a side, or from both."""
     actions: dict[str, Field] = {
@@ -94,7 +81,7 @@ def moved_by(basis: np.ndarray, side: str) -> Field:
         "congruent": lambda omega, y: omega @ y + y @ omega.T,
         "similar": lambda omega, y: omega @ y - y @ omega,
     }
-    return lambda v, y: actions[side](combination(basis, v), y)
+    return lambda v, y: actions[side](np.tensordot(v, basis, 1), y)
 
 
 PAULI = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
@@ -119,8 +106,8 @@ def ambient_stiefel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return x - y @ (y.T @ x + x.T @ y) / 2
 
 
-def joined(*spaces: Space) -> Field:
-    """Return the field of a product, whose points are one flat vector."""
+def product(*spaces: Space) -> Space:
+    """Return the product, whose points are one flat vector."""
 
     def field(v, y):
         parts = []
@@ -131,15 +118,11 @@ def joined(*spaces: Space) -> Field:
             v, y = v[space.dim :], y[size:]
         return np.concatenate(parts)
 
-    return field
-
-
-def product(*spaces: Space) -> Space:
     return Space(
         f"cg.frames.Product({', '.join(space.expression for space in spaces)})",
         np.concatenate([reals(space.base) for space in spaces]),
         sum(space.dim for space in spaces),
-        joined(*spaces),
+        field,
         all(space.brackets for space in spaces),
         compiled=all(space.compiled for space in spaces),
     )
@@ -189,16 +172,12 @@ def matrices(name: str, basis: np.ndarray, side: str, brackets: bool = True) -> 
     )
 
 
-def circle(v: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return v[0] * np.array([-y[1], y[0]])
-
-
 CIRCLE = """
 def along(y): return np.array([-y[1], y[0]])
 def flow(v, y): return np.array([[np.cos(v[0]), -np.sin(v[0])], [np.sin(v[0]), np.cos(v[0])]]) @ y
 """
 
-ROTATIONS = skew(3)
+ROTATIONS, UNITS = skew(3), np.eye(4).reshape(4, 2, 2)
 LINE = Space("cg.frames.Euclidean(1)", np.zeros(1), 1, lambda v, y: v, compiled=True)
 PLANE = Space("cg.frames.Euclidean(2)", np.zeros(2), 2, lambda v, y: v, compiled=True)
 BODY = Space("cg.frames.SO3()", np.eye(3), 3, moved_by(ROTATIONS, "right"), compiled=True)
@@ -216,8 +195,8 @@ SPACES = (
     Space("cg.frames.SE3()", np.eye(4), 6, rigid("right"), compiled=True),
     Space("cg.frames.SO(4)", np.eye(4), 6, moved_by(skew(4), "right"), compiled=True),
     Space("cg.frames.SO(2, 'space')", np.eye(2), 1, moved_by(skew(2), "left"), compiled=True),
-    Space("cg.frames.GL(2)", np.eye(2), 4, moved_by(units(2), "left")),
-    Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(units(2), "congruent"), entries=True),
+    Space("cg.frames.GL(2)", np.eye(2), 4, moved_by(UNITS, "left")),
+    Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(UNITS, "congruent"), entries=True),
     Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 3, moved_by(ROTATIONS, "left"),
           entries=True),
     Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False, entries=True,
@@ -239,7 +218,8 @@ SPACES = (
     matrices("LinearAction", np.array([[[0, -1.0, 0], [1.0, 0, 0], [0, 0, 0]],
                                        [[0, 0, 0], [0, 0, -0.5], [0, 0.5, 0]]]), "left", False),
     matrices("MatrixFrame", np.array([[[0, -0.5], [2.0, 0]]]), "left"),
-    Space("cg.frames.FieldFrame([along], flow, point_shape=2)", np.array([1.0, 0.0]), 1, circle,
+    Space("cg.frames.FieldFrame([along], flow, point_shape=2)", np.array([1.0, 0.0]), 1,
+          moved_by(skew(2), "left"),
           entries=True, prelude=CIRCLE),
     product(BODY, PLANE), product(SPIN, LINE, SPHERE), power(SPHERE, 2), power(QUATERNION, 2),
     phase(BODY, [1.0, 1.5, 2.0], True), phase(PLANE, [1.5, 1.5], False),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -40,7 +39,6 @@ class Results:
         self.members = len(problem.points)
         self._shape = self.members, *problem.plan.frame.point_shape
         self._all: MemberResults | None = None
-        self._any_finished = False
         if out is not None:
             assert problem.t_eval is not None
             shape, kind = self._shape, problem.plan.frame.dtype
@@ -71,7 +69,6 @@ class Results:
 
     def add(self, members: slice, part: MemberResults) -> None:
         """Add the results of some members."""
-        self._any_finished = True
         if part.events is not None:
             self._add_events(members.start, part)
         if part.steps is not None:
@@ -107,14 +104,6 @@ class Results:
                 (t_k[which == i], y_k[which == i]) for i in range(len(self.problem.events))
             ]
 
-    def add_failure(self, members: slice, message: str) -> None:
-        """Add the message of members whose worker died."""
-        joint = self.joint()
-        joint.messages.update((k, message) for k in range(members.start, members.stop))
-        for array in (joint.y, joint.observed):
-            if array is not None:
-                array[:, members] = math.nan
-
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
         problem, joint = self.problem, self.joint()
@@ -122,8 +111,6 @@ class Results:
         if joint.messages:
             failures = {k: joint.messages[k] for k in np.flatnonzero(joint.status < 0).tolist()}
         message = failed_members(failures, self.members) if failures else FINISHED
-        if not self._any_finished:
-            raise RuntimeError(message)
         joint.t.flags.writeable = False
         for array in (joint.y, joint.observed):
             if array is not None and array is not self.out:
