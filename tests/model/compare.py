@@ -97,6 +97,8 @@ class Case:
         names = dict(self.names)
         try:
             exec(code, names)
+        except ModuleNotFoundError as error:  # JAX is an extra
+            raise Unclear(str(error)) from error
         except Exception as error:
             if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
                 raise Unclear("steps are too long for the method") from error
@@ -131,11 +133,13 @@ class Case:
 
 def check(program: Program) -> str:
     """Compare a program with the model; return "compared", or why there is no answer."""
-    names = program.build()
     try:
+        names = program.build()
         case = Case(program, names, solve(program.task(names)))
     except ArithmeticError:
         return "the model has no solution"
+    except ModuleNotFoundError as error:  # numba is an extra
+        return str(error)
     if program.endless and not case.path.terminated:
         return "no event ends it"
     outcome = "compared"
