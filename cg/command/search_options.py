@@ -14,7 +14,6 @@ from cg.command.arguments import (
     stacked,
     workers_option,
 )
-from cg.command.engines import engine_options
 from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
@@ -86,7 +85,7 @@ _POINTS: Sequence[Option[Any]] = (
 _RUN: Sequence[Option[Any]] = (
     click.option("--force", is_flag=True, help="Try even with fewer unknowns than conditions."),
     workers_option,
-    engine_options,
+    click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
     click.option(
         "--store", type=click.Path(dir_okay=False), metavar="FILE",
         help="Store finished starts there; the same command resumes an interrupted run.",

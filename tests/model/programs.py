@@ -271,6 +271,7 @@ class Program(Record):
             "breakpoints=at": self.breaks,
             f"inputs={self.named_inputs('samples')}": self.inputs,
             "parameters=parameters": self.parameters,
+            "rhs='derivative'": self.frame.returned != (-1,),
             "linear=True": self.linear,
             f"derivatives={self.derivatives!r}": self.derivatives,
             f"control_derivatives=True, P0=0.1 * np.eye({n})": self.derivatives == "forward",

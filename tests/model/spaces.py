@@ -199,7 +199,7 @@ SPACES = (
     Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(UNITS, "congruent"), entries=True),
     Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 3, moved_by(ROTATIONS, "left"),
           entries=True),
-    Space("cg.frames.AmbientStiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False, entries=True,
+    Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False, entries=True,
           returned=(3, 2)),
     Space("cg.frames.Grassmann(3, 1)", np.diag([1.0, 0, 0]), 3, moved_by(ROTATIONS, "similar"),
           entries=True),
