@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
+from copy import copy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar
 
@@ -177,24 +178,27 @@ class Frame(Manifold, FieldAlgebra):
         >>> UnitQuaternion().coefficients([0, 0, 0, 1], [0, 0, 0.5, 0])
         array([0., 0., 1.])
         """
-        point, tangent = np.broadcast_arrays(self._points(y), self._points(dy, "dy"))
-        rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
-        v = np.asarray(self._coefficients_at(rows, slopes))
-        self._warn_of_normal_part(slopes, slopes - self.field(v, rows))
-        return v.reshape(*point.shape[: point.ndim - len(self.point_shape)], self.dim)
-
-    def _warn_of_normal_part(self, slopes: Points, dropped: Points) -> None:
-        axes = tuple(range(1, slopes.ndim))
-        lengths, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in (dropped, slopes))
-        excess = lengths > NORMAL_PART * sizes + NORMAL_ROUNDING
+        v, dropped = self._coefficients(self._points(y), self._points(dy, "dy"))
+        excess = dropped > NORMAL_PART
         if excess.any():
-            k = int(np.argmax(excess))
-            place = f" of derivative {k}" if len(slopes) > 1 else ""
+            place = tuple(map(int, np.unravel_index(np.argmax(excess), excess.shape)))
             warnings.warn(
                 f"dy has a part that the fields of {self!r} don't have, which is dropped: "
-                f"{lengths[k] / sizes[k]:.3g} of the length{place}",
-                stacklevel=3,
+                f"{dropped[place]:.3g} of its length{f' at index {place}' if place else ''}",
+                stacklevel=2,
             )
+        return v
+
+    def _coefficients(self, y: Points, dy: Points) -> tuple[Array, Array]:
+        """Return the coefficients of derivatives, and what is dropped relative to their lengths."""
+        point, tangent = np.broadcast_arrays(y, dy)
+        rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
+        v = np.asarray(self._coefficients_at(rows, slopes))
+        axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
+        parts = slopes - self.field(v, rows), slopes
+        dropped, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in parts)
+        relative = np.where(dropped > NORMAL_ROUNDING, dropped / np.maximum(sizes, dropped), 0.0)
+        return v.reshape(*lead, self.dim), relative.reshape(lead)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.
@@ -305,12 +309,29 @@ class Frame(Manifold, FieldAlgebra):
 
     @property
     def rhs_shape(self) -> tuple[int, ...]:
-        """The shape ``(rhs_dim,)`` of what they return; of `AmbientStiefel` that of a point."""
-        return (self.rhs_dim,)
+        """The shape of what they return: ``(rhs_dim,)``, or that of a point for derivatives."""
+        return (self.rhs_dim,) if self._given is None else self.point_shape
 
-    def complete_rhs(self, f: Array, y: Points) -> Array:
+    @property
+    def rhs_dtype(self) -> np.dtype[Any]:
+        """The type of what they return: float64, or that of points for derivatives."""
+        return np.dtype(np.float64) if self._given is None else self.dtype
+
+    def complete_rhs(self, f: Points, y: Points) -> Array:
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
-        return f
+        return f if self._given is None else self._coefficients(y, f)[0]
+
+    _given: Frame | None = None  # the frame in place of which right-hand sides give derivatives
+
+    def for_derivatives(self) -> Frame:
+        """Return the frame for right-hand sides that return derivatives of points."""
+        frame = copy(self._moved_by_derivatives())
+        vars(frame)["_given"] = self
+        return frame
+
+    def _moved_by_derivatives(self) -> Frame:
+        """Return the frame that moves the same points fastest along derivatives."""
+        return self
 
     def compiled_blocks(self) -> Blocks | None:
         """Return the description of this frame for compiled code, None if there is none.

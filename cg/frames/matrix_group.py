@@ -280,14 +280,14 @@ class MatrixGroup(Frame):
             return coordinates_between(block, self.dim, 2, start, end)
         # Quotient minus identity from the difference, without cancellation for points nearby
         difference = self._quotient(start, end - start)
-        finite = np.isfinite(difference).all(axis=(-2, -1))[..., None]
+        finite = np.asarray(np.isfinite(difference).all(axis=(-2, -1)))[..., None]
         coordinates = self._log1p(np.where(finite[..., None], difference, 0.0))
         return self._checked_coordinates(np.where(finite, coordinates, np.nan), start, end)
 
     def _quotient(self, y: Points, change: Points) -> Points:
         """Return y⁻¹ times a change (body) or the change times y⁻¹, NaN for singular points."""
         # Points may be singular by rounding; np.linalg.inv would raise.
-        regular = np.asarray(np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
+        regular = (np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, y, np.eye(self.size)))
         with np.errstate(over="ignore", invalid="ignore"):
             quotient = inverse @ change if self.convention == "body" else change @ inverse

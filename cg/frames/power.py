@@ -76,6 +76,9 @@ class Power(Frame):
         vector, point = self._arguments(v, y)
         return self.factor.flow(self._split_vector(vector), point)
 
+    def _moved_by_derivatives(self) -> Frame:
+        return Power(self.factor._moved_by_derivatives(), self.n)
+
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         rows = (x.reshape(-1, *self.factor.point_shape) for x in (y, tangent))
         return self.factor._coefficients_at(*rows).reshape(-1, self.dim)

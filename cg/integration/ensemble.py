@@ -17,21 +17,21 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.friction import check_path
-from cg.integration.loop.drive import Progress, drive
-from cg.integration.loop.failures import explain_failure, find_mistakes
-from cg.integration.loop.messages import TERMINAL_EVENT
-from cg.integration.loop.run import Run
-from cg.integration.member_results import MemberResults, Results, solution_of
 from cg.integration.options import (
     EnsembleOptions,
     Options,
     complete_options,
     expand_options,
 )
+from cg.integration.output.member_results import MemberResults, Results, solution_of
+from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
-from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
+from cg.integration.run.drive import Progress, drive
+from cg.integration.run.failures import explain_failure, find_mistakes
+from cg.integration.run.messages import TERMINAL_EVENT
+from cg.integration.run.run import Run
 from cg.support.executors import check_executor, completed, count_workers
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
@@ -218,7 +218,7 @@ def _with_derivatives(problem: Problem, options: Options) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if options["derivatives"] is None:
         return problem
-    from cg.integration.variational.problem import with_derivatives  # which takes long
+    from cg.integration.derivatives.problem import with_derivatives  # which takes long
 
     return with_derivatives(problem, options)
 

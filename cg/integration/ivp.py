@@ -11,8 +11,8 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_one
 from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.output.results import Solution
 from cg.integration.problem import make_problem
-from cg.integration.results import Solution
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.support.checks import check_integer
@@ -39,8 +39,9 @@ def solve_ivp(
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
-        ``frame.point_shape``. An exception that it raises ends the call.
+        `cg.frames.PhaseSpace` the forces, or with ``rhs="derivative"`` the derivative of ``y``. It
+        is given a read-only ``y`` of shape ``frame.point_shape``. An exception that it raises ends
+        the call.
 
         It may also be a compiled function ``int f(double t, const double *y, double *f, void
         *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, a
@@ -121,6 +122,11 @@ def solve_ivp(
     parameters
         Numbers, shape ``(k,)``, passed to all functions as last argument; a compiled ``f``
         receives their address. Derivatives of the solution are also with respect to them.
+    rhs
+        ``"coefficients"``, or ``"derivative"`` if ``f`` returns the derivative of ``y`` in its
+        shape, as for SciPy, a compiled one its numbers. A part that no field has, such as one
+        normal to the manifold, is dropped, with a warning if it is larger than rounding. ``jac``
+        stays that of the coefficients, see `cg.frames.Frame.coefficients`.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"``, whose matrices take ``dim``
         evaluations and :math:`dim^3` operations, or ``"fixed-point"``, which is faster for more

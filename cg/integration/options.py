@@ -10,9 +10,9 @@ from typing import Any, TypedDict, TypeVar
 from numpy.typing import ArrayLike
 
 from cg.integration.default_method import AUTO
+from cg.integration.plan.stage_solver import DEFAULT_STAGE_SOLVER
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import similar_names
 from cg.support.executors import ExecutorLike
 from cg.tables import HasTable
@@ -34,6 +34,7 @@ class StepOptions(TypedDict, total=False):
     inputs: Samples | tuple[Samples, ...] | None
     args: Iterable[Any] | None
     parameters: ArrayLike | None
+    rhs: str
     stage_solver: str
     jac: Function | ArrayLike | None
     vectorized: bool
@@ -68,6 +69,7 @@ class EnsembleOptions(Options, total=False):
 _KINDS = (StepOptions, Options, EnsembleOptions)
 _DEFAULTS: dict[str, Any] = dict.fromkeys(EnsembleOptions.__annotations__) | {
     "method": AUTO,
+    "rhs": "coefficients",
     "max_step": math.inf,
     "stage_solver": DEFAULT_STAGE_SOLVER,
     "vectorized": False,

@@ -28,20 +28,20 @@ from cg.integration.arguments import (
     check_stops,
     check_times,
 )
+from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
-from cg.integration.loop.record import Control
 from cg.integration.options import EnsembleOptions
-from cg.integration.results import EnsembleSolution
+from cg.integration.output.results import EnsembleSolution
+from cg.integration.plan.jacobian import Jacobian, jacobian_of
+from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
+from cg.integration.plan.stage_solver import check_stage_solver
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.implicit import check_stage_solver
-from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
@@ -251,6 +251,20 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     return points, numbers
 
 
+def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
+    """Return whether ``f`` returns derivatives of points, after checking that it may."""
+    if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
+        raise ValueError(f"rhs must be 'coefficients' or 'derivative', got {rhs!r}")
+    if rhs == "derivative" and linear:
+        raise ValueError("rhs must be 'coefficients' with linear=True, got 'derivative'")
+    if rhs == "derivative" and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"rhs must be 'coefficients' on a phase space, where f returns the forces alone, got "
+            f"{rhs!r}; the product of its factors takes derivatives"
+        )
+    return rhs == "derivative"
+
+
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
@@ -260,6 +274,8 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
+    if _returns_derivatives(options["rhs"], options["linear"], frame):
+        frame = for_derivatives(frame)
     method = _choose_method(options["method"], options["linear"], frame, least)
     return plan_of(frame, method), rtol
 
@@ -300,9 +316,15 @@ def make_problem(
     many: bool = False,
     every: int = 1,
 ) -> Problem:
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
+
+    The order is that of need: flags decide what other options may be, the frame and the method how
+    points are read, points and inputs how many members there are, and all of these make the
+    right-hand side, which is called from then on.
+    """
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)
+    frame = plan.frame
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:

@@ -68,7 +68,7 @@ class BlockKind(IntEnum):
 
 
 class Operation(IntEnum):
-    """Callbacks from compiled code to Python; see ``cg/integration/step/callbacks.py``."""
+    """Callbacks from compiled code to Python; see ``cg/integration/plan/callbacks.py``."""
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
@@ -85,6 +85,7 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # of two fields
+    COEFFICIENTS = 16  # of a derivative of a point, and the length of what no field has of it
 
 
 class BlockOption(IntEnum):
@@ -114,7 +115,7 @@ class StateSize(IntEnum):
     """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
 
     REALS = 14
-    INTEGERS = 17
+    INTEGERS = 18
 
 
 class FailedFunction(IntEnum):

@@ -37,6 +37,21 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
   call make_bodies(columns, constants, plan%frame)
 end subroutine plan_set_bodies
 
+! Lets right-hand sides on the frame of a plan give derivatives of points.
+subroutine plan_take_derivatives(address)
+  use run_m, only: c_intptr_t, plan_at, plan_t
+  use shared_numbers, only: callback_block, linear_action_block
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(plan_t), pointer :: plan
+
+  plan => plan_at(address)
+  plan%frame%derivatives = .true.
+  associate (kind => plan%frame%blocks%kind)
+    plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
+  end associate
+end subroutine plan_take_derivatives
+
 ! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &

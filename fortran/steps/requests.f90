@@ -4,7 +4,7 @@
 module requests_m
   use kinds, only: wp
   use controller_m, only: rejected_size
-  use frames_m, only: complete_coefficients
+  use derivatives_m, only: coefficients_of
   use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers
   use method_m, only: kind_splitting
@@ -57,14 +57,21 @@ contains
     x%counts%nfev = x%counts%nfev + 1
     guarded = .true.
     if (present(y_is_used)) guarded = y_is_used .or. x%problem%frame%forces > 0 &
+                                      .or. x%problem%frame%derivatives &
                                       .or. .not. associated(x%problem%field)
     if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(x%problem%field)) return
     x%problem%field%member = x%member
-    call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    if (x%problem%frame%derivatives) then
+      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
+    else
+      call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    end if
     if (guarded) then
       if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
     end if
+    if (x%problem%frame%derivatives) &
+      call coefficients_of(x%problem%frame, x%request%t, y, x%request%slope, f)
     call check_coefficients(x, y, f)
   end subroutine request
 
@@ -80,7 +87,6 @@ contains
         call take_forces(x%problem%frame, y, f)
         if (x%problem%method%kind /= kind_splitting) call add_free_motion(x%problem%frame, y, f)
       end if
-      if (x%problem%frame%ambient) call complete_coefficients(x%problem%frame, y, f)
       if (finite(size(f), f)) then
         x%status = finished
         return
