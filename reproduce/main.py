@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import click
@@ -110,7 +110,7 @@ def reproduce_command(
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
     try:
-        with _terminated_as_interrupted():
+        with _terminated_as_interrupted(), closing(display):
             run(items, out, settings, workers or available_cores(), display, limit)
     except StoreError as error:
         error.add_note("if you delete that file, its content is computed again")

@@ -77,6 +77,10 @@ _POINTS: Sequence[Option[Any]] = (
         help="Interval that all abscissae of the methods must lie in.",
     ),
     click.option(
+        "--minimise", type=click.Choice(OBJECTIVES),
+        help="Move the methods along their solution sets to reduce this.",
+    ),
+    click.option(
         "--hold", type=_Value(), multiple=True, metavar="NAME=VALUE",
         help="Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1; repeatable.",
     ),
@@ -139,10 +143,6 @@ _SEARCH: Sequence[Option[Any]] = (
         "--bound",
         "X",
         "Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
-    ),
-    click.option(
-        "--minimise", type=click.Choice(OBJECTIVES),
-        help="Move the methods along their solution sets to reduce this.",
     ),
 )  # fmt: skip
 
