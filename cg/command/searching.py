@@ -9,9 +9,8 @@ from typing import Any
 import click
 
 from cg.command.arguments import as_json, check_output, say
-from cg.command.engines import engine
 from cg.command.main import NO
-from cg.command.search_options import arguments_of, construction_options, search_options
+from cg.command.search_options import arguments_of, options_of
 from cg.construction.catalogue import dumps, save
 from cg.construction.construct import Construction, construct
 from cg.construction.formats import export
@@ -21,7 +20,7 @@ from cg.construction.search.result import SearchResult
 
 
 @click.command("search", short_help="Search for methods from random starts.")
-@search_options
+@options_of(search)
 def search_command(**options: Any) -> int:
     """Search for methods of an order from random starts.
 
@@ -32,7 +31,7 @@ def search_command(**options: Any) -> int:
     the executor changes the result.
 
     Progress is shown on standard error. With --store, the same command resumes an interrupted
-    search, and `runs` shows the results. Exits with 1 if no start led to a method.
+    search. Exits with 1 if no start led to a method.
 
     \b
     Examples:
@@ -48,7 +47,7 @@ def search_command(**options: Any) -> int:
 
 
 @click.command("construct", short_help="Construct one method of an order.")
-@construction_options
+@options_of(construct)
 def construct_command(**options: Any) -> int:
     """Construct one method by eliminating stages or flows.
 
@@ -78,8 +77,6 @@ def _run(
     piece: str,
     *,
     processes: bool,
-    dask: str | None,
-    mpi: bool,
     quiet: bool,
     output: Path | None,
     in_json: bool,
@@ -88,15 +85,15 @@ def _run(
     """Call a function with the arguments of the command; print and write the methods."""
     arguments = arguments_of(options)
     check_output(output)
-    with engine(processes, dask, mpi) as executor:
-        try:
-            result = function(**arguments, executor=executor, progress=not quiet)
-        except ValueError as problem:
-            raise click.UsageError(_of_options(str(problem), arguments)) from None
-        except KeyboardInterrupt as interrupt:
-            if arguments["store"] is None:
-                interrupt.add_note("with --store FILE the same command would continue from here")
-            raise
+    executor = "processes" if processes else None
+    try:
+        result = function(**arguments, executor=executor, progress=not quiet)
+    except ValueError as problem:
+        raise click.UsageError(_of_options(str(problem), arguments)) from None
+    except KeyboardInterrupt as interrupt:
+        if arguments["store"] is None:
+            interrupt.add_note("with --store FILE the same command would continue from here")
+        raise
     for failure in result.failures:
         say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
     methods = methods_of(result)

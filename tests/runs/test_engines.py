@@ -7,8 +7,6 @@ import sys
 import pytest
 
 import cg
-from cg.command import main
-from cg.construction.runs import Store
 from cg.executors import execution
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
@@ -43,11 +41,6 @@ class TestEngines:
             result = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
             assert result == cg.search(**SEARCH)
             assert execution._workers_of(pool) == 2
-            store = tmp_path / "command.db"
-            command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
-            address = cluster.scheduler_address
-            assert main([*command, "--store", str(store), "--dask", address]) == 0
-        assert cg.search(**SEARCH, store=store) == result
 
     def test_loky(self):
         loky = pytest.importorskip("loky")
@@ -66,21 +59,3 @@ class TestEngines:
             capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         assert process.stdout == "equal, 2 workers\n", process.stderr
-
-    def test_mpi_from_the_command(self, tmp_path):
-        pytest.importorskip("mpi4py")
-        if not shutil.which("mpiexec"):
-            pytest.skip("mpiexec isn't installed")
-        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
-        command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
-        command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
-        subprocess.run(command, timeout=300, check=True, stdout=subprocess.DEVNULL)
-        with Store(tmp_path / "runs.db") as store:
-            assert [run.starts for run in store.runs()] == [30]
-
-
-def test_engines_of_the_command_exclude_each_other(capsys):
-    command = ["search", "--order", "3", "--stages", "3", "--starts", "2"]
-    assert main([*command, "--processes", "--mpi"]) == 2
-    assert "--processes, --dask and --mpi exclude each other" in capsys.readouterr().err
-    assert main([*command, "--processes"]) == 0
