@@ -6,15 +6,14 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import click
 
 from cg.command.arguments import workers_option
 from cg.command.main import main as run_command
-from cg.construction.runs import StoreError
-from cg.construction.runs.progress import duration
+from cg.construction.runs.store import StoreError
 from cg.support.parallel import available_cores
 
 from .context import Settings
@@ -111,7 +110,7 @@ def reproduce_command(
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
     try:
-        with _terminated_as_interrupted():
+        with _terminated_as_interrupted(), closing(display):
             run(items, out, settings, workers or available_cores(), display, limit)
     except StoreError as error:
         error.add_note("if you delete that file, its content is computed again")
@@ -119,9 +118,8 @@ def reproduce_command(
     except (OSError, KeyboardInterrupt) as error:
         error.add_note(f"finished items and searches are kept in {out}")
         raise
-    click.echo(
-        f"{out / 'report.html'} written in {duration(time.perf_counter() - begun)}", err=True
-    )
+    seconds = time.perf_counter() - begun
+    click.echo(f"{out / 'report.html'} written in {seconds:.0f} s", err=True)
     return 0
 
 

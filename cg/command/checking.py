@@ -14,10 +14,9 @@ from cg.construction.diagnosis import Diagnosis, diagnose, diagnose_file
 def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:
     """Determine the order of a method and recognise mistakes in its coefficients.
 
-    Prints the order, the first violated order condition with its tree, and known mistakes:
-    reversed rows, a transposed, a changed coefficient and the value that it should have, truncated
-    digits, rounded numbers given as fractions, second weights equal to the first, rows that don't
-    sum to c, a classical tableau that isn't lifted.
+    Prints the order, the first violated order condition with its tree, and mistakes: a wrong
+    coefficient with the value that it should have, too few digits, second weights equal to the
+    first, rows that don't sum to c, a classical tableau that isn't lifted.
 
     A file is TOML or JSON with a, b and optionally b_embedded, c, name and source; or with points,
     as in the catalogue. Numbers are strings, which keep all digits. Decimals with eight places or

@@ -35,7 +35,6 @@ _MODULES = {
     "certify": "proving",
     "export": "exporting",
     "plot": "plotting",
-    "runs": "runs",
     "reproduce": "cg.reproduce.main",
     "completion": "completion",
 }

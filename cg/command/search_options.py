@@ -14,7 +14,6 @@ from cg.command.arguments import (
     stacked,
     workers_option,
 )
-from cg.command.engines import engine_options
 from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
@@ -78,6 +77,10 @@ _POINTS: Sequence[Option[Any]] = (
         help="Interval that all abscissae of the methods must lie in.",
     ),
     click.option(
+        "--minimise", type=click.Choice(OBJECTIVES),
+        help="Move the methods along their solution sets to reduce this.",
+    ),
+    click.option(
         "--hold", type=_Value(), multiple=True, metavar="NAME=VALUE",
         help="Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1; repeatable.",
     ),
@@ -86,7 +89,7 @@ _POINTS: Sequence[Option[Any]] = (
 _RUN: Sequence[Option[Any]] = (
     click.option("--force", is_flag=True, help="Try even with fewer unknowns than conditions."),
     workers_option,
-    engine_options,
+    click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
     click.option(
         "--store", type=click.Path(dir_okay=False), metavar="FILE",
         help="Store finished starts there; the same command resumes an interrupted run.",
@@ -140,10 +143,6 @@ _SEARCH: Sequence[Option[Any]] = (
         "--bound",
         "X",
         "Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
-    ),
-    click.option(
-        "--minimise", type=click.Choice(OBJECTIVES),
-        help="Move the methods along their solution sets to reduce this.",
     ),
 )  # fmt: skip
 

@@ -10,7 +10,6 @@ from cg.command.arguments import METHOD, as_json, json_option, say, table
 from cg.construction import conditions
 from cg.construction.catalogue.summary import MethodSummary, summary_of
 from cg.construction.conditions.nystrom import nystrom_trees
-from cg.construction.diagnosis import draw_points
 from cg.construction.formats import export
 from cg.construction.formats.digits import known_digits, numbers_of
 from cg.construction.methods.commutator_free import CommutatorFree
@@ -18,6 +17,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
+from cg.construction.plots.text import draw_points
 from cg.construction.trees import forest
 from cg.construction.trees.rooted import density, node_count, planted, rooted_trees_through
 from cg.support.parsing import visible

@@ -1,23 +1,21 @@
 """Integration of differential equations on manifolds."""
 
-from cg.integration.adjoint import Adjoint
 from cg.integration.ensemble import (
     solve_ensemble,
     solve_linear_ensemble,
     solve_variational_ensemble,
 )
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
-from cg.integration.loop.dense import DenseOutput
-from cg.integration.loop.messages import StepTooLongError
-from cg.integration.results import EnsembleSolution, Solution
+from cg.integration.output.dense import DenseOutput
+from cg.integration.output.results import EnsembleSolution, Solution
+from cg.integration.plan.stage_solver import ConvergenceError
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import ConvergenceError
+from cg.integration.run.messages import StepTooLongError
 from cg.integration.stepper import Stepper
 
 __all__ = [
-    "Adjoint",
     "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",

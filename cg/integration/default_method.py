@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from cg.frames import Frame
 from cg.frames.linear_action import LinearAction
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
 from cg.support.shared_numbers import BlockKind
 
 AUTO = "auto"

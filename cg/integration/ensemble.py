@@ -14,29 +14,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.executors import check_executor, completed
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.friction import check_path
-from cg.integration.loop.drive import Progress, drive
-from cg.integration.loop.failures import explain_failure, find_mistakes
-from cg.integration.loop.messages import TERMINAL_EVENT
-from cg.integration.loop.run import Run
-from cg.integration.member_results import MemberResults, Results, solution_of
 from cg.integration.options import (
     EnsembleOptions,
     Options,
     complete_options,
     expand_options,
 )
+from cg.integration.output.member_results import MemberResults, Results, solution_of
+from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
-from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
+from cg.integration.run.drive import Progress, drive
+from cg.integration.run.failures import explain_failure, find_mistakes
+from cg.integration.run.messages import TERMINAL_EVENT
+from cg.integration.run.run import Run
+from cg.support.executors import check_executor, completed, count_workers
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
+_CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
+_BATCHES_PER_WORKER = 4  # of a vectorized function, which large ones make faster
 _FINISHED = int(Stop.FINISHED)
 
 
@@ -216,7 +218,7 @@ def _with_derivatives(problem: Problem, options: Options) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if options["derivatives"] is None:
         return problem
-    from cg.integration.variational.problem import with_derivatives  # which takes long
+    from cg.integration.derivatives.problem import with_derivatives  # which takes long
 
     return with_derivatives(problem, options)
 
@@ -318,32 +320,27 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-def _integrate_part(problem: Problem, data: tuple[Any, ...]) -> MemberResults:
+def _integrate_part(problem: Problem, item: tuple[slice, Any]) -> MemberResults:
     """Integrate members with the data of `Problem.data`, in a worker."""
-    return _integrate(problem.select(*data), None)
+    return _integrate(problem.select(*item[1]), None)
 
 
 def _distribute(
     problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
-    """Integrate members on an executor."""
+    """Integrate members on an executor, in chunks that no measured time changes."""
     # only the first member, so that little is sent to other processes
     work = partial(_integrate_part, problem.part(slice(0, 1)))
-    if executor is not None and executor != "threads":
+    if executor is not None:
         _check_pickle(work)
-    count = len(problem.points)
-    # how members are batched must not vary from run to run
-    largest = _MEMBERS_PER_RUN if problem.rhs.vectorized else None
-    results = completed(
-        work, range(count), count, workers, executor, data=problem.data, largest=largest
-    )
-    with closing(results):
-        for finished in results:
-            members = slice(finished.chunk[0], finished.chunk[-1] + 1)
-            if finished.result is None:
-                result.add_failure(members, str(finished.failure))
-            else:
-                result.add(members, finished.result)
+    count, parts = len(problem.points), count_workers(executor, workers)
+    parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
+    size = max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
+    chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
+    items = ((chunk, problem.data(chunk)) for chunk in chunks)
+    with closing(completed(work, items, executor, workers)) as results:
+        for (members, _), part in results:
+            result.add(members, part)
             watch.count_finished(members.stop - members.start)
             watch.update(0.0)
 

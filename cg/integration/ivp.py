@@ -11,8 +11,8 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_one
 from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.output.results import Solution
 from cg.integration.problem import make_problem
-from cg.integration.results import Solution
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.support.checks import check_integer

@@ -9,12 +9,12 @@ from typing import Any, TypedDict, TypeVar
 
 from numpy.typing import ArrayLike
 
-from cg.executors import ExecutorLike
 from cg.integration.default_method import AUTO
+from cg.integration.plan.stage_solver import DEFAULT_STAGE_SOLVER
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import similar_names
+from cg.support.executors import ExecutorLike
 from cg.tables import HasTable
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])

@@ -28,20 +28,20 @@ from cg.integration.arguments import (
     check_stops,
     check_times,
 )
+from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
-from cg.integration.loop.record import Control
 from cg.integration.options import EnsembleOptions
-from cg.integration.results import EnsembleSolution
+from cg.integration.output.results import EnsembleSolution
+from cg.integration.plan.jacobian import Jacobian, jacobian_of
+from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
+from cg.integration.plan.stage_solver import check_stage_solver
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.implicit import check_stage_solver
-from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, for_derivatives, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
@@ -93,9 +93,8 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return place, points, parameters and inputs of consecutive members, for `select`."""
-        part = slice(members[0], members[-1] + 1)
+    def data(self, part: slice) -> tuple[int, Points, Array | None, Inputs | None]:
+        """Return place, points, parameters and inputs of some members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
         return part.start, self.points[part], numbers, inputs and inputs.part(part)
@@ -104,7 +103,7 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)):
             return self
-        return self.select(*self.data([members.start, members.stop - 1]))
+        return self.select(*self.data(members))
 
     def select(
         self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
@@ -131,7 +130,7 @@ def _make_rhs(
         if of_time:
             f = TimeFunction(f)
         if inputs is not None:
-            f = f.with_input() if of_time else WithInput(f)
+            f = WithInput(f)
         first = 0 if many else None
         rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
         if of_time or inputs is not None:
@@ -317,7 +316,12 @@ def make_problem(
     many: bool = False,
     every: int = 1,
 ) -> Problem:
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
+
+    The order is that of need: flags decide what other options may be, the frame and the method how
+    points are read, points and inputs how many members there are, and all of these make the
+    right-hand side, which is called from then on.
+    """
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame

@@ -30,17 +30,17 @@ from cg.integration.arguments import (
     is_many,
 )
 from cg.integration.friction import check_members
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput
-from cg.integration.loop.drive import StepBudget
-from cg.integration.loop.failures import dropped_parts, explain_failure
-from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
-from cg.integration.loop.run import Run
 from cg.integration.options import StepOptions, complete_options, expand_options
+from cg.integration.output.dense import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs, check_inputs
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.rhs.samples import Samples
+from cg.integration.run.drive import StepBudget
+from cg.integration.run.failures import dropped_parts, explain_failure
+from cg.integration.run.messages import TERMINAL_EVENT, failed_members
+from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS
@@ -391,7 +391,8 @@ class Stepper:
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
-            first = -1.0  # keeps the sizes proposed
+            same_f = args is None and parameters is None and inputs is None
+            first = -1.0 if same_f else -2.0  # keeps the sizes proposed
         self._replace_data(time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):

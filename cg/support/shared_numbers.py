@@ -68,7 +68,7 @@ class BlockKind(IntEnum):
 
 
 class Operation(IntEnum):
-    """Callbacks from compiled code to Python; see ``cg/integration/step/callbacks.py``."""
+    """Callbacks from compiled code to Python; see ``cg/integration/plan/callbacks.py``."""
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
@@ -115,7 +115,7 @@ class StateSize(IntEnum):
     """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
 
     REALS = 14
-    INTEGERS = 17
+    INTEGERS = 18
 
 
 class FailedFunction(IntEnum):

@@ -135,11 +135,14 @@ COUNTERS = {
 }
 """What is counted of a member."""
 
+COUNTS = tuple(COUNTERS)[2:]
+"""Counts of each member in results, in the order of compiled code."""
+
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none
     "direction": "integer",  # sign of the slope at an event, 0 for any
-    "most": "integer",  # this event ends the trajectory
+    "limit": "integer",  # the event of this number ends the trajectory
     "jumps": "integer",  # whether the solution jumps
     "period": "real",  # its multiples are zeros too; 0 without one
 }

@@ -180,9 +180,10 @@ contains
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: y(:), slope(:)
     real(wp), intent(out) :: v(:), dropped
-    complex(wp), dimension(block%n, block%n) :: x, start, change, element
+    complex(wp), dimension(block%n, block%n) :: x, change, element
+    complex(wp), pointer, contiguous :: start(:, :)
 
-    start = as_complex(block%n, y)
+    start => as_complex(block%n, y)
     change = transpose(as_complex(block%n, slope))
     if (block%space) then
       call multiply_unitary(block%n, change, conjg(start), x)

@@ -6,7 +6,7 @@ module frames_m
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: make_linear_action, move_linearly
+  use linear_action_m, only: make_linear_action, move_linearly, spectral_bound
   use linear_polynomial_m, only: move_polynomially
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
@@ -120,8 +120,8 @@ contains
         case (callback_block)
           angle = merge(0.0_wp, min(angle, two_turns), fields)
         case (linear_action_block)
-          angle = merge(2.0_wp, 1.0_wp, fields) * dot_product(abs(v(k + 1:k + block%dimension)), &
-                                                    block%action%norm)
+          angle = spectral_bound(block%action, v(k + 1:k + block%dimension))
+          if (fields) angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
         case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
           if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select

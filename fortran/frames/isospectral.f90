@@ -102,7 +102,7 @@ contains
     call multiply(n, transpose(vectors), product, x)
     do j = 1, n
       do i = 1, n
-        if (abs(own(j) - own(i)) > n * epsilon(1.0_wp) * maxval(abs(spectrum))) then
+        if (abs(own(j) - own(i)) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum))) then
           x(i, j) = x(i, j) / (own(j) - own(i))
         else
           x(i, j) = 0.0_wp

@@ -4,7 +4,7 @@
 !   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
 !
 ! where df/dy is the derivative of f along the fields of the frame. The functions are in C; for
-! functions of many members cg/integration/variational/field.py evaluates the same in Python.
+! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr

@@ -214,7 +214,7 @@ contains
     sizes = max(abs(x%events%before), abs(x%events%after))
     x%events%before(:) = x%events%after
     if (.not. ended) return
-    terminal = any(x%events%count >= x%problem%events%most)
+    terminal = any(x%events%count >= x%problem%events%limit)
     if (terminal .and. .not. x%last%kept) then
       x%phase = phase_ended
       x%status = terminal_event
@@ -231,7 +231,7 @@ contains
     x%phase = phase_begin_segment
     if (.not. terminal) return
     x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%most) x%events%count = 0
+    where (x%events%count >= x%problem%events%limit) x%events%count = 0
   end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.

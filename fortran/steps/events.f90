@@ -17,7 +17,7 @@ module events_m
   type :: events_t
     integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
-    integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
+    integer(int64), allocatable :: limit(:)  ! (count) the event of this number ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
     ! (count) of a function whose multiples are zeros too, positive; its values are next to zero
     real(wp), allocatable :: period(:)

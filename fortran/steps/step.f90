@@ -129,7 +129,8 @@ contains
         x%error = huge(1.0_wp)
         if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
         if (method%kind == kind_collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-            .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
+            .and. (x%control%after_rejection .or. x%newton%moved &
+                   .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(x)
         else
           call share_error(x, x%error)

@@ -213,12 +213,19 @@ contains
   pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    ! zero to choose it, negative to keep the size that was proposed for the next step
+    ! zero to choose it, negative to keep the size that was proposed for the next step: -1 where the
+    ! point alone may have changed, -2 where the right-hand side has
     real(wp), intent(in) :: first_step
     type(trajectory_t), intent(inout) :: x
+    ! moves that are smaller, relative to the last step, leave its polynomial and Jacobian
+    real(wp), parameter :: small_move = 0.1_wp
     logical :: same                          ! whether it was there already
+    logical :: near                          ! whether the last step led nearly there
 
     same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
+    near = first_step < 0 .and. first_step >= -1 .and. allocated(x%last%y) &
+           .and. .not. abs(x%t - t) > 0
+    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
     x%t = t
     x%y(:, 0) = y
     x%slope_known = .false.
@@ -235,7 +242,7 @@ contains
     x%grid = grid_t()
     x%grid_done = 0
     x%weighted_by = 0.0_wp
-    call forget_step(x)
+    call forget_step(x, near)
     x%last%cut = .false.
     x%events%known = .false.
     x%events%before = 0.0_wp
@@ -248,15 +255,19 @@ contains
 
   ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or
   ! the solution may jump.
-  pure subroutine forget_step(x)
+  pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
+    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
 
     x%h_before = 0.0_wp
-    x%newton%has_jacobian = .false.
+    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
+    x%newton%moved = .false.
+    if (present(near)) x%newton%moved = near
+    if (x%newton%moved) return
+    x%newton%has_jacobian = .false.
     x%newton%last_h = 0.0_wp
     x%newton%rate_factor = 1.0_wp
-    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.

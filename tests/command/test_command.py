@@ -15,7 +15,7 @@ from cg.command import proving, searching
 from cg.construction.catalogue import dumps, loads
 
 COMMANDS = [
-    "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
+    "list", "show", "check", "search", "construct", "certify", "export", "plot",
     "reproduce", "completion"
 ]  # fmt: skip
 
@@ -40,7 +40,7 @@ class TestHelp:
             code, output, _ = run(name, "--help")
             assert code == 0
             assert f"crouch-grossman {name}" in output.partition("Examples:")[2]
-            assert ("--json" in output) == (name not in {"export", "plot", "runs", "completion"})
+            assert ("--json" in output) == (name not in {"export", "plot", "completion"})
 
     def test_version(self, run):
         assert run("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
@@ -198,8 +198,6 @@ def test_messages_name_options_and_files(run, tmp_path):
     error = run("export", str(file), "json", "--digits", "60")[2]
     assert "--certificate PROOF" in error
     assert "cg.certify" not in error
-    error = run("runs", "list", str(tmp_path / "none" / "runs.db"))[2]
-    assert "Errno" not in error
     for command in ("certify", "check", "show", "plot"):
         error = run(command, str(tmp_path / "none.toml"))[2]
         assert error.endswith(f"{tmp_path / 'none.toml'}: No such file or directory\n")
@@ -267,11 +265,3 @@ class TestProcess:
         code, output, _ = run("completion", shell)
         assert code == 0
         assert "_CROUCH_GROSSMAN_COMPLETE" in output
-
-
-def test_publish_checks_folder_first(run, tmp_path):
-    store = tmp_path / "runs.db"
-    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
-    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
-    assert code == 2
-    assert "--folder: /proc/Mine can't be written" in err

@@ -201,7 +201,7 @@ class TestCheck:
         file.write_text(text)
         code, output, _ = run("check", str(file))
         assert code == 1
-        assert "mistake: it differs from CG4a in a_5,4 only" in output
+        assert "if only a_5,4 = -1.1092979392113565 were -1.10929793921134651058" in output
         code, output, _ = run("check", str(file), "--json")
         assert code == 1
-        assert [f["kind"] for f in json.loads(output)["findings"]] == ["changed"]
+        assert [one["name"] for one in json.loads(output)["corrections"]] == ["a_5,4"]

@@ -14,7 +14,7 @@ from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.solvers.system import Structure
 
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
-OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}
+OF_COMMANDS_ALONE = {"processes", "quiet", "output", "in_json"}
 OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand for
 
 
@@ -25,7 +25,7 @@ def arguments_of(monkeypatch):
 
     def note(**arguments):
         calls.append(arguments)
-        return SimpleNamespace(failures=(), methods=(), method=None)
+        return SimpleNamespace(methods=(), method=None)
 
     module = sys.modules["cg.command.searching"]
     for name in COMMANDS:

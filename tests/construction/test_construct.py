@@ -1,6 +1,5 @@
 """Construction of methods along the solution set of the order conditions."""
 
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -9,7 +8,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction.attempt import read_attempt, run_attempt
+from cg.construction.attempt import acceptable, random_candidate, run_attempt
 from cg.construction.candidate import (
     Candidate,
     NotExactError,
@@ -24,7 +23,6 @@ from cg.construction.eliminate import eliminate, eliminate_stage, walk
 from cg.construction.optimise import Goals, fewer_exponentials, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.construction.start import random_candidate
 
 exactly = partial(residuals, arithmetic="exact")
 
@@ -239,8 +237,7 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    entry = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).entry()
-    assert read_attempt(settings, entry).solved is useful
+    assert acceptable(settings, candidate) is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

@@ -11,9 +11,10 @@ import numpy as np
 
 import cg
 from cg import conditions, frames, plot
-from cg.construction import candidate, catalogue, diagnosis, eliminate, optimise
+from cg.construction import candidate, catalogue, eliminate, optimise
 from cg.construction import proofs as certification
 from cg.construction.methods import low_storage, stability
+from cg.construction.plots import text as drawing
 from cg.construction.trees import ordered as trees
 from cg.support import quads
 from research import impossibility
@@ -188,8 +189,8 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(catalogue.dumps, method=CG3),
     call(catalogue.dumps_json, method=CG3),
     call(catalogue.resolve_method, method="CG3"),
-    call(diagnosis.draw_tree, tree=TREE),
-    call(diagnosis.draw_points, method=CG3, digits=4),
+    call(drawing.draw_tree, tree=TREE),
+    call(drawing.draw_points, method=CG3, digits=4),
     call(candidate.pack_method, method=CG3, order=3),
     call(candidate.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
          max_iterations=5),

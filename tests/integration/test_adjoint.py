@@ -18,7 +18,7 @@ from cg.frames import (
     Sphere,
     UnitQuaternion,
 )
-from cg.integration import adjoint_equation
+from cg.integration.derivatives import adjoint_equation
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
           Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip

@@ -365,3 +365,21 @@ class TestPeriod:
         run = self.turn((0, 9), cg.solve_variational, angle)
         np.testing.assert_allclose(run.t_events[0], 2 + 2 * np.pi * np.arange(2), rtol=1e-10)
         np.testing.assert_allclose(run.dt_events[0], [[0, 0, -1]] * 2, atol=1e-8)
+
+
+def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
+    """Twenty planes that rotate by the angle t; the norms of all sum to twenty times more."""
+    generators, calls = np.zeros((20, 40, 40)), []
+    for k, generator in enumerate(generators):
+        generator[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, -1.0], [1.0, 0.0]]
+
+    def first(t, y):
+        calls.append(t)
+        return y[0]
+
+    run = cg.solve_linear(
+        lambda t: np.ones(20), (0, 100), np.tile([1.0, 0.0], 20), events=first,
+        frame=cg.frames.LinearAction(list(generators)),
+    )  # fmt: skip
+    np.testing.assert_allclose(run.t_events[0], (np.arange(32) + 0.5) * np.pi, rtol=1e-6)
+    assert len(calls) < 1500

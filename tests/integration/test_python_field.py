@@ -288,6 +288,6 @@ class TestNotes:
                 (lambda t, y, p: np.ones((len(t), 1))) if vectorized else f, (0, 1),
                 np.zeros((2000, 1)), frame=Euclidean(1), parameters=np.arange(2000.0)[:, None],
                 method="CF4", h=0.25, events=event, observe=raising("observe", lambda t, y: t),
-                t_eval=[0.5, 1.0], vectorized=vectorized, executor="threads", workers=2,
+                t_eval=[0.5, 1.0], vectorized=vectorized, workers=2,
             )  # fmt: skip
         assert "in member 1777" in caught.value.__notes__[0]

@@ -11,7 +11,7 @@ from waves import SPAN, TIGHT, Wave
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
 

@@ -112,7 +112,7 @@ def test_rotations_and_a_common_covariance():
     np.testing.assert_array_equal(solution.transition[-1, 1], alone.transition[-1])
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.parametrize("executor", [None, "processes"])
 def test_executors(executor):
     alone = members(events=FLOOR, dense_output=True)
     solution = members(events=FLOOR, dense_output=True, executor=executor, workers=1)

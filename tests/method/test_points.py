@@ -17,7 +17,9 @@ from cg.construction.catalogue import dumps, loads, methods
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import Point
 from cg.construction.methods.packed import make_method
+from cg.construction.plots.text import draw_points, draw_tree
 from cg.construction.proofs import certify
+from cg.construction.trees.ordered import OrderedTree
 
 
 class TestMethods:
@@ -292,3 +294,12 @@ def test_make_method_rounds_to_digits():
     method = make_method(Layout.tableau(1), [Fraction(2, 3)], digits=5)
     assert method.weights[0].text == "0.66667"
     assert make_method(Layout.tableau(1), [Fraction(2, 3)]).weights[0].text == "2/3"
+
+
+def test_drawings():
+    assert draw_tree(OrderedTree.parse("[[[]][]]")) == "●\n├── ●\n│   └── ●\n└── ●"
+    assert draw_points(methods["LieEuler"]) == "start: stage 1\n└── point 1: 1 F1; result"
+    pair = draw_points(methods["CF4(3)"], digits=3)
+    assert pair.count("second result") == 1
+    assert pair.count("point") == len(methods["CF4(3)"].points)
+    refuses(TypeError, "tree must", draw_tree, "[]")

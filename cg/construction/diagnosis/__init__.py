@@ -1,16 +1,7 @@
-"""Diagnosis of methods: true order, first violated condition, known mistakes."""
+"""Diagnosis of methods: order, first violated condition, the coefficient that is wrong."""
 
+from cg.construction.diagnosis.correction import Correction
 from cg.construction.diagnosis.diagnosis import Diagnosis, diagnose, diagnose_file
-from cg.construction.diagnosis.drawing import draw_points, draw_tree
 from cg.construction.diagnosis.failing import FailingCondition
-from cg.construction.diagnosis.mistakes import Finding
 
-__all__ = [
-    "Diagnosis",
-    "FailingCondition",
-    "Finding",
-    "diagnose",
-    "diagnose_file",
-    "draw_points",
-    "draw_tree",
-]
+__all__ = ["Correction", "Diagnosis", "FailingCondition", "diagnose", "diagnose_file"]

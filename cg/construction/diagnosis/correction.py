@@ -1,8 +1,9 @@
-"""The one coefficient whose correction raises the order, for methods that no catalogue has.
+"""The one coefficient whose change restores the highest order, on manifolds or on vector spaces.
 
 If entry k is wrong by -δ, the residuals of the conditions are ``r = -J_k δ`` up to O(δ²), with the
 column J_k of their Jacobian. Gauss–Newton steps ``-J_k·r / J_k·J_k`` solve the conditions of one
-order after another for each entry alone, until none of the entries solves all of them.
+order after another for each entry alone, until none of the entries solves all of them. The first
+violated conditions are affine in most entries, so that also large changes are found.
 """
 
 from collections import Counter
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions import MAX_ORDER, condition_trees, core_calls
+from cg.construction.conditions import condition_trees, core_calls
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
@@ -25,7 +26,8 @@ from cg.construction.trees.ordered import OrderedTree, forest
 from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner
 
-_LARGEST = Fraction(1, 50)  # change that counts as a misprint
+_MAX_ORDER = 8  # sought; more takes long
+_LARGEST = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
 _ROUNDING = 1e-30  # of residuals in real(16), relative to their sensitivity to coefficients
 _MAX_STEPS = 12
@@ -34,67 +36,98 @@ _MAX_DENOMINATOR = 10**6
 
 @dataclass(frozen=True)
 class Correction:
-    """A name, the coefficient, the one that solves the conditions, and the order it leads to."""
+    """A change of one coefficient that solves all conditions through a higher order.
+
+    Attributes
+    ----------
+    name
+        Name of the coefficient, such as ``a_6,3``.
+    given
+        Its text.
+    value
+        The text that it should have.
+    order
+        Order with this value.
+    flat
+        Whether that is the order on vector spaces only, where flows commute.
+    embedded
+        Whether that is the order of the second result of a pair.
+    conditions
+        Number of violated conditions that the change solves.
+    """
 
     name: str
-    given: Coefficient
-    value: Coefficient
+    given: str
+    value: str
     order: int
-    conditions: int  # the number of violated conditions that it solves
+    flat: bool
+    embedded: bool
+    conditions: int
 
 
-def corrections(method: Method) -> list[Correction]:
-    """Return corrections of single coefficients that raise an order the most.
+def corrections(method: Method) -> tuple[Correction, ...]:
+    """Return the changes of single coefficients that restore the highest order.
 
     The shortest texts, such as those of fractions, come first, then the smallest changes. Of
-    pairs with a first result that no correction improves, they are those of the second result.
+    pairs with a first result that no change improves, they are those of the second result.
     """
-    results = [(ConditionOwner.FIRST_RESULT, method.exact_order)]
-    if method.embedded_order is not None:
-        results.append((ConditionOwner.SECOND_RESULT, method.embedded_order))
-    for owner, order in results:
-        ends, reached = dict.fromkeys(range(method.layout.size), Fraction()), order
-        violated = 0
-        for higher in range(order + 1, MAX_ORDER + 1):
-            conditions = _Conditions(method, higher, owner)
+    for owner in (ConditionOwner.FIRST_RESULT, ConditionOwner.SECOND_RESULT):
+        if owner == ConditionOwner.FIRST_RESULT or method.embedded_order is not None:
+            kinds = (True,) if isinstance(method, MuntheKaas) else (False, True)
+            found = [_highest(method, owner, flat) for flat in kinds]
+            best = max(found, key=lambda some: some[0].order if some else 0)
+            if best:
+                return best
+    return ()
+
+
+def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correction, ...]:
+    ends, violated, reached = dict.fromkeys(range(method.layout.size), Fraction()), 0, 0
+    for order in range(1, _MAX_ORDER + 1):
+        conditions = _Conditions(method, order, owner, flat)
+        if conditions.violated:
             left = dict(conditions.solved_by(ends))
             if not left:
                 break
-            ends, reached, violated = left, higher, conditions.violated
-        if reached > order:
-            return _corrections(method, ends, reached, violated)
-    return []
-
-
-def _corrections(
-    method: Method, ends: dict[int, Fraction], order: int, violated: int
-) -> list[Correction]:
-    found = []
-    for k, change in ends.items():
-        given = method.coefficients[k]
-        value = given.value + change
-        unit = max((float(x.unit) for x in method.coefficients if x is not given), default=0.0)
-        digits = min(round(1 - log10(unit or 1e-99)), quads.DECIMAL_DIGITS)
-        close = Fraction(10) ** (5 - digits)
-        simple = value.limit_denominator(min(_MAX_DENOMINATOR, isqrt(int(1 / close)) // 10 + 1))
-        text = str(simple) if abs(simple - value) < close else quads.to_decimal(value, digits)
-        name = method.layout.names[k]
-        found.append(Correction(name, given, Coefficient.read(text), order, violated))
-    return sorted(
-        found, key=lambda one: (len(one.value.text), abs(one.value.value - one.given.value))
+            ends, violated, reached = left, conditions.violated, order
+    changes = [(k, change) for k, change in ends.items() if change]
+    if violated == 1:  # many coefficients solve one condition
+        changes = [(k, change) for k, change in changes if abs(change) <= _LARGEST]
+    texts = [(_text(method, k, change), abs(change), k) for k, change in changes]
+    names, second = method.layout.names, owner == ConditionOwner.SECOND_RESULT
+    return tuple(
+        Correction(names[k], short(method.coefficients[k]), text, reached, flat, second, violated)
+        for text, _, k in sorted(texts, key=lambda one: (len(one[0]), one[1]))
     )
+
+
+def _text(method: Method, k: int, change: Fraction) -> str:
+    """Return a changed coefficient with as many digits as the others have, or as a fraction."""
+    value = method.coefficients[k].value + change
+    others = (float(x.unit) for j, x in enumerate(method.coefficients) if j != k)
+    digits = min(round(1 - log10(max(others, default=0.0) or 1e-99)), quads.DECIMAL_DIGITS)
+    close = Fraction(10) ** (7 - digits)
+    simple = value.limit_denominator(min(_MAX_DENOMINATOR, isqrt(int(1 / close)) // 10 + 1))
+    return str(simple) if abs(simple - value) < close else quads.to_decimal(value, digits)
+
+
+def short(coefficient: Coefficient) -> str:
+    """Return the text of a coefficient, of a double the decimal one."""
+    text = coefficient.text
+    return repr(float(coefficient.value)) if "x" in text else text
 
 
 class _Conditions:
     """The conditions of a result through an order, as functions of one coefficient."""
 
-    def __init__(self, method: Method, order: int, owner: ConditionOwner) -> None:
-        self._flat = _flat_conditions(order) if isinstance(method, MuntheKaas) else None
+    def __init__(self, method: Method, order: int, owner: ConditionOwner, flat: bool) -> None:
+        self._flat = _flat_conditions(order) if flat else None
         trees = np.array(condition_trees(order, self._flat is None), dtype=np.intc)
         self._arguments = order, method.layout
         self._trees = trees, np.full(trees.size, owner, dtype=np.intc)
         self._x = [entry.value for entry in method.coefficients]
-        self._residuals, self._jacobian = self._residuals_at(self._x), self._jacobian_at(self._x)
+        self._bits, self._floats = quads.encode(self._x), np.array(self._x, dtype=np.float64)
+        self._residuals, self._jacobian = self._residuals_at(), self._jacobian_at()
         units = to_floats([Coefficient(x.unit, "", x.unit) for x in method.coefficients])
         units = TOLERANCE_FACTOR * units + _ROUNDING * (1 + abs(to_floats(method.coefficients)))
         self._allowed = np.abs(self._jacobian) * units  # shares of the coefficients
@@ -105,7 +138,7 @@ class _Conditions:
         for k, start in starts.items():
             column, r = self._jacobian[:, k], self._residuals
             step = _step(column, r)
-            if step and np.linalg.norm(r + column * step) < _ALIGNED * np.linalg.norm(r):
+            if start or np.linalg.norm(r + column * step) < _ALIGNED * np.linalg.norm(r):
                 change = self._solve(k, start or Fraction(step))
                 if change is not None:
                     yield k, change
@@ -114,26 +147,28 @@ class _Conditions:
         smallest, others = np.inf, np.delete(self._allowed, k, axis=1).sum(axis=1)
         allowed = np.maximum(others, _ROUNDING)
         for _ in range(_MAX_STEPS):
-            x = [*self._x[:k], self._x[k] + change, *self._x[k + 1 :]]
-            r = self._residuals_at(x)
+            r = self._residuals_at(k, change)
             left = float(np.max(np.abs(r) / allowed))
-            if abs(change) > _LARGEST or not left < smallest:
+            if not left < smallest:
                 return None
-            if left <= 1:
-                return change + Fraction(_step(self._jacobian_at(x)[:, k], r))
             smallest = left
-            change += Fraction(_step(self._jacobian_at(x)[:, k], r))
+            change += Fraction(_step(self._jacobian_at(k, change)[:, k], r))
+            if left <= 1:
+                return change
         return None
 
-    def _residuals_at(self, x: list[Fraction]) -> NDArray[np.float64]:
-        bits = quads.encode(x)
+    def _residuals_at(self, k: int = 0, change: Fraction = Fraction()) -> NDArray[np.float64]:
+        bits = self._bits.copy()
+        bits[k] = quads.encode([self._x[k] + change])[0]
         residuals = core_calls.residuals(*self._arguments, bits, *self._trees)
         if self._flat is None:
             return quads.to_float(residuals)
         return _summed(np.array(quads.decode(residuals)), *self._flat).astype(np.float64)
 
-    def _jacobian_at(self, x: list[Fraction]) -> NDArray[np.float64]:
-        jac = core_calls.jacobian(*self._arguments, np.array(x, dtype=np.float64), *self._trees)
+    def _jacobian_at(self, k: int = 0, change: Fraction = Fraction()) -> NDArray[np.float64]:
+        x = self._floats.copy()
+        x[k] = self._x[k] + change
+        jac = core_calls.jacobian(*self._arguments, x, *self._trees)
         return jac if self._flat is None else _summed(jac, *self._flat)
 
 

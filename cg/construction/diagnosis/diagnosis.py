@@ -1,27 +1,36 @@
 """The result of diagnosing a method, and the functions that diagnose one, or a file."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from fractions import Fraction
 from os import PathLike
 from typing import Any
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.catalogue.entries import check_path, errors_naming, from_entry, read_entry
+from cg.construction.conditions import MAX_ORDER
+from cg.construction.diagnosis.correction import Correction, corrections
 from cg.construction.diagnosis.failing import FailingCondition, first_failing
-from cg.construction.diagnosis.mistakes import Finding, recognise_all
-from cg.construction.diagnosis.variants import order_on_vector_spaces
-from cg.construction.methods.abscissae import read_abscissae
+from cg.construction.methods.abscissae import read_abscissae, wrong_abscissae
+from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.flat import flat_order
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
 from cg.support.parsing import read_file, visible
+from cg.support.quads import MissingQuadsError, to_decimal
+
+_HARMLESS = 1e-13  # residuals in double precision
+_ALMOST_ZERO = 1e-6  # residuals of a condition that more digits would satisfy
+_MAX_SHOWN = 5  # corrections
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Order, first violated order condition and known mistakes of a method.
+    """Order, first violated order condition and mistakes of a method.
 
     Attributes
     ----------
@@ -35,8 +44,12 @@ class Diagnosis:
         Order of the second result of a pair.
     failing
         The first violated order condition; None if all conditions of the tabulated orders hold.
-    findings
-        Recognised mistakes, and the method of the catalogue with the same coefficients.
+    corrections
+        Changes of single coefficients that restore the highest order, on manifolds or on vector
+        spaces: a `Correction` has the attributes name, given, value, order, flat, embedded and
+        conditions.
+    mistakes
+        Sentences.
 
     Examples
     --------
@@ -53,12 +66,8 @@ class Diagnosis:
     flat_order: int
     embedded_order: int | None
     failing: FailingCondition | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def mistakes(self) -> tuple[Finding, ...]:
-        """The findings that are mistakes."""
-        return tuple(finding for finding in self.findings if finding.mistake)
+    corrections: tuple[Correction, ...]
+    mistakes: tuple[str, ...]
 
     def __str__(self) -> str:
         method = self.method
@@ -82,10 +91,7 @@ class Diagnosis:
                 f"({self.failing.failing} of {self.failing.of} do):",
                 *(f"    {line}".rstrip() for line in str(self.failing).splitlines()),
             ]
-        for finding in self.findings:
-            lines.append(f"{'mistake' if finding.mistake else 'note'}: {finding.message}")
-        if not self.mistakes:
-            lines.append("no known mistake recognised")
+        lines += [f"mistake: {mistake}" for mistake in self.mistakes] or ["no mistake recognised"]
         return "\n".join(lines)
 
     @property
@@ -109,14 +115,13 @@ class Diagnosis:
             "embedded_order": self.embedded_order,
             "nominal_order": method.nominal_order,
             "first_failing": None if self.failing is None else self.failing.as_dict(),
-            "findings": [
-                {"kind": f.kind, "mistake": f.mistake, "message": f.message} for f in self.findings
-            ],
+            "corrections": [asdict(one) for one in self.corrections],
+            "mistakes": list(self.mistakes),
         }
 
 
 def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnosis:
-    """Determine the order of a method and recognise known mistakes in its coefficients.
+    """Determine the order of a method, and the coefficient whose change raises it.
 
     Parameters
     ----------
@@ -129,11 +134,9 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     -------
     Diagnosis
         Printed, it shows the order, the first violated order condition with its tree, and the
-        mistakes recognised: reversed flows of stages, a transposed, one or two coefficients changed
-        in a method of the catalogue, one wrong coefficient of another method with the value that it
-        should have, truncated coefficients, rounded numbers given as exact fractions, second
-        weights equal to the first, rows that don't sum to c, and a classical tableau used on
-        manifolds without lifting.
+        mistakes recognised: one wrong coefficient, with the value that it should have; too few
+        digits; second weights equal to the first; rows that don't sum to c; a classical tableau
+        used on manifolds without lifting.
 
     Raises
     ------
@@ -144,17 +147,18 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
 
     Examples
     --------
+    Heun's method of order three with a misprint, 2/5 in place of 2/3:
+
     >>> import crouch_grossman as cg
-    >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"], name="Heun's third")
-    >>> diagnosis = cg.diagnose(heun)
-    >>> diagnosis.order, diagnosis.flat_order, [mistake.kind for mistake in diagnosis.mistakes]
-    (2, 3, ['flat'])
+    >>> diagnosis = cg.diagnose(cg.Tableau([[], ["1/3"], [0, "2/5"]], ["1/4", 0, "3/4"]))
+    >>> for one in diagnosis.corrections:
+    ...     print(one.name, one.given, one.value, one.order, one.flat)
+    a_3,2 2/5 2/3 3 True
     >>> print(diagnosis.failing)
     ●
-    ├── ●
     └── ●
         └── ●
-    [[][[]]]  Φ = 0.3125, 1/γ = 1/3, off by -0.0208
+    [[[]]]  Φ = 0.3, 1/γ = 1/2, off by -0.2
     """
     method = resolve_method(method)
     if isinstance(method, MagnusMethod):
@@ -164,45 +168,93 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
             "method must not be a splitting method, whose conditions are listed by "
             f"`crouch-grossman show --conditions`, got {method!r}"
         )
-    abscissae = None if c is None else read_abscissae(c, method)
-    return Diagnosis(
-        method,
-        method.exact_order,
-        method.exact_order if isinstance(method, MuntheKaas) else order_on_vector_spaces(method),
-        method.embedded_order,
-        first_failing(method),
-        tuple(recognise_all(method, abscissae)),
+    order, flat = method.exact_order, flat_order(_flat_tableau(method))
+    changes: tuple[Correction, ...] = ()
+    if not method.approximate:
+        with suppress(MissingQuadsError):
+            changes = corrections(method)
+    mistakes = (
+        *wrong_abscissae(method, [] if c is None else read_abscissae(c, method)),
+        *_equal_weights(method),
+        *_wrong_coefficients(method, order, flat, changes),
     )
+    failing = first_failing(method)
+    return Diagnosis(method, order, flat, method.embedded_order, failing, changes, mistakes)
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
-    """Diagnose the method in a file; unlike `cg.load`, accept wrong ``c`` and equal weights."""
+    """Diagnose the method in a file; unlike `cg.load`, accept wrong ``c``."""
     path = check_path(path)
     with errors_naming(path):
-        return diagnose_entry(read_entry(read_file(path, TableauError)), path.stem)
+        entry = dict(read_entry(read_file(path, TableauError)))
+        c = entry.pop("c", None)
+        return diagnose(from_entry(entry, path.stem), c=c)
 
 
-def diagnose_entry(entry: dict[str, Any], name: str = "") -> Diagnosis:
-    """Diagnose the method in the keys and values of a file; see `diagnose_file`."""
-    entry = dict(entry)
-    c = entry.pop("c", None)
-    try:
-        method = from_entry(entry, name)
-    except TableauError:
-        if "b_embedded" not in entry or not _same(entry["b"], entry["b_embedded"]):
-            raise
-        entry.pop("b_embedded")
-        diagnosis = diagnose(from_entry(entry, name), c=c)
-        finding = Finding(
-            "equal weights",
-            "b_embedded equals b: the difference of the results is zero and estimates no error",
+def _equal_weights(method: Method) -> Iterator[str]:
+    second = method.exact_embedded
+    if second is None:
+        return
+    apart = max(abs(x - y) for x, y in zip(method.exact[1], second, strict=True))
+    if apart <= Fraction(_HARMLESS):
+        yield (
+            f"the second weights equal the first up to {float(apart):.1g}: the difference of both "
+            "results is zero up to rounding"
         )
-        return replace(diagnosis, findings=(finding, *diagnosis.findings))
-    return diagnose(method, c=c)
 
 
-def _same(b: Any, second: Any) -> bool:
-    # compare values, since texts such as 1/2 and 0.5 differ
-    stages = len(b) if isinstance(b, list) else 0
-    zeros = [[0] * stages] * stages
-    return Tableau(zeros, b).exact[1] == Tableau(zeros, second).exact[1]
+def _wrong_coefficients(
+    method: Method, order: int, flat: int, changes: Sequence[Correction]
+) -> Iterator[str]:
+    if method.approximate:
+        return
+    highest, residual = order, method.largest_residual(order) if order else 0.0
+    while highest < MAX_ORDER and (more := method.largest_residual(highest + 1)) < _ALMOST_ZERO:
+        highest, residual = highest + 1, more
+    if changes and (changes[0].embedded or changes[0].order >= highest):
+        yield _changed(changes)
+    elif highest > order or residual > _HARMLESS:
+        yield (
+            f"the conditions through order {highest} hold up to {residual:.1g} only: the "
+            "coefficients have too few digits, or are rounded numbers given as exact fractions"
+        )
+    elif flat > order:
+        yield (
+            f"it is a classical method: of order {flat} where flows commute, of order {order} on "
+            "manifolds; cg.lift makes a method for manifolds of it, and cg.MuntheKaas uses its "
+            "tableau on frames with brackets"
+        )
+
+
+def _changed(changes: Sequence[Correction]) -> str:
+    first, more = changes[0], len(changes) - _MAX_SHOWN
+    order = f"the order{' of the second result' if first.embedded else ''} be {first.order}"
+    where = " where flows commute" if first.flat else ""
+    entries = [f"{one.name} = {one.given} were {one.value}" for one in changes[:_MAX_SHOWN]]
+    others = f", or one of {more} others changed" if more > 0 else ""
+    return (
+        f"{first.conditions} violated conditions would hold, and {order}{where}, if only "
+        f"{' or '.join(entries)}{others}"
+    )
+
+
+def _flat_tableau(method: Method) -> Tableau:
+    """Return the classical tableau to which a method reduces where flows commute."""
+    if isinstance(method, Tableau):
+        return method
+    if isinstance(method, MuntheKaas):
+        return method.tableau
+    units = [
+        {stage: weight.unit for stage, weight in row.items()}
+        for row in method.layout.point_weights(method.coefficients)
+    ]
+
+    def row(end: int) -> list[Coefficient]:
+        sums = [Fraction(0)] * method.stages
+        for m in method.tree.path(end):
+            for stage, unit in units[m].items():
+                sums[stage] += unit
+        values = method.tree.flat_row(end)
+        return [Coefficient(v, to_decimal(v), u) for v, u in zip(values, sums, strict=True)]
+
+    return Tableau([row(at) for at in method.tree.stage_points], row(method.tree.result))

@@ -9,10 +9,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cg.construction import conditions
-from cg.construction.diagnosis.drawing import draw_tree
 from cg.construction.methods.flat import failing_rooted
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.construction.plots.text import draw_tree
 from cg.construction.trees.ordered import OrderedTree, forest
 from cg.construction.trees.rooted import planted, rooted_trees
 

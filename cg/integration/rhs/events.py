@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Points
 from cg.support.copies import filled
 from cg.support.shared_records import EVENT
@@ -99,9 +99,9 @@ class Event:
         terminal = self.terminal
         # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            most = 1 if terminal else _UNLIMITED
+            limit = 1 if terminal else _UNLIMITED
         elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
-            most = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
+            limit = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
@@ -115,7 +115,7 @@ class Event:
         period = self.period
         if period is not None and not (_is_real(period) and 0.0 < period < math.inf):
             raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
-        return most, (direction > 0.0) - (direction < 0.0)
+        return limit, (direction > 0.0) - (direction < 0.0)
 
 
 def _is_real(number: object) -> bool:
@@ -152,12 +152,12 @@ class EventTable:
         self.compiled = [compiled_event(event.function) for event in self.events]
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
-            most, sign = event._check(f"events[{i}]")
+            limit, sign = event._check(f"events[{i}]")
             row = {
                 "function": 0 if source is None else source.address,
                 "data": 0 if source is None else source.user_data or -in_python,
                 "direction": sign,
-                "most": most,
+                "limit": limit,
                 "jumps": event.jump is not None,
                 "period": np.float64(event.period or 0.0).view(np.int64),
             }

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import Check
+from cg.integration.rhs.compiled import call_field
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
-from cg.integration.rhs.values import Check
+from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of, members_with_data
 from cg.support.arrays import Array, Points
 
 Coefficients = Callable[..., ArrayLike]
@@ -44,11 +45,9 @@ class PythonRhs:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
         self.vectorized, self.first, self.inputs = vectorized, first, inputs
         self.check = Check(f, frame, vectorized)
-        function = f.function if isinstance(f, TimeFunction) else f
-        own = None if inputs is None else inputs.members
-        own = own if parameters is None else len(parameters)
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time, frame.rhs_dtype
-        self._contexts = Contexts(function, self.arguments, None if vectorized else own, *rest)
+        members = None if vectorized else members_with_data(inputs, parameters)
+        rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
+        self._contexts = Contexts(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
@@ -79,20 +78,19 @@ class PythonRhs:
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
+        where, u = f"at t = {t:.17g}", "u, " * (self.inputs is not None)
+        if not self.vectorized and self.first is not None:
+            where += f" in member {self.first + member}"
         count = len(self.args) + (self.parameters is not None)
-        extra = f", and {count} further arguments" if count else ""
-        which, shape = "", str(self.frame.point_shape)
+        further = f"and {count} further arguments" if count else ""
+        if self.check.of_time:
+            return f"{where}; f is given (t, {u}...) {further}".rstrip()
+        shape, comma = str(self.frame.point_shape), ", " * bool(count)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        elif self.first is not None:
-            which = f" in member {self.first + member}"
-        u = "" if self.inputs is None else "u, "
-        if self.check.of_time:
-            return f"at t = {t:.17g}{which}; f is given (t, {u}...){extra[1:]}"
+        text = f"{where}; f is given (t, y, {u}...) with y of shape {shape}{comma}{further}"
         of_time = self.takes(1 + count) and not self.takes(2 + count)
-        hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
-        given = f"f is given (t, y, {u}...) with y of shape {shape}"
-        return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
+        return text + "; for an f of time alone see cg.solve_linear" * bool(of_time)
 
     def check_call(self) -> None:
         """Raise TypeError unless ``f`` takes the further arguments."""
@@ -152,6 +150,12 @@ class PythonRhs:
             raise
         return self.check(value, t)
 
+    def at_times(self, times: Array, y: Points) -> Array:
+        """Return the coefficients of a single member at times and points, of a linear equation."""
+        if self.vectorized:
+            return self.at_members(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
+        return call_field(self, *self.addresses()[:2], self.frame, times, y)
+
 
 class Contexts:
     """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
@@ -186,11 +190,14 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    of_time: bool = False, dtype: Any = np.float64,
+    dtype: Any = np.float64,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
+    of_time = isinstance(function, TimeFunction)
+    if of_time:
+        function = function.function
     rest = check, [None], of_time, with_input, np.dtype(dtype).num
     return function, args, frame.point_shape, frame.dtype.num, shape, *rest
