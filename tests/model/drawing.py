@@ -71,6 +71,7 @@ def program(seed: int, index: int) -> Program:
         events=(*some(3, zero), *one((), (), (), (Zero("edge"),))),
         breaks=one((), (0.3,), (0.31, 0.75), (0.5, 0.31)), inputs=some(2, samples),
         parameters=one(False, True), compiled=one("", "", "", "c", "c", one("c", "numba")),
+        rhs=one("coefficients", "coefficients", "derivative"),
         linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
         callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
     ))  # fmt: skip
@@ -101,6 +102,8 @@ def admitted(program: Program) -> Program:
     plain = plain and not any(zero.kind == "edge" for zero in program.events)
     change(program.linear, linear=plain)
     change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
+    change(program.linear or program.compiled or not plain, rhs="coefficients")
+    change("in_jax" in callers, rhs="coefficients")
     smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
     change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")
