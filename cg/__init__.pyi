@@ -19,19 +19,16 @@ from .construction.search.random_search import search
 from .construction.solvers.lmdif import lmdif
 from .construction.solvers.system import Structure
 from .integration import (
-    AdjointSolution,
+    Adjoint,
     CompiledFunction,
     ConvergenceError,
     DenseOutput,
     EnsembleSolution,
-    EnsembleVariationalSolution,
     Event,
     Samples,
     Solution,
     Stepper,
     StepTooLongError,
-    VariationalOutput,
-    VariationalSolution,
     integrate,
     solve_ensemble,
     solve_ivp,
@@ -43,7 +40,7 @@ from .integration import (
 from .support.quads import MissingQuadsError
 
 __all__ = [
-    "AdjointSolution",
+    "Adjoint",
     "Certificate",
     "CertificationError",
     "CommutatorFree",
@@ -52,7 +49,6 @@ __all__ = [
     "DenseOutput",
     "Diagnosis",
     "EnsembleSolution",
-    "EnsembleVariationalSolution",
     "Event",
     "LiftError",
     "Lifted",
@@ -69,8 +65,6 @@ __all__ = [
     "Structure",
     "Tableau",
     "TableauError",
-    "VariationalOutput",
-    "VariationalSolution",
     "certify",
     "conditions",
     "construct",

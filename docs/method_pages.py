@@ -268,7 +268,7 @@ def page(method: Method) -> str:
     if method.embedded_order:
         use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
     if linear:
-        use = use.replace("integrate(f", "solve_linear(a").replace("solve_ivp(f", "solve_linear(a")
+        use = use.replace("integrate(f", "solve_linear(f").replace("solve_ivp(f", "solve_linear(f")
     if splits:
         use = use.replace("integrate(f", "solve_ivp(f").replace("=frame", "=phase_space")
     sequence = "from top to bottom" if linear or splits else "from left to right"

@@ -1,50 +1,38 @@
 """Progress and remaining time of each item, on a terminal or in a file."""
 
-import math
-import time
-from collections.abc import Callable, Sequence
-from typing import TextIO
+from collections.abc import Sequence
+from typing import Any, TextIO
 
-from cg.construction.runs.progress import ProgressLine, duration
+from cg.support.progress import has_bars, make_bar
 
 from .context import Item, Progress
 
 
 class Display:
-    """Progress on a stream: an updated line on a terminal, otherwise a line every half minute.
+    """A bar of progress for each of all `items` to run, in order, if tqdm is installed."""
 
-    `items` are all items to run, in order; `clock` returns the time in seconds.
-    """
-
-    def __init__(
-        self, stream: TextIO, items: Sequence[Item], clock: Callable[[], float] = time.perf_counter
-    ) -> None:
-        self._line = ProgressLine(stream, clock=clock)
+    def __init__(self, stream: TextIO, items: Sequence[Item]) -> None:
+        self._stream, self._bar = stream, None
         self._places = {
             item.name: f"[{k}/{len(items)}] {item.title}" for k, item in enumerate(items, 1)
         }
 
     def begin(self, item: Item) -> Progress:
         """Return the function that receives an item's progress."""
-        begun = self._line.begin()
-        self._line.update(f"{self._places[item.name]}: …", begun)
-        stored: int | None = None
+        bar: Any = None
+        if has_bars():
+            bar = self._bar = make_bar(self._stream, desc=self._places[item.name])
 
         def update(done: int, total: int) -> None:
-            nonlocal stored
-            if stored is None:  # the first call of this run; a store may have had the parts before
-                stored = max(0, done - 1)
-            now = self._line.clock()
-            text = f"{self._places[item.name]}: {done} of {total}, {duration(now - begun)}"
-            if done > stored:  # else there is nothing to judge by
-                left = (now - begun) * (total - done) / (done - stored)
-                text += f", about {duration(left)} left"
-            self._line.update(text, now)
+            if bar is not None:
+                if bar.total is None:  # the first call; a store may have had the parts before
+                    bar.total, bar.initial, bar.n = total, max(0, done - 1), max(0, done - 1)
+                bar.update(done - bar.n)
 
         return update
 
     def finish(self, item: Item, seconds: float) -> None:
         """Report that an item is finished."""
-        text = f"{self._places[item.name]}: {seconds:.1f} s"
-        self._line.update(text, math.inf)
-        self._line.end(text)
+        if self._bar is not None:
+            self._bar.close()
+        print(f"{self._places[item.name]}: {seconds:.1f} s", file=self._stream, flush=True)

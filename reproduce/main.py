@@ -13,8 +13,7 @@ import click
 
 from cg.command.arguments import workers_option
 from cg.command.main import main as run_command
-from cg.construction.runs import StoreError
-from cg.construction.runs.progress import duration
+from cg.construction.runs.store import StoreError
 from cg.support.parallel import available_cores
 
 from .context import Settings
@@ -118,9 +117,8 @@ def reproduce_command(
     except (OSError, KeyboardInterrupt) as error:
         error.add_note(f"finished items and searches are kept in {out}")
         raise
-    click.echo(
-        f"{out / 'report.html'} written in {duration(time.perf_counter() - begun)}", err=True
-    )
+    seconds = time.perf_counter() - begun
+    click.echo(f"{out / 'report.html'} written in {seconds:.0f} s", err=True)
     return 0
 
 

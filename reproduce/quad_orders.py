@@ -6,8 +6,8 @@ from functools import partial
 from typing import Any
 
 from cg.construction.catalogue import methods
-from cg.executors import completed
 from cg.problems.convergence import observed_order, slopes
+from cg.support.executors import completed
 
 from . import top
 from .context import Context
@@ -37,14 +37,11 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
     context.report_work(done, sum(work))
     errors: dict[Run, float] = {}
     executor = "processes" if context.workers > 1 else None
-    indices = range(len(runs))
-    results = completed(partial(_error, runs), indices, len(runs), context.workers, executor)
+    results = completed(partial(_error, runs), range(len(runs)), executor, context.workers)
     with closing(results) as running:
-        for finished in running:
-            if finished.result is None:
-                raise RuntimeError(f"{runs[finished.index]} failed: {finished.failure}")
-            errors[runs[finished.index]] = finished.result
-            done += work[finished.index]
+        for index, error in running:
+            errors[runs[index]] = error
+            done += work[index]
             context.report_work(done, sum(work))
     return {
         reading: {

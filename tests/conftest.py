@@ -99,7 +99,7 @@ def affine(function):
 @pytest.fixture
 def path(tmp_path):
     """Return the file of a store of runs."""
-    return tmp_path / "runs.db"
+    return tmp_path / "runs.jsonl"
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def run_command(capsys):
 
 @pytest.fixture(scope="session")
 def load_script():
-    """Import a script of a folder that is no package, such as ``research/make_lifted_methods``."""
+    """Import a script of a folder that is no package, such as ``research/run_recipe``."""
 
     def load(path):
         folder, name = (Path(__file__).parents[1] / path).parent, Path(path).name

@@ -17,6 +17,7 @@ from cg.construction.formats import export
 from cg.construction.methods.method import Method
 from cg.construction.search.random_search import search
 from cg.construction.search.result import SearchResult
+from cg.support.progress import has_bars
 
 
 @click.command("search", short_help="Search for methods from random starts.")
@@ -30,20 +31,20 @@ def search_command(**options: Any) -> int:
     names. Each minimum is a local one: more starts may lead to smaller ones. Neither --workers nor
     the executor changes the result.
 
-    Progress is shown on standard error. With --store, the same command resumes an interrupted
-    search. Exits with 1 if no start led to a method.
+    Progress is shown on standard error if tqdm is installed. With --store, the same command resumes
+    an interrupted search. Exits with 1 if no start led to a method.
 
     \b
     Examples:
       crouch-grossman search --order 4 --stages 5 --starts 200 --seed 1
       crouch-grossman search --order 5 --stages 6 --flows 9 --starts 200 -o found
-      crouch-grossman search --order 4 --tree CF4 --store runs.db
+      crouch-grossman search --order 4 --tree CF4 --store runs.jsonl
       crouch-grossman search --order 4 --stages 5 --abscissae 0 1 --minimise principal_error
       crouch-grossman search --order 4 --stages 5 --hold "c[2]=1/2" --hold "b[2]=0"
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-    return _run(search, lambda result: result.methods, "start", **options)
+    return _run(search, lambda result: result.methods, **options)
 
 
 @click.command("construct", short_help="Construct one method of an order.")
@@ -68,13 +69,12 @@ def construct_command(**options: Any) -> int:
     def methods(result: Construction) -> Sequence[Method]:
         return [] if result.method is None else [result.method]
 
-    return _run(construct, methods, "try", **options)
+    return _run(construct, methods, **options)
 
 
 def _run(
     function: Callable[..., Any],
     methods_of: Callable[[Any], Sequence[Method]],
-    piece: str,
     *,
     processes: bool,
     quiet: bool,
@@ -87,15 +87,13 @@ def _run(
     check_output(output)
     executor = "processes" if processes else None
     try:
-        result = function(**arguments, executor=executor, progress=not quiet)
+        result = function(**arguments, executor=executor, progress=not quiet and has_bars())
     except ValueError as problem:
         raise click.UsageError(_of_options(str(problem), arguments)) from None
     except KeyboardInterrupt as interrupt:
         if arguments["store"] is None:
             interrupt.add_note("with --store FILE the same command would continue from here")
         raise
-    for failure in result.failures:
-        say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
     methods = methods_of(result)
     if output is not None:
         if len(methods) > 1:

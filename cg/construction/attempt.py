@@ -1,8 +1,11 @@
 """One attempt of a construction: a random start, then fewer stages or flows."""
 
-import json
-from dataclasses import asdict, dataclass, field
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +23,10 @@ from cg.construction.drop import drop_flow, solve_start
 from cg.construction.eliminate import eliminate, walk
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.method import Method
-from cg.construction.runs import StoredStart
 from cg.construction.search.requirements import Requirements
-from cg.construction.search.shapes import layout_from_json, start_generator
+from cg.construction.search.shapes import layout_of_fields, start_generator
 from cg.construction.settings import ConstructionSettings
 from cg.construction.start import random_candidate
-from cg.support import quads
-from cg.support.checks import MAX_COUNT
 
 _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
 
@@ -43,39 +43,11 @@ class Attempt:
     flows: int | None = None  # None for tableaux, as is tree
     tree: Layout | None = field(default=None, repr=False)
 
-    def entry(self, seconds: float = 0.0) -> StoredStart:
-        """Return the entry of the try in a store."""
-        return StoredStart(
-            number=self.index,
-            stages=self.stages,
-            flows=self.flows,
-            tree=None if self.tree is None else json.dumps(asdict(self.tree)),
-            phase="double",
-            f=self.f,
-            solved=self.solved,
-            coefficients=quads.from_float(self.x).tobytes(),
-            seconds=seconds,
-        )
-
-
-def read_attempt(settings: ConstructionSettings, entry: StoredStart) -> Attempt:
-    """Return the try of an entry, recomputed; ValueError if its coefficients don't fit it."""
-    where = f"not the entry of an attempt: try {entry.number}"
-    try:
-        layout = None if entry.tree is None else layout_from_json(entry.tree)
-        x = quads.to_float(entry.quads)
-        candidate = _candidate(settings, entry.stages, layout, x)
-        if not 0 <= entry.number <= MAX_COUNT or x.size != candidate.system.size:
-            raise ValueError("wrong index or number of coefficients")
-        attempt = _attempt(settings, entry.number, candidate)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise ValueError(f"{where}: {error}") from None
-    stored, expected = (
-        (each.solved, float(each.f).hex(), each.stages, each.flows) for each in (entry, attempt)
-    )
-    if stored != expected:
-        raise ValueError(f"{where} has {stored}, but its coefficients give {expected}")
-    return attempt
+    @classmethod
+    def of_fields(cls, fields: Mapping[str, Any]) -> Attempt:
+        """Return the try that `dataclasses.asdict` made fields of."""
+        tree = fields["tree"] and layout_of_fields(fields["tree"])
+        return cls(**{**fields, "x": tuple(fields["x"]), "tree": tree})
 
 
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:

@@ -2,19 +2,20 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cg.construction.attempt import Attempt, read_attempt, refined, run_attempt, succeeded
+from cg.construction.attempt import Attempt, refined, run_attempt, succeeded
 from cg.construction.methods.method import Method
-from cg.construction.runs import Failure, LongRun, ProgressLine, RunOptions, Score
+from cg.construction.runs.long_run import RunOptions, Score, run_pieces
 from cg.construction.search.requirements import Requirements
 from cg.construction.settings import ConstructionSettings
 from cg.construction.solvers.system import Structure
-from cg.executors import ExecutorLike
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_flag, check_integer
+from cg.support.executors import ExecutorLike
 from cg.support.parallel import single_threads
 
 
@@ -26,7 +27,6 @@ class Construction:
     method: Method | None  # refined in real(16); None if no try succeeded
     best: Attempt  # the try of the method, or the one with the fewest stages and flows
     tries: int
-    failures: tuple[Failure, ...] = ()  # tries whose worker died
 
     @property
     def exact(self) -> bool:
@@ -51,7 +51,7 @@ def construct(
     workers: int | None = None,
     executor: ExecutorLike = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | ProgressLine | bool | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
@@ -101,9 +101,8 @@ def construct(
         File that stores every finished try, and from which an interrupted run is resumed, as for
         `cg.search`.
     progress
-        Called with the numbers of finished and of all tries. True shows a
-        `runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
-        which most may not be needed.
+        Called with the numbers of finished and of all tries. True shows a bar of tqdm on
+        standard error. Its remaining time is that of all tries, of which most may not be needed.
     force
         Try even if there are fewer unknowns than independent conditions; for trees, fewer than
         conditions where flows commute.
@@ -160,44 +159,25 @@ def _construct(
     settings: ConstructionSettings, tries: int, options: RunOptions, requirements: Requirements
 ) -> Construction:
     """Run tries until the first one by number succeeds."""
-    run = LongRun(
-        kind="construct",
-        settings=settings,
-        work=partial(run_attempt, settings),
-        to_entry=Attempt.entry,
-        from_entry=partial(read_attempt, settings),
-        score=partial(_score, settings),
-    )
-    finished: dict[int, Attempt | Failure] = {}
-    attempts: list[Attempt] = []
-    failures: list[Failure] = []
-    with run.running(tries, options) as (_, results):
+    results = run_pieces(
+        "construct", settings, partial(run_attempt, settings), tries, options,
+        read=Attempt.of_fields,
+        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+    )  # fmt: skip
+    finished: dict[int, Attempt] = {}
+    with closing(results):
         for index in range(tries):
             while index not in finished:
-                number, result = next(results)
-                finished[number] = result
-            attempt = finished.pop(index)
-            if isinstance(attempt, Failure):
-                failures.append(attempt)
-                continue
-            attempts.append(attempt)
-            reached = succeeded(settings, attempt)
-            method = refined(settings, attempt, requirements) if reached else None
+                attempt = next(results)
+                finished[attempt.index] = attempt
+            reached = succeeded(settings, finished[index])
+            method = refined(settings, finished[index], requirements) if reached else None
             if method is not None:
-                return Construction(settings, method, attempt, index + 1, tuple(failures))
-    if not attempts:
-        raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
-    best = min(attempts, key=lambda attempt: (*_size(attempt), attempt.f))
-    return Construction(settings, None, best, tries, tuple(failures))
+                return Construction(settings, method, finished[index], index + 1)
+    best = min(finished.values(), key=lambda attempt: (*_size(attempt), attempt.f, attempt.index))
+    return Construction(settings, None, best, tries)
 
 
 def _size(attempt: Attempt) -> tuple[float, ...]:
     """Return numbers by which attempts are compared before f; smaller is better."""
     return not attempt.solved, attempt.stages, attempt.flows or 0
-
-
-def _score(settings: ConstructionSettings, attempt: Attempt) -> Score:
-    note = f" with {attempt.stages} stages"
-    if attempt.flows is not None:
-        note += f" and {attempt.flows} flows"
-    return Score(attempt.f, succeeded(settings, attempt), _size(attempt), note)

@@ -26,7 +26,7 @@ from cg.frames.so3 import SO3
 from cg.frames.sp import Sp
 from cg.frames.spd import SPD
 from cg.frames.sphere import Sphere
-from cg.frames.stiefel import AmbientStiefel, Stiefel
+from cg.frames.stiefel import Stiefel
 from cg.frames.su import SU
 from cg.frames.u import U
 
@@ -38,7 +38,6 @@ __all__ = [
     "SO3",
     "SPD",
     "SU",
-    "AmbientStiefel",
     "CoadjointOrbit",
     "Euclidean",
     "FieldFrame",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
+from copy import copy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar
 
@@ -20,6 +22,9 @@ from cg.frames.local_coordinates import (
 from cg.frames.manifold import Manifold
 from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
+
+NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
+"""Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -137,6 +142,64 @@ class Frame(Manifold, FieldAlgebra):
         """
         return self._arguments(v, y)[0]
 
+    def coefficients(self, y: ArrayLike, dy: ArrayLike) -> Array:
+        """Return the coefficients of derivatives of points, the inverse of `field`.
+
+        Of several ones with the same tangent they are those of least norm, without isotropy. A part
+        of ``dy`` that no field has, such as one normal to the manifold, is dropped.
+
+        Parameters
+        ----------
+        y
+            Points, shape ``(..., *point_shape)``.
+        dy
+            Their derivatives, of the same shape; leading axes broadcast.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(..., dim)``.
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes of an argument aren't ``point_shape``, or it isn't numeric.
+
+        Warns
+        -----
+        UserWarning
+            If the part of ``dy`` that is dropped is larger than rounding.
+
+        Examples
+        --------
+        The angular velocity of a quaternion:
+
+        >>> from cg.frames import UnitQuaternion
+        >>> UnitQuaternion().coefficients([0, 0, 0, 1], [0, 0, 0.5, 0])
+        array([0., 0., 1.])
+        """
+        v, dropped = self._coefficients(self._points(y), self._points(dy, "dy"))
+        excess = dropped > NORMAL_PART
+        if excess.any():
+            place = tuple(map(int, np.unravel_index(np.argmax(excess), excess.shape)))
+            warnings.warn(
+                f"dy has a part that the fields of {self!r} don't have, which is dropped: "
+                f"{dropped[place]:.3g} of its length{f' at index {place}' if place else ''}",
+                stacklevel=2,
+            )
+        return v
+
+    def _coefficients(self, y: Points, dy: Points) -> tuple[Array, Array]:
+        """Return the coefficients of derivatives, and what is dropped relative to their lengths."""
+        point, tangent = np.broadcast_arrays(y, dy)
+        rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
+        v = np.asarray(self._coefficients_at(rows, slopes))
+        axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
+        parts = slopes - self.field(v, rows), slopes
+        dropped, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in parts)
+        relative = np.where(dropped > NORMAL_ROUNDING, dropped / np.maximum(sizes, dropped), 0.0)
+        return v.reshape(*lead, self.dim), relative.reshape(lead)
+
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.
 
@@ -246,12 +309,29 @@ class Frame(Manifold, FieldAlgebra):
 
     @property
     def rhs_shape(self) -> tuple[int, ...]:
-        """The shape ``(rhs_dim,)`` of what they return; of `AmbientStiefel` that of a point."""
-        return (self.rhs_dim,)
+        """The shape of what they return: ``(rhs_dim,)``, or that of a point for derivatives."""
+        return (self.rhs_dim,) if self._given is None else self.point_shape
 
-    def complete_rhs(self, f: Array, y: Points) -> Array:
+    @property
+    def rhs_dtype(self) -> np.dtype[Any]:
+        """The type of what they return: float64, or that of points for derivatives."""
+        return np.dtype(np.float64) if self._given is None else self.dtype
+
+    def complete_rhs(self, f: Points, y: Points) -> Array:
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
-        return f
+        return f if self._given is None else self._coefficients(y, f)[0]
+
+    _given: Frame | None = None  # the frame in place of which right-hand sides give derivatives
+
+    def for_derivatives(self) -> Frame:
+        """Return the frame for right-hand sides that return derivatives of points."""
+        frame = copy(self._moved_by_derivatives())
+        vars(frame)["_given"] = self
+        return frame
+
+    def _moved_by_derivatives(self) -> Frame:
+        """Return the frame that moves the same points fastest along derivatives."""
+        return self
 
     def compiled_blocks(self) -> Blocks | None:
         """Return the description of this frame for compiled code, None if there is none.

@@ -28,10 +28,10 @@ def check(
     r"""Check that the methods of a frame are consistent with each other.
 
     At random points and with random coefficients it checks that ``flow(0, y)`` is ``y``, that
-    flows along one field compose, that the derivative of the flow is ``field``, that
-    ``exp_coordinates`` and ``local_coordinates`` invert the flow, that ``bracket`` is the
-    commutator of the fields, that ``dexpinv`` agrees with derivatives of flows, and that flows
-    stay on the manifold. It computes some hundred flows.
+    flows along one field compose, that the derivative of the flow is ``field``, which
+    ``coefficients`` inverts, that ``exp_coordinates`` and ``local_coordinates`` invert the flow,
+    that ``bracket`` is the commutator of the fields, that ``dexpinv`` agrees with derivatives of
+    flows, and that flows stay on the manifold. It computes some hundred flows.
 
     Parameters
     ----------
@@ -151,6 +151,15 @@ def _compare_derivative(
     yield from _compare(problem, actual, expected, _DIFFERENCES, scale)
 
 
+def _check_coefficients(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+    tangents = frame.field(np.stack([u, v]), y)
+    found = frame.coefficients(y, tangents)
+    problem = "field(coefficients(y, dy), y) isn't dy"
+    yield from _compare(problem, frame.field(found, y), tangents, _ROUNDING, _size(y))
+    shortest = frame.without_isotropy(found, y)
+    yield from _compare("coefficients have isotropy", shortest, found, _ROUNDING, _size(u, v))
+
+
 def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     yield from _compare("points aren't on the manifold", frame.relative_error(y), 0.0, _ROUNDING)
     flowed = frame.flow(v, y)
@@ -208,4 +217,11 @@ def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _P
     )  # fmt: skip
 
 
-_CHECKS = (_check_flow, _check_field, _check_membership, _check_coordinates, _check_brackets)
+_CHECKS = (
+    _check_flow,
+    _check_field,
+    _check_coefficients,
+    _check_membership,
+    _check_coordinates,
+    _check_brackets,
+)

@@ -122,6 +122,12 @@ class CoadjointOrbit(Frame):
             moved = expm(combine(vector, self._fields), vector)
         return self.restore((moved @ point[..., None])[..., 0])
 
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        if not self._rotation_sign or not any(self.point):
+            return super()._coefficients_at(y, tangent)
+        square = np.vecdot(y, y)[:, None]
+        return np.asarray(self._rotation_sign / square * np.cross(y, tangent))
+
     def _bracket(self, u: Array, v: Array) -> Array:
         if self._rotation_sign:
             return super()._bracket(u, v)

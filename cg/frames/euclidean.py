@@ -65,6 +65,9 @@ class Euclidean(Sized):
     def _project(self, y: Array) -> Array:
         return y
 
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        return tangent
+
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return ``y1 - y0``, shape ``(..., n)``."""
         return np.asarray(self._points(y1, "y1") - self._points(y0, "y0"))

@@ -89,6 +89,9 @@ class Grassmann(Sized, Orbit):
         square = symmetric @ symmetric
         return np.asarray(3.0 * square - 2.0 * square @ symmetric)
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        return self.group._algebra_projection(tangent @ y - y @ tangent)
+
     def _project(self, y: Points) -> Points:
         values, vectors = np.linalg.eigh(0.5 * (y + y.mT))
         basis = vectors[..., self.n - self.k :]

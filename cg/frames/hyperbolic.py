@@ -76,6 +76,10 @@ class Hyperbolic(Sized):
         translations = u[..., :1] * v[..., 1:] - v[..., :1] * u[..., 1:]
         return np.concatenate([np.zeros((*translations.shape[:-1], 1)), translations], axis=-1)
 
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        dilation = tangent[..., -1:] / y[..., -1:]
+        return np.concatenate([dilation, tangent[..., :-1] - dilation * y[..., :-1]], axis=-1)
+
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the unique dilation and translation from a point to another, ``(..., n)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")

@@ -151,6 +151,17 @@ class IsospectralOrbit(Orbit):
         _, vectors = np.linalg.eigh(np.where(finite, y, np.eye(len(self.spectrum))))
         return np.where(finite, self._with_eigenvectors(vectors), y)
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        # In eigenvectors entry (i, j) of the tangent is that of the generator times the gap.
+        gaps = self._eigenvalues - self._eigenvalues[:, None]
+        apart = (
+            np.abs(gaps) > len(gaps) * np.finfo(np.float64).eps * np.abs(self._eigenvalues).max()
+        )
+        weights = np.divide(1.0, gaps, out=np.zeros_like(gaps), where=apart)
+        _, vectors = eigh_where_finite(y)
+        turned = weights * (vectors.mT.conj() @ tangent @ vectors)
+        return self.group._algebra_projection(vectors @ turned @ vectors.mT.conj())
+
     def _project(self, y: Points) -> Points:
         # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
         # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose

@@ -135,7 +135,7 @@ class MatrixGroup(Frame):
         flat = v.reshape(math.prod(v.shape[:-1]), self.dim) @ self._sparse_basis
         return np.asarray(flat).reshape(*v.shape[:-1], *self.point_shape)
 
-    def coefficients(self, matrix: ArrayLike) -> Array:
+    def vee(self, matrix: ArrayLike) -> Array:
         """Return the coefficients ``v`` of matrices ``algebra(v)``, shape ``(..., dim)``.
 
         ValueError if a matrix, shape ``(..., size, size)``, isn't in the algebra: if the error of
@@ -278,17 +278,23 @@ class MatrixGroup(Frame):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         if block := self._closed_form():
             return coordinates_between(block, self.dim, 2, start, end)
-        # Points may be singular by rounding; np.linalg.inv would raise.
-        regular = (np.linalg.slogdet(start)[0] != 0.0)[..., None, None]
-        inverse = self.inverse(np.where(regular, start, np.eye(self.size)))
         # Quotient minus identity from the difference, without cancellation for points nearby
-        with np.errstate(over="ignore", invalid="ignore"):
-            change = end - start
-            body = self.convention == "body"
-            difference = inverse @ change if body else change @ inverse
-        finite = (regular & np.isfinite(difference)).all(axis=(-2, -1))[..., None]
+        difference = self._quotient(start, end - start)
+        finite = np.asarray(np.isfinite(difference).all(axis=(-2, -1)))[..., None]
         coordinates = self._log1p(np.where(finite[..., None], difference, 0.0))
         return self._checked_coordinates(np.where(finite, coordinates, np.nan), start, end)
+
+    def _quotient(self, y: Points, change: Points) -> Points:
+        """Return y⁻¹ times a change (body) or the change times y⁻¹, NaN for singular points."""
+        # Points may be singular by rounding; np.linalg.inv would raise.
+        regular = (np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
+        inverse = self.inverse(np.where(regular, y, np.eye(self.size)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            quotient = inverse @ change if self.convention == "body" else change @ inverse
+        return np.where(regular, quotient, np.nan)
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        return self._algebra_projection(self._quotient(y, tangent))
 
     def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
         """Return coefficients, NaN where their flow from ``start`` does not end at ``end``."""

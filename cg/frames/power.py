@@ -76,8 +76,12 @@ class Power(Frame):
         vector, point = self._arguments(v, y)
         return self.factor.flow(self._split_vector(vector), point)
 
-    def complete_rhs(self, f: Array, y: Points) -> Array:
-        return self._join_vectors(self.factor.complete_rhs(self._split_vector(f), y))
+    def _moved_by_derivatives(self) -> Frame:
+        return Power(self.factor._moved_by_derivatives(), self.n)
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        rows = (x.reshape(-1, *self.factor.point_shape) for x in (y, tangent))
+        return self.factor._coefficients_at(*rows).reshape(-1, self.dim)
 
     def _bracket(self, u: Array, v: Array) -> Array:
         each = self.factor._bracket(self._split_vector(u), self._split_vector(v))

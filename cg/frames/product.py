@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks, compared_by_entries
 from cg.support.arrays import Array, Points, Size
-from cg.support.shared_numbers import BlockKind
 
 _DOUBLE = np.dtype(np.float64)
 
@@ -68,11 +67,6 @@ class Product(Frame):
             _point_shape=(places[-1].stop,),
             _real_parts=_real_parts(factors, places),
         )
-        if Product._blocks(self) is None and any(map(_has_columns, factors)):
-            raise ValueError(
-                "factors with an AmbientStiefel must all be compiled and without coordinates, such "
-                f"as others of it, Grassmann and LinearAction, got {factors!r}; use Stiefel"
-            )
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -168,9 +162,14 @@ class Product(Frame):
         each = self._each("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
         return np.concatenate(each, axis=-1)
 
-    def complete_rhs(self, f: Array, y: Array) -> Array:
-        parts = self._split_vector(f), self._split(y)
-        return np.concatenate(self._each("complete_rhs", *parts), axis=-1)
+    def _moved_by_derivatives(self) -> Frame:
+        factors = [factor._moved_by_derivatives() for factor in self.factors]
+        moved = Product(*factors) if type(self) is Product else self
+        return self if moved.compiled_blocks() is None else moved
+
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        parts = self._split(y), self._split(tangent)
+        return np.concatenate(self._each("_coefficients_at", *parts), axis=-1)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
@@ -261,11 +260,6 @@ def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_Rea
 def _real_size(factor: Frame) -> int:
     """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
-
-
-def _has_columns(frame: Frame) -> bool:
-    """Return whether right-hand sides give a derivative of orthonormal columns."""
-    return any(block[0] == BlockKind.STIEFEL for block in frame.compiled_blocks() or ())
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:

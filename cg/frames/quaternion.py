@@ -83,6 +83,11 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         generator = combine(vector, _generators(self.convention, self.scalar_first))
         return np.asarray((generator @ point[..., None])[..., 0])
 
+    def _coefficients_at(self, y: Array, tangent: Array) -> Array:
+        # The fields are orthogonal, with half the length of the point.
+        fields = self.field(np.eye(3), y[:, None])
+        return np.asarray(4.0 * np.vecdot(fields, tangent[:, None]) / np.vecdot(y, y)[:, None])
+
     @property
     def _rotation_sign(self) -> float:
         return 1.0 if self.convention == "space" else -1.0

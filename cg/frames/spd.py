@@ -67,6 +67,13 @@ class SPD(Sized, ConjugationSpace):
         """Return the symmetric part of ``y``."""
         return np.asarray(0.5 * (y + y.mT))
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
+        values, vectors = eigh_where_finite(y)
+        squares = values[..., None, :] ** 2 + values[..., :, None] ** 2
+        solved = (vectors.mT @ tangent @ vectors) / squares * values[..., None, :]
+        return self.group._algebra_projection(vectors @ solved @ vectors.mT)
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the asymmetry and the negative of the least eigenvalue."""
         point = self._points(y)

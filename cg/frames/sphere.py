@@ -100,5 +100,8 @@ class Sphere(Sized, UnitVectors, HomogeneousSpace):
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return ``v`` without the rotations that fix ``y``."""
         vector, point = self._arguments(v, y)
-        wedge = self.field(vector, point)[..., :, None] * point[..., None, :]
+        return self._coefficients_at(point, self.field(vector, point))
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        wedge = tangent[..., :, None] * y[..., None, :]
         return self.group._algebra_projection(wedge - wedge.mT)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Sized
+from cg.frames.base import Frame, Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
@@ -62,6 +62,10 @@ class Stiefel(_Columns, HomogeneousSpace):
     There are no `exp_coordinates`: the rotation between two points is not unique, and the one
     of least norm has no closed form.
 
+    Right-hand sides that return derivatives (``rhs="derivative"``) move the columns along other
+    fields, in :math:`n k^2` operations a flow in place of :math:`n^3`, and without brackets: for
+    many rows, also for subspaces, by an orthonormal basis.
+
     References
     ----------
     .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 8.3.
@@ -89,6 +93,9 @@ class Stiefel(_Columns, HomogeneousSpace):
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         return self.group._algebra_projection(least_generator(y, tangent))
 
+    def _moved_by_derivatives(self) -> Frame:
+        return LowRankStiefel(self.n, self.k)
+
 
 def least_generator(y: Points, tangent: Points) -> Points:
     """Return the skew matrix of least norm whose product with y is a tangent X.
@@ -103,77 +110,35 @@ def least_generator(y: Points, tangent: Points) -> Points:
 
 
 @dataclass(frozen=True, repr=False)
-class AmbientStiefel(CompiledFlow, _Columns):
-    r"""Matrices of k orthonormal columns, for right-hand sides that return the derivative.
+class LowRankStiefel(CompiledFlow, _Columns):
+    r"""The fields that move columns along derivatives in :math:`n k^2` operations a flow.
 
-    ``f`` returns the derivative X of the columns, shape ``(n, k)``. Of a matrix that is not tangent
-    the orthogonal projection counts, so that the gradient of a function on all matrices gives the
-    gradient flow. Steps take memory in proportion to :math:`n k`, and :math:`n k^2` operations for
-    each flow, those of `Stiefel` :math:`n^3`.
-
-    Subspaces are points up to rotations among their columns: with :math:`y^T X = 0` the columns
-    follow the subspace without such rotations, and :math:`y\,y^T` is a point of `Grassmann`.
-
-    Parameters
-    ----------
-    n
-        Number of rows, at least 2.
-    k
-        Number of columns, from 1 to ``n``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` or ``k`` isn't an integer or is out of range.
-
-    Notes
-    -----
     The coefficients are the entries of a matrix v, row by row, with the fields :math:`y' = v - y
-    v^T y`; those of X are :math:`v = X - \tfrac12 y\,y^T X` [1]_. In a `Power`, or in a `Product`
-    of such frames, ``f`` returns the entries of X too, row by row. The flow is that of a matrix of
-    rank 2k, which acts by linear fractional transformations: :math:`y \mapsto x z^{-1}` with
+    v^T y`; those of a derivative X are :math:`v = X - \tfrac12 y\,y^T X` [1]_. The flow is that of
+    a matrix of rank 2k, which acts by linear fractional transformations:
+    :math:`y \mapsto x z^{-1}` with
 
     .. math::
 
         z = \cosh\sqrt m + s\,a, \quad x = y + v\,(s + d\,a), \quad a = v^T y,\ m = v^T v,
         \quad s = \frac{\sinh\sqrt m}{\sqrt m},\ d = \frac{\cosh\sqrt m - 1}{m} .
 
-    The fields do not span a Lie algebra, so that there are no brackets: methods of Munthe-Kaas need
-    `Stiefel`.
+    The fields do not span a Lie algebra, so that there are no brackets.
 
     References
     ----------
     .. [1] E. Celledoni, B. Owren, "On the implementation of Lie group methods on the Stiefel
        manifold", Numer. Algorithms 32 (2003), 163-183.
-
-    Examples
-    --------
-    Oja's flow, to the eigenvectors of the largest eigenvalues:
-
-    >>> import numpy as np
-    >>> import crouch_grossman as cg
-    >>> matrix = np.diag([3.0, 2.0, 1.0, 0.5])
-    >>> frame = AmbientStiefel(4, 1)
-    >>> y0 = np.full((4, 1), 0.5)
-    >>> flow = cg.solve_ivp(lambda t, y: matrix @ y, (0, 40), y0, frame=frame, t_eval=[40])
-    >>> flow.y[-1].ravel().round(3)
-    array([1., 0., 0., 0.])
     """
+
+    __repr__ = Stiefel.__repr__
 
     @property
     def dim(self) -> int:
         return self.n * self.k
 
-    @property
-    def rhs_shape(self) -> tuple[int, ...]:
-        """The shape of a derivative, ``(n, k)``."""
-        return self.point_shape
-
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.STIEFEL, self.n, 0, self.k),)
-
-    def complete_rhs(self, f: Array, y: Points) -> Array:
-        return self._coefficients_at(y, f.reshape(y.shape))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         v = np.asarray(tangent - 0.5 * (y @ (y.mT @ tangent)))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.frames.product import Product
-from cg.integration.step.plan import Plan
+from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, check_finite, is_array, real_array
 from cg.support.checks import check_integer, short, total_memory
 from cg.support.times import apart, clipped

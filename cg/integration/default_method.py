@@ -19,7 +19,9 @@ The page of benchmarks lists the pairs that the rules select; a test checks thei
 from __future__ import annotations
 
 from cg.frames import Frame
-from cg.integration.step.plan import has_brackets
+from cg.frames.linear_action import LinearAction
+from cg.integration.plan.plan import has_brackets
+from cg.support.shared_numbers import BlockKind
 
 AUTO = "auto"
 """Value of ``method`` for which `choose_method` chooses."""
@@ -29,9 +31,25 @@ _WITH_BRACKETS = "RKMK8(5,3)"
 # Without brackets, by the relative tolerance. At the limit both take about the same time.
 _LOOSE, _TIGHT, _LIMIT = "CF5(4)", "DOP853", 1e-4
 
+# Linear equations
+_MAGNUS, _COMMUTATOR_FREE = "Magnus8(4)", "CFM8(4)"
+# Nine nodes of interpolation on LinearAction; more of them save few evaluations and no products.
+_LOBATTO = "Lobatto's formula"
+# Blocks with flows in closed form, where time and evaluations are least without brackets
+_CLOSED_FORMS = frozenset(
+    (BlockKind.EUCLIDEAN, BlockKind.SO3, BlockKind.QUATERNION, BlockKind.SE3, BlockKind.SPHERE,
+     BlockKind.SU2)
+)  # fmt: skip
 
-def choose_method(frame: Frame, rtol: float | None) -> str:
+
+def choose_method(frame: Frame, rtol: float | None, linear: bool = False) -> str:
     """Return the name of the default method on a frame; ``rtol`` is None for fixed steps."""
+    if linear:
+        if isinstance(frame, LinearAction):
+            return _LOBATTO
+        blocks = frame.compiled_blocks()
+        cheap = blocks is not None and _CLOSED_FORMS.issuperset(block[0] for block in blocks)
+        return _COMMUTATOR_FREE if cheap or not has_brackets(frame) else _MAGNUS
     if rtol is None:
         return _FIXED_STEPS
     if has_brackets(frame):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any, Never, Unpack
@@ -14,44 +14,42 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.executors import ExecutorLike, check_executor, completed
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.friction import check_path
-from cg.integration.loop.drive import Progress, drive
-from cg.integration.loop.failures import explain_failure, find_mistakes
-from cg.integration.loop.messages import TERMINAL_EVENT
-from cg.integration.loop.run import Run
-from cg.integration.member_results import MemberResults, Results, solution_of
-from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.options import (
+    EnsembleOptions,
+    Options,
+    complete_options,
+    expand_options,
+)
+from cg.integration.output.member_results import MemberResults, Results, solution_of
+from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
-from cg.integration.results import EnsembleSolution, Solution
-from cg.integration.rhs.function import CompiledFunction, Function
+from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.run.drive import Progress, drive
+from cg.integration.run.failures import explain_failure, find_mistakes
+from cg.integration.run.messages import TERMINAL_EVENT
+from cg.integration.run.run import Run
+from cg.support.executors import check_executor, completed, count_workers
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
+_CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
+_BATCHES_PER_WORKER = 4  # of a vectorized function, which large ones make faster
 _FINISHED = int(Stop.FINISHED)
 
 
-@expand_options
+@expand_options()
 def solve_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *rest: Never,
     frame: Frame,
-    vectorized: bool = False,
-    common_steps: bool = False,
-    stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | ArrayLike | None = None,
-    executor: ExecutorLike = None,
-    workers: int | None = None,
-    out: Any = None,
-    progress: Callable[[float, float], None] | None = None,
-    **options: Unpack[Options],
+    **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
     """Solve an initial value problem from many points, or with many sets of parameters.
 
@@ -67,28 +65,28 @@ def solve_ensemble(
     y0
         Initial points, shape ``(members, *frame.point_shape)``; a single point serves all rows
         of ``parameters`` and all members of ``inputs``.
-    t_span, frame, method, rtol, atol, h, dense_output, breakpoints, args
-        As for `cg.solve_ivp`.
+    t_span, frame
+        As for `cg.solve_ivp`, as are all options that aren't listed here, of one member.
     inputs
         As for `cg.solve_ivp`; those with ``members=True`` have values of each member. If
         ``vectorized``, ``f`` gets a row of values for each member.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
-    events, observe, store, max_step, first_step, max_steps, stage_solver
-        As for `cg.solve_ivp`, of one member.
     parameters
-        Numbers of each member, shape ``(members, n)``, which ``f`` and the events are given as
-        last argument; a compiled ``f`` is given their address.
+        Numbers of each member, shape ``(members, n)``, which all functions are given as last
+        argument; a compiled ``f`` is given their address.
     vectorized
-        Whether ``f`` takes many members at a time.
+        Whether ``f`` takes many members at a time. ``jac``, ``df_dp`` and ``noise`` then take and
+        return arrays of one member each too, with the axis of members first.
+    derivatives
+        None or ``"forward"``, not with ``linear``.
+    P0
+        Covariance of the coordinates of ``y0``, or one for each member, ``(members, dim, dim)``.
     common_steps
         Whether all members take the same steps, those that the member with the largest error
         calls for. Steps of ``"RadauIIA5"`` don't depend on how fast Newton's method converges
         then, which differs between members, so that even one member alone takes other steps than
         in `cg.solve_ivp`; the solutions differ by the errors of both.
-    jac
-        As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each,
-        with the axis of members first.
     executor, workers
         Where members are integrated, and by how many workers: in this thread by default, by
         ``workers`` threads, or by any executor that `cg.search` takes. On one machine they
@@ -98,6 +96,7 @@ def solve_ensemble(
         Array of shape ``(times, members, *frame.point_shape)`` that receives the points, such as
         one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself. With
         ``store="observed"`` it receives what ``observe`` returns, and ``observed`` is ``out``.
+        It is None with ``derivatives``.
     progress
         Called with the time that was covered, summed over the members, and its total.
 
@@ -131,15 +130,102 @@ def solve_ensemble(
     >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
-    problem = make_problem(
-        f, t_span, y0, frame=frame, options=complete_options(solve_ensemble, rest, options),
-        many=True, vectorized=vectorized, common=common_steps, stage_solver=stage_solver, jac=jac,
-    )  # fmt: skip
-    return solve_members(problem, progress, executor, workers, out)
+    given = complete_options(solve_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
 
 
-def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
+@expand_options(linear=True)
+def solve_linear_ensemble(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *rest: Never,
+    frame: Frame,
+    **options: Unpack[EnsembleOptions],
+) -> EnsembleSolution:
+    """Solve a linear equation from many points: `cg.solve_ensemble` with ``linear=True``.
+
+    Members with their own generators are members with coefficients of their own along the
+    generators of all.
+
+    Parameters
+    ----------
+    f
+        ``f(t, *args)``, or ``f(t, *args, row)`` with a row of ``parameters``, returns the
+        coefficients of one member, shape ``(frame.dim,)``. If ``vectorized`` it takes times
+        ``(k,)`` and rows ``(k, n)`` of any members, and returns shape ``(k, frame.dim)``.
+    t_span, y0, frame
+        As for `cg.solve_ensemble`, as are all options.
+
+    Returns
+    -------
+    EnsembleSolution
+
+    Examples
+    --------
+    Spins with different detunings:
+
+    >>> import numpy as np
+    >>> from cg.frames import SU
+    >>> solution = solve_linear_ensemble(
+    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=SU(2),
+    ...     parameters=[[0.0], [1.0]], rtol=1e-9, atol=1e-9,
+    ... )
+    >>> abs(solution.y[-1, :, 1, 0]).round(6)
+    array([1.     , 0.56264])
+    """
+    given = complete_options(solve_linear_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
+
+
+@expand_options(derivatives="forward")
+def solve_variational_ensemble(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *rest: Never,
+    frame: Frame,
+    **options: Unpack[EnsembleOptions],
+) -> EnsembleSolution:
+    """Solve from many points with derivatives: `cg.solve_ensemble` with ``derivatives="forward"``.
+
+    Parameters
+    ----------
+    f, t_span, y0, frame
+        As for `cg.solve_ensemble`, as are all options.
+
+    Returns
+    -------
+    EnsembleSolution
+        With ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import crouch_grossman as cg
+    >>> solution = cg.solve_variational_ensemble(
+    ...     lambda t, y, rate: [rate[0] * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
+    ...     parameters=[[0.5], [1.0]], rtol=1e-9, atol=1e-9,
+    ... )
+    >>> solution.transition[-1].ravel().round(6)
+    array([1.648721, 2.718282])
+    """
+    given = complete_options(solve_variational_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
+
+
+def _with_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem whose solution has the derivatives that options ask for."""
+    if options["derivatives"] is None:
+        return problem
+    from cg.integration.derivatives.problem import with_derivatives  # which takes long
+
+    return with_derivatives(problem, options)
+
+
+def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
+    problem, progress = _with_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
     part = _integrate(problem, watch, _count_steps(problem))
     if watch is not None:
@@ -160,18 +246,13 @@ def _count_steps(problem: Problem) -> int:
     return steps
 
 
-def solve_members(
-    problem: Problem,
-    progress: Callable[[float, float], None] | None,
-    executor: ExecutorLike = None,
-    workers: int | None = None,
-    out: Any = None,
-) -> EnsembleSolution:
-    """Integrate the members of an ensemble; arguments are those of `solve_ensemble`.
-
-    Warnings name the caller of its caller.
-    """
+def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
+    """Integrate the members of an ensemble. Warnings name the caller of its caller."""
+    executor, workers, out = options["executor"], options["workers"], options["out"]
+    problem = _with_derivatives(problem, options)
     members = len(problem.points)
+    if out is not None and problem.finish is not None:
+        raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
     if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
     _count_steps(problem)
@@ -179,7 +260,7 @@ def solve_members(
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
     result = Results(problem, out)
-    watch = Progress(progress, problem.t0, problem.t1, members)
+    watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
         _distribute(problem, *check_executor(executor, workers), result, watch)
     else:
@@ -239,32 +320,27 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-def _integrate_part(problem: Problem, data: tuple[Any, ...]) -> MemberResults:
+def _integrate_part(problem: Problem, item: tuple[slice, Any]) -> MemberResults:
     """Integrate members with the data of `Problem.data`, in a worker."""
-    return _integrate(problem.select(*data), None)
+    return _integrate(problem.select(*item[1]), None)
 
 
 def _distribute(
     problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
-    """Integrate members on an executor."""
+    """Integrate members on an executor, in chunks that no measured time changes."""
     # only the first member, so that little is sent to other processes
     work = partial(_integrate_part, problem.part(slice(0, 1)))
-    if executor is not None and executor != "threads":
+    if executor is not None:
         _check_pickle(work)
-    count = len(problem.points)
-    # how members are batched must not vary from run to run
-    largest = _MEMBERS_PER_RUN if problem.rhs.vectorized else None
-    results = completed(
-        work, range(count), count, workers, executor, data=problem.data, largest=largest
-    )
-    with closing(results):
-        for finished in results:
-            members = slice(finished.chunk[0], finished.chunk[-1] + 1)
-            if finished.result is None:
-                result.add_failure(members, str(finished.failure))
-            else:
-                result.add(members, finished.result)
+    count, parts = len(problem.points), count_workers(executor, workers)
+    parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
+    size = max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
+    chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
+    items = ((chunk, problem.data(chunk)) for chunk in chunks)
+    with closing(completed(work, items, executor, workers)) as results:
+        for (members, _), part in results:
+            result.add(members, part)
             watch.count_finished(members.stop - members.start)
             watch.update(0.0)
 

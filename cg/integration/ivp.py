@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Never, Unpack
 
 from numpy.typing import ArrayLike
@@ -11,41 +11,45 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_one
 from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.output.results import Solution
 from cg.integration.problem import make_problem
-from cg.integration.results import Solution
-from cg.integration.rhs.function import CompiledFunction, Function
+from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
-from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_integer
-from cg.tables import HasTable
 
 
-@expand_options
+@expand_options()
 def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *rest: Never,
     frame: Frame,
-    stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | ArrayLike | None = None,
-    progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     Steps are chosen by an error estimate if ``method`` is a pair, or are all of size ``h`` if
     that is given. All points of the solution lie on the manifold, also those between steps.
-    `cg.solve_ensemble` integrates many points, `cg.Stepper` takes steps one at a time.
+    `cg.solve_ensemble` integrates many points, `cg.Stepper` takes steps one at a time. Equations
+    whose coefficients depend on time alone are solved with ``linear=True``, and derivatives of the
+    solution with ``derivatives``; see `cg.solve_linear` and `cg.solve_variational`.
 
     Parameters
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
-        ``frame.point_shape``. An exception that it raises ends the
-        call. It may be a compiled function as for `cg.integrate`.
+        `cg.frames.PhaseSpace` the forces, or with ``rhs="derivative"`` the derivative of ``y``. It
+        is given a read-only ``y`` of shape ``frame.point_shape``. An exception that it raises ends
+        the call.
+
+        It may also be a compiled function ``int f(double t, const double *y, double *f, void
+        *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, a
+        ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns zero,
+        or else ends the call. The integration is then compiled as a whole, without Python's lock,
+        on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in space, Euclidean
+        space and their products, isospectral orbits of real matrices up to n = 12, and linear
+        actions of sparse matrices.
     t_span
         Initial and final time. If the final time is smaller, integration runs backward. It may
         be infinite with a terminal event; steps then turn by no more than a full turn.
@@ -59,8 +63,13 @@ def solve_ivp(
         The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
         estimates: ``"RKMK8(5,3)"`` on frames with brackets, on others ``"CF5(4)"``, and
         ``"DOP853"`` for ``rtol`` below 1e-4. With ``h`` it is ``"CF5(4)"``. ``"RadauIIA5"`` is
-        for stiff equations, with Newton's method.
-        ``solution.method`` is the method used.
+        for stiff equations, with Newton's method. ``solution.method`` is the method used.
+
+        With ``linear`` also a `cg.MagnusMethod`. By default ``"Magnus8(4)"``, where flows are in
+        closed form (rotations, rigid motions, SU(2)) or there is no `Frame.bracket` ``"CFM8(4)"``,
+        on `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the
+        same steps as without ``linear``, but compute no points of stages, so that those of
+        Munthe-Kaas need one flow per step.
     h
         Size of fixed steps, positive; the last may be shorter. No error is estimated.
     rtol, atol
@@ -80,7 +89,10 @@ def solve_ivp(
         That of ``"RadauIIA5"`` has order three only.
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
-        found along the continuous solution. A zero at the initial point is no event.
+        found along the continuous solution. A zero at the initial point is no event. With
+        ``derivatives`` a jump must be a function of its arguments alone, and is called for points
+        nearby too. If ``f`` changes where an event happens, let it depend on a coordinate that the
+        jump changes, and not on the sign of the event's function.
     observe
         ``observe(t, y, *args)`` returns numbers, a float or an array of fixed shape, that are
         stored at output times: those of ``t_eval``, or the ends of steps. It may be compiled as
@@ -94,7 +106,7 @@ def solve_ivp(
         step after it just after.
     inputs
         `cg.Samples` of a function of time, or a tuple of several, each with times of its own.
-        ``f`` becomes ``f(t, y, u, *args)``, and so do ``jac``, events and jumps; ``u`` is the
+        ``f`` becomes ``f(t, y, u, *args)``, and so do all other functions; ``u`` is the
         value at ``t``, for a tuple one of values. A compiled function gets the values behind its
         parameters. Steps end where a curve or its derivative jumps, as at ``breakpoints``.
         Methods with stages outside the step are refused.
@@ -106,19 +118,67 @@ def solve_ivp(
         Number of adaptive steps, rejected ones included, after which the integration ends
         without success; by default 1,000,000.
     args
-        Further arguments of ``f``, of ``jac`` and of the events.
+        Further arguments of ``f`` and of all other functions.
     parameters
-        Numbers, shape ``(k,)``, passed to ``f`` and the events as last argument; a compiled
-        ``f`` receives their address.
+        Numbers, shape ``(k,)``, passed to all functions as last argument; a compiled ``f``
+        receives their address. Derivatives of the solution are also with respect to them.
+    rhs
+        ``"coefficients"``, or ``"derivative"`` if ``f`` returns the derivative of ``y`` in its
+        shape, as for SciPy, a compiled one its numbers. A part that no field has, such as one
+        normal to the manifold, is dropped, with a warning if it is larger than rounding. ``jac``
+        stays that of the coefficients, see `cg.frames.Frame.coefficients`.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"``, whose matrices take ``dim``
         evaluations and :math:`dim^3` operations, or ``"fixed-point"``, which is faster for more
         than some 30 coefficients, unless an equation is stiff.
     jac
-        Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
-        coefficients along the frame's fields, shape ``(dim, dim)``, as for
-        `cg.solve_variational`, or a sparse matrix of SciPy; or the matrix itself if it is
-        constant. By default they are differences, which take ``dim`` evaluations of ``f``.
+        ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
+        ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
+        zero. It may be compiled as ``f`` may; it writes its rows one after the other.
+
+        For ``"RadauIIA5"`` it may also return a sparse matrix of SciPy, or be the matrix itself if
+        it is constant; by default they are differences, which take ``dim`` evaluations of ``f``.
+        With ``derivatives`` it serves for these, with any method, and by default they are central
+        differences with steps of :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1,
+        s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
+        evaluations of ``f``.
+    linear
+        Whether the coefficients depend on time alone. Then ``f`` is ``f(t, *args)``, without
+        ``y``, and a compiled one that reads the point it gets is refused. Steps are chosen by the
+        differences from two results of lower order, on `cg.frames.LinearAction` by the last
+        coefficients of the polynomial that interpolates ``f`` at the nodes of the method.
+    vectorized
+        For one point only with ``linear``: whether ``f`` takes times of shape ``(k,)``, with rows
+        of parameters of shape ``(k, p)``, and returns shape ``(k, frame.dim)``. It is called once
+        per step, with the times of all stages but a first one at the start, which is known from the
+        step before. Starts and nodes of dense output are single times.
+    derivatives
+        ``"forward"`` computes derivatives of the solution with respect to ``y0`` and the
+        parameters with it, see `cg.solve_variational`; ``solution.transition``, ``sensitivity``,
+        ``covariance`` and ``dt_events`` hold them.
+
+        ``"adjoint"`` computes none during the integration, but stores the steps, and
+        ``solution.gradient`` goes backward from the derivatives of one number: for many parameters,
+        or values of ``inputs``, see `cg.Adjoint`. Differences are one-sided where the tolerances
+        allow that. It takes no ``events``. With ``linear`` it is the only choice, and is meant for
+        `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
+    df_dp
+        ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
+        with respect to the parameters, of the adjoint also the inputs behind them. It has the
+        arguments of ``f`` and may be compiled. By default central differences with steps of
+        :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
+    P0
+        Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
+    noise
+        Spectral density Q of white noise w in the equation :math:`\xi' = A \xi + w` of small
+        deviations, in the coordinates of the frame, shape ``(dim, dim)``; or a function of the
+        arguments of ``f`` that returns it, which may be compiled. Then the covariance P satisfies
+        :math:`P' = A P + P A^T + Q`, and is zero at first without ``P0``. Step sizes account for
+        it with ``control_derivatives`` only. Backward in time it is refused, since it would make
+        variances negative.
+    control_derivatives
+        Whether the derivatives have the tolerances of the solution (of row i those of coordinate
+        i), in place of ten times these, or of ten times ``rtol`` if that is larger.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -126,19 +186,23 @@ def solve_ivp(
     Returns
     -------
     Solution
-        With time as the *first* axis of ``y``.
+        With time as the *first* axis of ``y``. Its ``nfev`` counts evaluations of ``f`` and its
+        derivatives together, with ``linear`` the times at which ``f`` was evaluated.
 
     Raises
     ------
     TypeError
         If an argument has an impossible type.
     ValueError
-        If an argument has an impossible value, arguments contradict each other, ``f`` or an event
-        returns another shape, or numbers that aren't finite, ``f`` at the start. Later ones of
+        If an argument has an impossible value, arguments contradict each other, derivatives are
+        asked for on a frame that knows no bracket, a function returns another shape, or numbers
+        that aren't finite, ``f`` at the start. Later ones of
         ``f`` reject adaptive steps; where these can't get shorter, and fixed ones, end with the
         status -1 and the solution so far.
     OverflowError
-        With fixed steps, if the solution exceeds the range of floating point.
+        With fixed steps, if the solution exceeds the range of floating point, or if derivatives do.
+    RuntimeError
+        If a compiled ``f`` returns another number than zero.
     ConvergenceError
         With fixed steps, if the iteration for implicit stages doesn't converge.
     StepTooLongError
@@ -151,7 +215,8 @@ def solve_ivp(
         thousands of steps, if the equation is stiff or ``f`` is discontinuous near the solution; or
         if most of thousands of steps are rejected, as happens where ``f`` has kinks that aren't
         named as ``breakpoints``; or if the last point is off the manifold, as may happen with a
-        frame of your own; or if ``h`` is far too large, as for `integrate`.
+        frame of your own; or if ``h`` is far too large: if ``h f`` changes by more than the radius
+        of dexp⁻¹, for rotations a full turn, between the stages of the last step.
 
     Examples
     --------
@@ -169,30 +234,129 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    problem = make_problem(
-        f, t_span, y0, frame=frame, options=complete_options(solve_ivp, rest, options),
-        stage_solver=stage_solver, jac=jac,
-    )  # fmt: skip
-    return solve_one(problem, progress)
+    given = complete_options(solve_ivp, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
 
 
+@expand_options(linear=True)
+def solve_linear(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *rest: Never,
+    frame: Frame,
+    **options: Unpack[Options],
+) -> Solution:
+    r"""Solve :math:`y' = \sum_i f_i(t) E_i(y)`, :math:`y(t_0) = y_0`: `cg.solve_ivp`, linear.
+
+    The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
+    with controls. A Magnus method with brackets takes a step of order eight with one flow.
+    Commutator-free ones take one of order six with four or six flows and one of order eight with
+    eight, where commutator-free Runge–Kutta methods of the catalogue need at least 13 and 39. On
+    `cg.frames.LinearAction` a step is one flow, along the polynomial that interpolates the
+    coefficients at the nodes of the method.
+
+    Parameters
+    ----------
+    f
+        ``f(t, *args)`` returns the coefficients, shape ``(frame.dim,)``.
+    t_span, y0, frame
+        As for `cg.solve_ivp` with ``linear=True``, as are all options.
+
+    Returns
+    -------
+    Solution
+
+    Examples
+    --------
+    A driven two-level system:
+
+    >>> import numpy as np
+    >>> from cg.frames import SU
+    >>> def f(t):  # a spin in a constant field and one that rotates in resonance with it
+    ...     return [0.5 * np.cos(4 * t), 0.5 * np.sin(4 * t), 4.0]
+    >>> solution = solve_linear(f, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
+    >>> solution.success, abs(solution.y[-1][1, 0]).round(8)
+    (True, np.float64(0.70710678))
+    """
+    given = complete_options(solve_linear, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
+
+
+@expand_options(derivatives="forward")
+def solve_variational(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *rest: Never,
+    frame: Frame,
+    **options: Unpack[Options],
+) -> Solution:
+    r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
+
+    A derivative of the solution is a tangent :math:`\sum_i \xi_i E_i(y)`, and its coordinates
+    :math:`\xi` move with the solution by the variational equation
+
+    .. math:: \xi' = \frac{\partial f}{\partial y} \xi + [f, \xi] ,
+
+    where the first term is the derivative of f along the frame's fields and the bracket is that of
+    `Frame.bracket`: :math:`\xi' = Df\,\xi - f \times \xi` for rotations in body axes,
+    :math:`Df\,\xi + f \times \xi` in axes of space [1]_. The columns of the transition matrix are
+    its solutions from unit vectors; a parameter adds the derivative of f with respect to it.
+
+    Parameters
+    ----------
+    f, t_span, y0, frame
+        As for `cg.solve_ivp` with ``derivatives="forward"``, as are all options.
+
+    Returns
+    -------
+    Solution
+        With ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.
+
+    Notes
+    -----
+    Where a frame has more fields than the manifold has dimensions (spheres and other homogeneous
+    spaces), coordinates of a tangent aren't unique. The transition matrix then acts on the Lie
+    algebra, and its columns are determined up to fields that vanish at the point (the isotropy);
+    tangents ``frame.field(transition @ xi, y)`` are unique.
+
+    At a jump derivatives are multiplied by the saltation matrix, which takes into account that the
+    time of the event changes as well [2]_.
+
+    References
+    ----------
+    .. [1] A. Iserles, H. Z. Munthe-Kaas, S. P. Norsett, A. Zanna, "Lie-group methods", Acta
+       Numerica 9 (2000), 215-365.
+    .. [2] N. J. Kong, J. J. Payne, J. Zhu, A. M. Johnson, "Saltation matrices: the essential tool
+       for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
+
+    Examples
+    --------
+    The derivative of the solution of a linear equation is the matrix exponential.
+
+    >>> import crouch_grossman as cg
+    >>> solution = cg.solve_variational(
+    ...     lambda t, y: [y[1], -y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
+    ...     jac=lambda t, y: [[0.0, 1.0], [-1.0, 0.0]], rtol=1e-10, atol=1e-10,
+    ... )
+    >>> solution.transition[-1].round(8)
+    array([[ 0.54030231,  0.84147098],
+           [-0.84147098,  0.54030231]])
+    """
+    given = complete_options(solve_variational, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, given), given)
+
+
+@expand_options()
 def integrate(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Never,
     frame: Frame,
-    method: str | HasTable,
-    h: float,
-    inputs: Samples | tuple[Samples, ...] | None = None,
-    args: Iterable[Any] | None = None,
-    parameters: ArrayLike | None = None,
-    stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | ArrayLike | None = None,
     save_every: int = 1,
-    observe: Any = None,
-    store: str = "all",
-    progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> Solution:
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
 
@@ -208,25 +372,13 @@ def integrate(
 
     Parameters
     ----------
-    f
-        As for `cg.solve_ivp`. It may also be a compiled function ``int f(double t, const double
-        *y, double *f, void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer
-        of ctypes, a ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and
-        returns zero, or else ends the call. The integration is then compiled as a whole, without
-        Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
-        space, Euclidean space and their products, isospectral orbits of real matrices up to
-        n = 12, and linear actions of sparse matrices.
-    t_span, y0, frame, method
-        As for `cg.solve_ivp`.
+    f, t_span, y0, frame, method
+        As for `cg.solve_ivp`, as are all options that aren't listed here.
     h
         Step size, positive whatever the direction. If it doesn't divide the span, the last
         step is shorter.
-    inputs, args, parameters, stage_solver, jac, progress
-        As for `cg.solve_ivp`.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
-    observe, store
-        As for `cg.solve_ivp`.
 
     Returns
     -------
@@ -234,16 +386,8 @@ def integrate(
 
     Raises
     ------
-    TypeError, ValueError, OverflowError, ConvergenceError, StepTooLongError
+    TypeError, ValueError, OverflowError, ConvergenceError, StepTooLongError, RuntimeError
         As for `cg.solve_ivp` with fixed steps; or if the steps need more memory than there is.
-    RuntimeError
-        If a compiled ``f`` returns another number than zero.
-
-    Warns
-    -----
-    UserWarning
-        If ``h`` is far too large for another method: if ``h f`` changes by more than the radius of
-        dexp⁻¹, for rotations a full turn, between the stages of the last step.
 
     References
     ----------
@@ -262,15 +406,8 @@ def integrate(
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
-    if h is None:
-        raise TypeError(f"h must be a real number, got {h!r}")
+    given = complete_options(integrate, rest, options)
+    if given["h"] is None:
+        raise TypeError("h must be a real number, got None")
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    options: Options = {
-        "method": method, "h": h, "inputs": inputs, "args": args, "parameters": parameters,
-        "observe": observe, "store": store,
-    }  # fmt: skip
-    problem = make_problem(
-        f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),
-        stage_solver=stage_solver, jac=jac, every=every,
-    )  # fmt: skip
-    return solve_one(problem, progress)
+    return solve_one(make_problem(f, t_span, y0, frame, given, every=every), given)

@@ -28,26 +28,29 @@ from cg.integration.arguments import (
     check_stops,
     check_times,
 )
+from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
-from cg.integration.loop.record import Control
-from cg.integration.options import Options
-from cg.integration.results import EnsembleSolution
+from cg.integration.options import EnsembleOptions
+from cg.integration.output.results import EnsembleSolution
+from cg.integration.plan.jacobian import Jacobian, jacobian_of
+from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
+from cg.integration.plan.stage_solver import check_stage_solver
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
-from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
 from cg.tables import Kind, MethodTable, table_of
 
 Rhs = CompiledRhs | PythonRhs
+FORWARD, ADJOINT = "forward", "adjoint"  # values of ``derivatives``
+_OF_DERIVATIVES = "df_dp", "P0", "noise", "control_derivatives"
+_FLAGS = "linear", "vectorized", "common_steps", "dense_output", "control_derivatives"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +75,8 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
-    # makes solutions with derivatives from the fields of an `EnsembleSolution`
-    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution] | None
+    # makes solutions with derivatives of one whose points hold them, or of their only member
+    finish: Callable[[Problem, EnsembleSolution], Any] | None = None
 
     @property
     def keeps_points(self) -> bool:
@@ -90,9 +93,8 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return place, points, parameters and inputs of consecutive members, for `select`."""
-        part = slice(members[0], members[-1] + 1)
+    def data(self, part: slice) -> tuple[int, Points, Array | None, Inputs | None]:
+        """Return place, points, parameters and inputs of some members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
         return part.start, self.points[part], numbers, inputs and inputs.part(part)
@@ -101,7 +103,7 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)):
             return self
-        return self.select(*self.data([members.start, members.stop - 1]))
+        return self.select(*self.data(members))
 
     def select(
         self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
@@ -114,36 +116,36 @@ class Problem:
 def _make_rhs(
     f: Any,
     frame: Frame,
-    data: tuple[Any, Array | None, Inputs | None],
-    vectorized: bool,
+    options: EnsembleOptions,
+    parameters: Array | None,
+    inputs: Inputs | None,
     many: bool,
 ) -> Rhs:
-    """Return the right-hand side for args, parameters and inputs, after checking ``f`` and args."""
-    args, parameters, inputs = data
-    extra = check_args(args)
-    vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
-    name = "a" if isinstance(f, TimeFunction) else "f"
-    compiled = None if isinstance(f, FunctionType) else compiled_rhs(f, name)
+    """Return the right-hand side after checking ``f`` and args."""
+    args, of_time = check_args(options["args"]), options["linear"]
+    compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
         if not callable(f):
-            raise TypeError(f"f must be callable as f(t, y), got {f!r}")
-        of_time = isinstance(f, TimeFunction)  # checked before
+            raise TypeError(f"f must be callable as f(t{', y' * (not of_time)}), got {f!r}")
+        if of_time:
+            f = TimeFunction(f)
         if inputs is not None:
             f = f.with_input() if of_time else WithInput(f)
-        rhs = PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None, inputs)
-        if inputs is not None and not of_time:
+        first = 0 if many else None
+        rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
+        if of_time or inputs is not None:
             rhs.check_call()
         return rhs
-    if extra:
-        raise ValueError(f"args must be None for a compiled {name}, got {args!r}")
-    if vectorized:
-        one = "time" if name == "a" else "point"
-        raise ValueError(f"vectorized must be False for a compiled {name}, which takes one {one}")
+    if args:
+        raise ValueError(f"args must be None for a compiled f, got {args!r}")
+    if options["vectorized"]:
+        one = "time" if of_time else "point"
+        raise ValueError(f"vectorized must be False for a compiled f, which takes one {one}")
     return compiled.on(frame, parameters, inputs)
 
 
 def _make_control(
-    plan: Plan, in_coordinates: bool, rtol: Array, options: Options, span: float
+    plan: Plan, in_coordinates: bool, rtol: Array, options: EnsembleOptions, span: float
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
@@ -199,23 +201,24 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
     nowhere = np.full_like(point, np.nan)
     if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
         raise ValueError(
-            "a must not read its point, since the coefficients of a linear equation depend on "
-            f"time alone, got other coefficients for a point of NaN at t = {t:.17g}"
+            "f must not read its point with linear=True, since its coefficients depend on time "
+            f"alone then, got others for a point of NaN at t = {t:.17g}"
         )
 
 
-def _choose_method(method: Any, f: Any, frame: Frame, rtol: float | None) -> MethodTable:
-    """Return the table of the method after checking that it suits ``f`` and the frame."""
+def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) -> MethodTable:
+    """Return the table of the method after checking that it suits the equation and the frame."""
+    if linear and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            "frame must not be a phase space with linear=True, since velocities depend on the "
+            f"point, got {frame!r}"
+        )
     if isinstance(method, str) and method == AUTO:
-        return table_of(choose_method(frame, rtol))
+        return table_of(choose_method(frame, rtol, linear))
     chosen = table_of(method)
-    if chosen.kind is Kind.LINEAR and not isinstance(f, TimeFunction):
+    if chosen.kind is Kind.LINEAR and not linear:
         raise ValueError(
-            f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
-        )
-    if isinstance(f, TimeFunction) and isinstance(frame, PhaseSpace):
-        raise ValueError(
-            f"frame must not be a phase space, got {frame!r}, whose velocities depend on the point"
+            f"method must be for nonlinear equations, got {chosen!r}, which is for linear=True"
         )
     if chosen.kind is Kind.SPLITTING and not isinstance(frame, PhaseSpace):
         raise ValueError(
@@ -224,7 +227,7 @@ def _choose_method(method: Any, f: Any, frame: Frame, rtol: float | None) -> Met
         )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
-        check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
+        check_algebra(frame, chosen, linear=linear)
     return chosen
 
 
@@ -248,7 +251,21 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     return points, numbers
 
 
-def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
+def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
+    """Return whether ``f`` returns derivatives of points, after checking that it may."""
+    if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
+        raise ValueError(f"rhs must be 'coefficients' or 'derivative', got {rhs!r}")
+    if rhs == "derivative" and linear:
+        raise ValueError("rhs must be 'coefficients' with linear=True, got 'derivative'")
+    if rhs == "derivative" and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"rhs must be 'coefficients' on a phase space, where f returns the forces alone, got "
+            f"{rhs!r}; the product of its factors takes derivatives"
+        )
+    return rhs == "derivative"
+
+
+def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
@@ -257,27 +274,57 @@ def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
-    return plan_of(frame, _choose_method(options["method"], f, frame, least)), rtol
+    if _returns_derivatives(options["rhs"], options["linear"], frame):
+        frame = for_derivatives(frame)
+    method = _choose_method(options["method"], options["linear"], frame, least)
+    return plan_of(frame, method), rtol
+
+
+def _check_flags(options: Any, many: bool) -> None:
+    """Raise TypeError or ValueError for values of options that contradict each other."""
+    for name in _FLAGS:
+        options[name] = check_flag(name, options[name])
+    check_stage_solver(options["stage_solver"])
+    linear, derivatives = options["linear"], options["derivatives"]
+    if not many and options["common_steps"]:
+        raise ValueError("common_steps must be False for a single point")
+    if not many and options["vectorized"] and not linear:
+        raise ValueError("vectorized must be False for a single point, unless linear=True")
+    if linear and options["jac"] is not None:
+        raise ValueError(f"jac must be None with linear=True, got {options['jac']!r}")
+    allowed = [] if linear else [FORWARD]
+    allowed += [] if many else [ADJOINT]
+    if derivatives is not None and not (isinstance(derivatives, str) and derivatives in allowed):
+        names = " or ".join(map(repr, [None, *allowed]))
+        where = " with linear=True" * linear + " for an ensemble" * many
+        raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
+    refused = {None: 0, ADJOINT: 1, FORWARD: len(_OF_DERIVATIVES)}[derivatives]
+    for name in _OF_DERIVATIVES[refused:]:
+        value: Any = options[name]
+        if value is not None and value is not False:
+            given = f"derivatives={derivatives!r}"
+            raise ValueError(f"{name} must not be given with {given}, got {short(value)}")
 
 
 def make_problem(
     f: Any,
     t_span: Any,
     y0: ArrayLike,
-    *,
     frame: Any,
-    options: Options,
+    options: EnsembleOptions,
+    *,
     many: bool = False,
-    vectorized: bool = False,
-    common: bool = False,
-    stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Any = None,
     every: int = 1,
 ) -> Problem:
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
-    check_stage_solver(stage_solver)
-    vectorized, common = check_flag("vectorized", vectorized), check_flag("common_steps", common)
-    plan, rtol = _make_plan(f, frame, options)
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
+
+    The order is that of need: flags decide what other options may be, the frame and the method how
+    points are read, points and inputs how many members there are, and all of these make the
+    right-hand side, which is called from then on.
+    """
+    _check_flags(options, many)
+    plan, rtol = _make_plan(frame, options)
+    frame = plan.frame
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:
@@ -287,13 +334,14 @@ def make_problem(
     inputs: Any = options["inputs"]
     if inputs is not None:
         inputs = check_inputs(inputs, start, stop, members, plan.method, name)
-    rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
+    rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     check_members(plan, rhs, start, points)
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
         check_members(plan, rhs, stop, points, ahead=True)
-    if jac is not None:
-        jac = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
-    if of_time := isinstance(f, TimeFunction):
+    jacobian = None
+    if options["jac"] is not None and options["derivatives"] is None:
+        jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])
+    if options["linear"]:
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
     in_coordinates = plan.in_coordinates(points[0])
@@ -304,7 +352,6 @@ def make_problem(
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
     elif many:
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
-    dense = check_flag("dense_output", options["dense_output"])
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
     if math.isinf(stop) and not (events and events.has_terminal):
@@ -316,6 +363,7 @@ def make_problem(
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
         limits=limits, control=control, events=events, t_eval=t_eval,
-        every=every if t_eval is None else 0, dense=dense, stage_solver=stage_solver, many=many,
-        common=common, of_time=of_time, jacobian=jac, observer=observer, make_solution=None,
+        every=every if t_eval is None else 0, dense=options["dense_output"],
+        stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
+        of_time=options["linear"], jacobian=jacobian, observer=observer,
     )  # fmt: skip

@@ -1,4 +1,10 @@
-"""Integration step by step, with the interface of SciPy's OdeSolver."""
+"""Integration step by step, with the interface of SciPy's OdeSolver.
+
+A `Stepper` keeps one run open in compiled code. Its segments end at ``_stops``: breakpoints,
+corners of inputs and the final time, or before a call of ``advance`` those up to its time. What
+changes is in the attributes that `_KEPT` names, and in the trajectories of the run; all else is
+made of the problem.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +12,7 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -13,28 +20,50 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.arguments import check_real_time, check_resolution, check_step, is_many
-from cg.integration.loop.dense import DenseOutput
-from cg.integration.open_run import OpenRun
+from cg.integration.arguments import (
+    check_args,
+    check_real_time,
+    check_resolution,
+    check_step,
+    check_stops,
+    is_many,
+)
+from cg.integration.friction import check_members
 from cg.integration.options import StepOptions, complete_options, expand_options
+from cg.integration.output.dense import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
-from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.inputs import Inputs, check_inputs
+from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.rhs.samples import Samples
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import check_data, check_new_y, get_state, replace_rhs, restored
-from cg.support.arrays import Array, Points
-from cg.support.checks import check_flag
+from cg.integration.run.drive import StepBudget
+from cg.integration.run.failures import explain_failure
+from cg.integration.run.messages import TERMINAL_EVENT, failed_members
+from cg.integration.run.run import Run
+from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.shared_numbers import Stop
+from cg.support.shared_records import COUNTERS
 from cg.support.times import apart
+from cg.tables import MethodTable, made
+
+_FAR = 2.0**40  # fixed steps without a final time
+_NO_LIMIT = 2**62
+_STEPS = list(COUNTERS).index("steps")
+_PAUSED, _FINISHED = int(Stop.PAUSED), int(Stop.FINISHED)
+_FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # much faster than members
+_KEPT = (
+    "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
+    "_breakpoints", "_stops", "_failure", "_calls", "_found", "_cut_output",
+)  # fmt: skip
 
 
-class Stepper(OpenRun):
+class Stepper:
     """An integration that advances step by step, or to given times.
 
     Parameters
     ----------
-    f, frame, method, rtol, atol, h, max_step, first_step, args, breakpoints, stage_solver, jac
-        As for `cg.solve_ivp`.
+    f, frame
+        As for `cg.solve_ivp`, as are all options that aren't listed here.
     inputs
         As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
     t0
@@ -112,7 +141,11 @@ class Stepper(OpenRun):
     True
     """
 
-    @expand_options
+    t: float
+    t_old: float | None
+    step_size: float | None
+
+    @expand_options()
     def __init__(
         self,
         f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
@@ -121,37 +154,51 @@ class Stepper(OpenRun):
         t_bound: float = math.inf,
         *rest: Never,
         frame: Frame,
-        stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jac: Function | ArrayLike | None = None,
-        vectorized: bool = False,
         common_steps: bool = False,
-        events: Any = None,
         **options: Unpack[StepOptions],
     ) -> None:
-        given = complete_options(Stepper.__init__, rest, options, StepOptions)
+        given = complete_options(Stepper.__init__, rest, options)
         start = check_real_time(t0, "t0", infinite=False)
-        bound = check_real_time(t_bound, "t_bound")
+        self.t_bound = bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
-        vectorized = check_flag("vectorized", vectorized)
-        common = check_flag("common_steps", common_steps)
         many = is_many(frame, y0)
-        if (vectorized or common) and not many:
-            raise ValueError("vectorized and common_steps must be False for a single point")
-        if many and events is not None:
+        if many and given["events"] is not None:
             raise ValueError("events must be None for an ensemble, whose members stop apart")
-        given["events"] = events
-        first_step, breakpoints = given["first_step"], given["breakpoints"]
-        given["breakpoints"] = None
-        given["first_step"] = None if given["h"] is None else first_step  # may exceed the span here
-        problem = make_problem(
-            f, (start, start), y0, frame=frame, options=given, many=many,
-            vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
-        )  # fmt: skip
-        check_resolution(problem.control.h, start)
-        check_data(problem.rhs, many)
+        first, breakpoints = given["first_step"], given["breakpoints"]
+        given["breakpoints"], given["common_steps"] = None, common_steps
+        given["first_step"] = None if given["h"] is None else first  # may exceed the span here
+        problem = make_problem(f, (start, start), y0, frame, given, many=many)
+        h = problem.control.h
+        check_resolution(h, start)
+        _check_data(problem.rhs, many)
         self.f = f
-        first = None if first_step is None else check_step(first_step, "first_step")
-        self._open(problem, bound, breakpoints, first)
+        self._first_step = None if first is None else check_step(first, "first_step")
+        self._breakpoints = check_stops(breakpoints, start, self._end_from(start, h))
+        self._problem = problem
+        self._stops = self._with_corners(problem.rhs.inputs, start)
+        control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
+        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
+        self.t, self.t_old, self.step_size = start, None, None
+        self.status = "running" if start != bound else "finished"
+        self._failure, self._calls = "", 0
+        self._found: list[tuple[Any, Array, Points]] = []  # events of each call, see `Run.events`
+        self._cut_output: DenseOutput | None = None  # of a step that an event ended
+        self._open()
+        self._run.restart(start, self._run.end, self._first_step)
+        self._stops_are_set = True  # whether compiled code uses `_stops`
+
+    def _open(self) -> None:
+        problem = self._problem
+        self._run = Run(problem, keep_last=True, lanes=len(problem.points))
+        self._budget, self._target = StepBudget(), np.empty(1)
+        self._many, self._common = problem.many, problem.common
+        self.frame: Frame = problem.plan.frame
+        self.table: MethodTable = problem.plan.method
+
+    @property
+    def method(self) -> Any:
+        """The method, a `cg.Method`."""
+        return made(self.table)
 
     @property
     def y(self) -> Points:
@@ -170,9 +217,18 @@ class Stepper(OpenRun):
     def __repr__(self) -> str:
         return f"Stepper(t={self.t!r}, status={self.status!r}, method={self.table.name!r})"
 
-    t_events = property(lambda self: self._event_lists("t"), doc="Times of each event.")
-    y_events = property(lambda self: self._event_lists("before"), doc="Points before jumps.")
-    y_after = property(lambda self: self._event_lists("after"), doc="Points after jumps.")
+    def _events(self, part: Any) -> list[Array] | None:
+        """Return an array for each event, of all times or of a part of all points."""
+        table = self._problem.events
+        if table is None:
+            return None
+        each = [*self._found, self._run.events()]
+        of, t, y = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
+        return [part(t, y)[of[:, 1] == i] for i in range(len(table))]
+
+    t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
+    y_events = property(lambda self: self._events(lambda t, y: y[:, 0]), doc="Points before jumps.")
+    y_after = property(lambda self: self._events(lambda t, y: y[:, 1]), doc="Points after jumps.")
 
     @property
     def next_step(self) -> float | Array | None:
@@ -263,7 +319,6 @@ class Stepper(OpenRun):
             reached = self._stops[self.direction * (self._stops - target) <= 0.0]
             stops = np.append(reached, target)
         self._continue(stops)
-        self._stops_are_set = False
         return self._drive(target)
 
     def restart(
@@ -311,19 +366,21 @@ class Stepper(OpenRun):
             if inputs is None and run.rhs.inputs is not None:
                 run.rhs.inputs.check_span(time, time, "t")
         if y is not None:
-            rows = run.plan.doubles(check_new_y(self, y))
+            rows = run.plan.doubles(self._check_points(y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
-            first = -1.0  # keeps the sizes proposed
-        replace_rhs(self, time, rows, args, parameters, inputs)
+            same_f = args is None and parameters is None and inputs is None
+            first = -1.0 if same_f else -2.0  # keeps the sizes proposed
+        self._replace_data(time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             far = self._end_from(time, run.control.h)
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
         if run.rhs.inputs is not None and (t is not None or inputs is not None):
             self._stops = self._with_corners(run.rhs.inputs, time)
-        self._begin(time, rows, first)
+        run.restart(time, rows, first)
+        self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
 
     def dense_output(self) -> DenseOutput:
@@ -341,12 +398,229 @@ class Stepper(OpenRun):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
+    def _check_points(self, y: ArrayLike) -> Points:
+        """Return new points, one row for each member, after checking them."""
+        frame = self.frame
+        points: Points = frame.read_points(y, "y")
+        shape = (self._run.members, *frame.point_shape) if self._many else frame.point_shape
+        if points.shape != shape:
+            raise ValueError(f"y must have shape {shape}, got {points.shape}")
+        rows = points if self._many else points[None]
+        for row in rows:
+            frame.check_point(row, name="y")
+        return rows
+
+    def _replace_data(
+        self, t: float, rows: Array, args: Any, parameters: ArrayLike | None, inputs: Any
+    ) -> None:
+        """Replace what ``f`` gets besides time and point from time t on, None for what remains.
+
+        ``rows`` are the points there, as doubles.
+        """
+        run, rhs = self._run, self._run.rhs
+        extra = rhs.args if args is None else check_args(args)
+        numbers, curves = rhs.parameters, rhs.inputs
+        if parameters is not None:
+            numbers = _read_parameters(parameters, numbers, self._many)
+        if inputs is not None:
+            if rhs.inputs is None:
+                raise ValueError(
+                    f"inputs must be None, since the constructor got none, got {inputs!r}"
+                )
+            curves = check_inputs(inputs, t, t, run.members if self._many else None, None)
+            assert curves is not None
+            curves.check_like(rhs.inputs)
+        if extra is rhs.args and numbers is rhs.parameters and curves is rhs.inputs:
+            return
+        changed = rhs.with_data(extra, numbers, curves, rhs.first)
+        _check_data(changed, self._many, rhs)
+        check_members(run.plan, changed, t, run.plan.points(rows, (run.members,)))
+        run.replace_rhs(changed)
+        if inputs is not None:
+            assert curves is not None
+            limits = curves.limits(self._problem.control.tolerance)
+            if len(limits) or len(self._problem.limits):
+                self._problem = replace(self._problem, limits=limits)
+                run.share_limits(limits)
+
+    def _end_from(self, t: float, h: float | None) -> float:
+        """Return the final time of a run that starts at a time."""
+        endless = h is not None and math.isinf(self.t_bound)
+        return t + self.direction * _FAR * h if endless and h else self.t_bound
+
+    def _with_corners(self, inputs: Inputs | None, t: float) -> Array:
+        """Return the ends of segments: breakpoints, corners of inputs from a time on, and the end.
+
+        If inputs end before, that is their end.
+        """
+        stops = self._breakpoints
+        if inputs is None:
+            return stops
+        end, sign = inputs.reach(t, self.direction), self.direction
+        if sign * end < sign * stops[-1]:
+            stops = np.append(stops[sign * stops < sign * end], end)
+        return inputs.add_stops(stops, t, self._problem.control.tolerance)
+
+    def _continue(self, stops: Array) -> None:
+        """Continue all trajectories with new ends of segments, without those that have passed.
+
+        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
+        """
+        if len(stops) > 1:
+            stops = stops[self.direction * (stops - self.t) >= 0.0]
+        self._run.resume(stops)
+        self._stops_are_set = False
+
+    def _drive(self, target: float | None) -> str | None:
+        """Take steps up to a time or, if it is None, one step; return a message if that failed."""
+        run, begin = self._run, self.t
+        self._cut_output, self.status = None, "running"
+        start = run.end.copy() if self._many else None
+        steps = int(run.counters[0, _STEPS])
+        message, is_complete = None, False
+        try:
+            message = self._take_step(steps) if target is None else self._take_steps()
+            is_complete = message is None
+        finally:
+            cut = run.problem.events is not None and self._collect_events()
+            if not is_complete:
+                self._end_early(start, steps)
+        return self._arrive(begin, target, cut) if is_complete else message
+
+    def _take_step(self, steps: int) -> str | None:
+        """Take a step after some number of them; return a message if it failed."""
+        run, record, counters = self._run, self._run.record, self._run.counters
+        taken = False
+        while not taken or counters.item(0) == _FULL:
+            record.budget = 0 if taken else run.members  # zero only to empty a buffer
+            run.call()
+            if record.failed:
+                return self._check_failures()
+            taken = counters.item(_STEPS) != steps
+        return None
+
+    def _take_steps(self) -> str | None:
+        """Take steps up to the end of the last segment; return a message if one failed."""
+        run, record, budget = self._run, self._run.record, self._budget
+        while record.ended < run.members:
+            record.budget = given = budget.start()
+            run.call()
+            budget.stop(max(given - record.budget, 1))
+            if record.failed:
+                return self._check_failures()
+        return None
+
+    def _arrive(self, begin: float, target: float | None, cut: bool) -> str | None:
+        """Set the time after complete steps; return a message at an event before the target.
+
+        ``cut`` tells whether an event ended the last step.
+        """
+        run = self._run
+        stopped = run.problem.events is not None and run.status[0] == _TERMINAL
+        self.t = run.reached.item(0) if target is None or stopped else target
+        if cut:
+            self._end_at_state()
+            self._cut_output = self._interpolate()
+        elif target is None:
+            self.t_old, self.step_size = begin, abs(self.t - begin)
+        else:
+            self.step_size = abs(run.record.step_size)
+            self.t_old = target - self.direction * self.step_size
+        if self.t == self.t_bound:
+            self.status = "finished"
+        elif stopped:
+            self.status = "event"
+        self._calls += 1
+        if self._calls & (self._calls - 1) == 0:  # ever more rarely
+            check_members(run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True)
+        return TERMINAL_EVENT if stopped and self.t != target is not None else None
+
+    def _collect_events(self) -> bool:
+        """Keep the events of the run; return whether the last one ended a step."""
+        run = self._run
+        of, t, y = run.take_events()
+        if not len(t):
+            return False
+        self._found.append((of, t, y))
+        table = run.problem.events
+        assert table is not None
+        ends = run.status[0] == _TERMINAL or table.rows[of[:, 1], 4].any()
+        return bool(ends and t[-1] == run.reached[0])
+
+    def _end_at_state(self) -> None:
+        """Set the start of the last step to that in the state of the trajectory."""
+        self.t_old = float(self._run.state()[0][0, 3])
+        self.step_size = abs(self.t - self.t_old)
+
+    def _end_early(self, start: Points | None, steps: int) -> None:
+        """Return an ensemble to its points ``start``; set the time of the last step of one point.
+
+        Of the members some are ahead of others. ``steps`` is the count before the call.
+        """
+        run = self._run
+        self._stops_are_set = False
+        if start is not None:
+            self.t_old = None
+            run.restart(self.t, start, self._first_step)
+            return
+        run.clear_ends()
+        self.t = float(run.reached[0])
+        if run.counters[0, _STEPS] > steps:
+            self._end_at_state()
+
+    def _interpolate(self) -> DenseOutput:
+        """Return the solution within the last step."""
+        run = self._run
+        # f is evaluated before a breakpoint at the end of the step
+        at_breakpoint = bool((self._stops[:-1] == self.t).any())
+        beyond = self.t + self.direction
+        self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
+        steps = run.last_interpolants()
+        begin = float(steps.t[0, 0])
+        outputs = []
+        for own in map(steps.of, range(run.members)):
+            point = run.plan.points(own.y[:1, 0], (1,))[0]
+            outputs.append(DenseOutput(own, begin, self.direction, point))
+        return EnsembleOutput(outputs) if self._many else outputs[0]
+
     def _check_running(self) -> None:
+        """Raise RuntimeError unless the integration goes on."""
         if self.status not in ("running", "event"):
             why = f": {self._failure}" if self.status == "failed" else ""
             raise RuntimeError(
                 f"the integration has {self.status} at t = {self.t:.17g}{why}; restart it"
             )
+
+    def _check_failures(self) -> str:
+        """Return the message for failed steps; raise other errors."""
+        run = self._run
+        bad = np.flatnonzero((run.status != _PAUSED) & (run.status != _FINISHED)).tolist()
+        self.status = "failed"
+        failure = explain_failure(run, bad[0])
+        self._failure = str(failure)
+        if isinstance(failure, Exception):
+            raise failure
+        if not self._many:
+            return f"Failure: {failure}."
+        return failed_members(dict.fromkeys(bad, self._failure), run.members)
+
+    def __getstate__(self) -> dict[str, Any]:
+        rhs = self._run.rhs  # with memory of its own for inputs, as copies may run in two threads
+        rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
+        return {
+            **{name: getattr(self, name) for name in _KEPT},
+            "_found": list(self._found),
+            "_problem": replace(self._problem, rhs=rhs),
+            "run": self._run.saved(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        state = dict(state)
+        saved = state.pop("run")
+        vars(self).update(state)
+        self._open()
+        self._run.restore(saved)
+        self._stops_are_set = False
 
     def __reduce__(self) -> tuple[Any, ...]:
         try:
@@ -356,10 +630,38 @@ class Stepper(OpenRun):
                 "f must be such that it can be pickled, a function of a module or a compiled one "
                 f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
             ) from error
-        return restored, (Stepper, get_state(self))
+        return object.__new__, (Stepper,), self.__getstate__()
 
     def __copy__(self) -> Any:
-        return restored(Stepper, get_state(self))
+        return self.__deepcopy__(None)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        return restored(Stepper, copy.deepcopy(get_state(self), memo))
+    def __deepcopy__(self, memo: dict[int, Any] | None) -> Any:
+        state, twin = self.__getstate__(), object.__new__(Stepper)
+        twin.__setstate__(state if memo is None else copy.deepcopy(state, memo))
+        return twin
+
+
+def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
+    """Return new parameters, a row for each member, after checking their shape."""
+    if before is None:
+        raise ValueError(
+            f"parameters must be None, since the constructor got none, got {parameters!r}"
+        )
+    numbers = real_array(parameters, "parameters")
+    shape = before.shape if many else before.shape[1:]
+    if numbers.shape != shape:
+        raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
+    numbers.flags.writeable = False
+    return numbers if many else numbers[None]
+
+
+def _check_data(rhs: Any, many: bool, before: Any = None) -> None:
+    """Raise TypeError if ``f`` can't take as many args, ValueError if parameters aren't finite.
+
+    What is as ``before`` isn't checked again.
+    """
+    numbers, args = rhs.parameters, rhs.args
+    if numbers is not None and (before is None or numbers is not before.parameters):
+        check_finite(numbers if many else numbers[0], "parameters")
+    if isinstance(rhs, PythonRhs) and (before is None or len(args) != len(before.args)):
+        rhs.check_call()

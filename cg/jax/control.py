@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import diffrax
@@ -17,23 +18,9 @@ from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import real_dtype
 from cg.jax.term import rules_in
+from cg.support.shared_numbers import STEP_CONTROL
 
-# These numbers are those of fortran/steps/controller.f90, which says where they are from.
-_SAFETY = 0.9
-_MIN_FACTOR = 0.2
-_MAX_FACTOR = 5.0
-_FAILURE_FACTOR = 0.25
-_LAST_POWER = 0.7
-_BEFORE_LAST_POWER = 0.4
-_MIN_LAST_ERROR = 1e-4
-_FIRST_ERROR = 0.01
-_RAISED_BY_REJECTION = 4
-_LEAST_SUSPICION = 4
-_MAX_SUSPICION = 12
-_JUMP_FACTOR = 20.0
-_NOTHING = 1e-5
-_BLIND_FRACTION = 1e-6
-_MIN_STEP = 10.0  # spacings of numbers at the time
+_NUMBERS = SimpleNamespace(**STEP_CONTROL)
 _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
 
 
@@ -189,9 +176,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         most = span if self.max_step is None else jnp.minimum(span, self.max_step)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
-        known = (size > _NOTHING) & (slope * span > _NOTHING)
+        known = (size > _NUMBERS.negligible) & (slope * span > _NUMBERS.negligible)
         guess = jnp.where(
-            known, 0.01 * size / jnp.where(known, slope, 1.0), _BLIND_FRACTION * span
+            known, 0.01 * size / jnp.where(known, slope, 1.0), _NUMBERS.blind_fraction * span
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, most), least)
         h = guess.astype(scale.dtype)
@@ -217,8 +204,10 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return whether a step is accepted, the ends of the next one, and the state."""
         last_error, after_rejection, suspicion, failures = controller_state
         error = self._error(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
-        long = jnp.abs(t1 - t0) > _JUMP_FACTOR * _MIN_STEP * _spacing(t0)
-        error = jnp.where((suspicion > _LEAST_SUSPICION) & long, _JUMP_FACTOR * error, error)
+        long = jnp.abs(t1 - t0) > _NUMBERS.jump_factor * _NUMBERS.smallest_step * _spacing(t0)
+        error = jnp.where(
+            (suspicion > _NUMBERS.least_suspicion) & long, _NUMBERS.jump_factor * error, error
+        )
         keep, finite = error <= 1.0, jnp.isfinite(error)
         factor = _factor(error, last_error, after_rejection, 1.0 / error_order)
         size = (t1 - t0) * factor.astype(jnp.result_type(t1))
@@ -226,13 +215,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
         failures = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
-        too_small = ~keep & (size < _MIN_STEP * _spacing(t0)) | (failures >= _MAX_FAILURES)
-        size = jnp.where(keep, jnp.maximum(size, _MIN_STEP * _spacing(start)), size)
+        too_small = ~keep & (size < _NUMBERS.smallest_step * _spacing(t0)) | (
+            failures >= _MAX_FAILURES
+        )
+        size = jnp.where(keep, jnp.maximum(size, _NUMBERS.smallest_step * _spacing(start)), size)
         results = diffrax.RESULTS
         result = results.where(finite, results.dt_min_reached, results.nonfinite)
         result = results.where(too_small, result, results.successful)
-        last_error = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error)
-        raised = jnp.minimum(suspicion + _RAISED_BY_REJECTION, _MAX_SUSPICION)
+        last_error = jnp.where(keep, jnp.maximum(error, _NUMBERS.min_last_error), last_error)
+        raised = jnp.minimum(suspicion + _NUMBERS.raised_by_rejection, _NUMBERS.max_suspicion)
         suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)
         state = last_error, ~keep, suspicion, failures
         return keep, start, start + size, False, state, result
@@ -272,8 +263,8 @@ def _by_derivatives(
     rate = jnp.maximum(curvature / safe, jnp.where(size > 0.0, safe / size, 0.0))
     rated = moving & (rate > 0.0)
     unit = jnp.where(rated, rate, 1.0)
-    by_rate = (_FIRST_ERROR * unit / safe) ** (1.0 / error_order) / unit
-    by_curvature = jnp.sqrt(_FIRST_ERROR / jnp.where(curvature > 0.0, curvature, 1.0))
+    by_rate = (_NUMBERS.first_error * unit / safe) ** (1.0 / error_order) / unit
+    by_curvature = jnp.sqrt(_NUMBERS.first_error / jnp.where(curvature > 0.0, curvature, 1.0))
     bent = ~moving & (curvature > 0.0)
     return jnp.where(rated, by_rate, jnp.where(bent, by_curvature, jnp.inf))
 
@@ -283,10 +274,12 @@ def _factor(
 ) -> JaxArray:
     """Return the factor of the step size: proportional-integral after accepted steps."""
     positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
-    grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
-    accepted = jnp.clip(_SAFETY * grown**exponent, _MIN_FACTOR, _MAX_FACTOR)
-    accepted = jnp.where(error > 0.0, accepted, _MAX_FACTOR)
+    grown = positive**-_NUMBERS.last_power * last_error**_NUMBERS.before_last_power
+    accepted = jnp.clip(
+        _NUMBERS.safety * grown**exponent, _NUMBERS.smallest_factor, _NUMBERS.largest_factor
+    )
+    accepted = jnp.where(error > 0.0, accepted, _NUMBERS.largest_factor)
     accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-    rejected = jnp.maximum(_MIN_FACTOR, _SAFETY * positive**-exponent)
-    rejected = jnp.where(jnp.isfinite(error), rejected, _FAILURE_FACTOR)
+    rejected = jnp.maximum(_NUMBERS.smallest_factor, _NUMBERS.safety * positive**-exponent)
+    rejected = jnp.where(jnp.isfinite(error), rejected, _NUMBERS.failure_factor)
     return jnp.where(error <= 1.0, accepted, rejected)

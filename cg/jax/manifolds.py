@@ -9,7 +9,7 @@ import numpy as np
 
 from cg import frames
 from cg.frames.stiefel import least_generator
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
 from cg.jax.groups import functions_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from cg.jax.stages import Start, take_stages
 from cg.jax.term import (
     LinearTerm,
     check_noise,
+    has_events,
     increments,
     refuse_implicit_adjoint,
     rules_in,
@@ -28,6 +30,15 @@ from cg.jax.within import Within, interpolant
 from cg.tables import HasTable, Kind, MethodTable, made, unique_table
 
 _DENSE = ("accurate", "steps")
+_LARGEST_ANGLE = math.pi / 6  # as between comparisons in fortran/steps/step_events.f90
+
+
+class _State(eqx.Module):
+    """What the next step needs of those before."""
+
+    first: JaxArray  # coefficients at its start
+    before: Before | None  # of Magnus methods
+    has_events: bool = eqx.field(static=True)
 
 
 class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
@@ -53,9 +64,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         ``jax.vmap`` take more. Stages of other methods are never a loop.
 
     max_angle
-        Largest rotation in a step that is accepted, in radians, where steps are chosen. With events
-        ``np.pi / 6`` keeps steps from passing over them: diffrax compares signs at the ends of
-        steps only, and steps along constant coefficients may be longer than a turn.
+        Largest rotation in a step that is accepted, in radians, where steps are chosen and there is
+        an event; None for no limit. diffrax compares signs of events at the ends of steps only, and
+        steps along constant coefficients may be longer than a turn. The default is π/6.
 
     Raises
     ------
@@ -93,7 +104,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         *,
         dense: str = "accurate",
         unroll: bool = False,
-        max_angle: float | None = None,
+        max_angle: float | None = _LARGEST_ANGLE,
     ) -> None:
         if isinstance(method, str) and method == "auto":
             raise ValueError(
@@ -121,7 +132,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         label = f'"{self.table.name}"' if self.table.name else repr(self.table)
         suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
         suffix += ", unroll=True" if self.unroll else ""
-        suffix += "" if self.max_angle is None else f", max_angle={self.max_angle}"
+        suffix += "" if self.max_angle == _LARGEST_ANGLE else f", max_angle={self.max_angle}"
         return f"Solver({label}{suffix})"
 
     @property
@@ -149,10 +160,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
-        """Return the state, after checking the term and the point.
-
-        The state is the coefficients at the start, of a Magnus method also the step before.
-        """
+        """Return the state, after checking the term and the point."""
         rules = rules_in(terms)
         frame = rules.frame
         if self.table.on_algebra or self.table.has_brackets:
@@ -172,7 +180,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
-        return (first, no_step(self.table, first)) if self.table.kind is Kind.LINEAR else first
+        before = no_step(self.table, first) if self.table.kind is Kind.LINEAR else None
+        return _State(first, before, has_events())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -189,7 +198,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         rules, table = rules_in(terms), self.table
         if isinstance(terms, diffrax.MultiTerm):
             return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
-        first, before = solver_state if table.kind is Kind.LINEAR else (solver_state, None)
+        first, before = solver_state.first, solver_state.before
         h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
         def f(c: Any, y: JaxArray) -> JaxArray:
@@ -205,12 +214,13 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         accurate = self.dense == _DENSE[0]
         within = interpolant(self.table, start, stages, last, accurate=accurate)
         error = error_estimate(table, start, stages, before)
-        if error is not None and self.max_angle is not None:
+        if error is not None and solver_state.has_events and self.max_angle is not None:
             too_far = turning(rules.frame, h * stages.values[0]) > self.max_angle
             error = jnp.where(
                 too_far | (turning(rules.frame, h * last) > self.max_angle), jnp.inf, error
             )
-        state = last if before is None else (last, Before(h, stages.values))
+        before = None if before is None else Before(h, stages.values)
+        state = _State(last, before, solver_state.has_events)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(

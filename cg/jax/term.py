@@ -18,7 +18,7 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
 from cg.tables import MethodTable
 
-_CALLERS = 12  # calls to look back; equinox has some between diffrax and a solver
+_CALLERS = 13  # calls to look back; equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -227,16 +227,29 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
     It solves f(y) = 0 for the entries of y. A solver isn't told the adjoint, but that adjoint calls
     ``f`` from a function of its own, which is among the callers.
     """
+    if not isinstance(frame, Euclidean) and _caller("diffrax._adjoint", "_vf") is not None:
+        raise NotImplementedError(
+            "adjoint must not be ImplicitAdjoint on a manifold, where f(y) = 0 does not "
+            "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
+        )
+
+
+def has_events() -> bool:
+    """Return whether diffrax begins an integration with an event, which a solver isn't told."""
+    values = _caller("diffrax._integrate", "diffeqsolve")
+    return values is not None and values.get("event") is not None
+
+
+def _caller(module: str, name: str) -> dict[str, Any] | None:
+    """Return the variables of a function that is among the callers, or None."""
     place = inspect.currentframe()
     for _ in range(_CALLERS):
-        if place is None or isinstance(frame, Euclidean):
-            return
-        if (place.f_globals.get("__name__"), place.f_code.co_name) == ("diffrax._adjoint", "_vf"):
-            raise NotImplementedError(
-                "adjoint must not be ImplicitAdjoint on a manifold, where f(y) = 0 does not "
-                "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
-            )
+        if place is None:
+            return None
+        if (place.f_globals.get("__name__"), place.f_code.co_name) == (module, name):
+            return place.f_locals
         place = place.f_back
+    return None
 
 
 def check_noise(terms: diffrax.MultiTerm, method: MethodTable) -> None:

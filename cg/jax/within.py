@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
 from cg.jax.stages import Stages, Start
-from cg.support.copies import cached
+from cg.support.caches import cached
 from cg.tables import MethodTable, basis_polynomials
 
 _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first

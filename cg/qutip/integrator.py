@@ -13,7 +13,7 @@ from qutip.solver.integrator import Integrator, IntegratorException
 from scipy import sparse
 
 from cg.frames.linear_action import LinearAction
-from cg.integration.linear import solve_linear
+from cg.integration.ivp import solve_linear
 from cg.qutip.arrays import times_of_arrays
 
 _ROUNDING = 1e-14  # of entries of generators, relative to the largest one

@@ -1,13 +1,9 @@
-"""Copies and pickles of objects with read-only arrays, and values cached by object."""
+"""Copies and pickles of objects with read-only arrays, and objects made without their class."""
 
-import weakref
-from collections.abc import Callable
-from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
 
-Keyed = TypeVar("Keyed")
 Result = TypeVar("Result")
 
 
@@ -34,22 +30,3 @@ def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
     record = object.__new__(kind)
     vars(record).update(fields)
     return record
-
-
-def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
-    """Return a function that computes its value once for each object.
-
-    The key is the identity, since to hash all coefficients of a method takes longer than most
-    computations. The cache keeps no object alive.
-    """
-    values: dict[int, Result] = {}
-
-    @wraps(compute)
-    def recall(one: Keyed) -> Result:
-        key = id(one)
-        if key not in values:
-            values[key] = compute(one)
-            weakref.finalize(one, values.pop, key, None)
-        return values[key]
-
-    return recall

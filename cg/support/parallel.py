@@ -159,9 +159,9 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.executors`, `Stopped` is raised if its pool has ended. In the main thread the
-    call runs in a new thread, so that an interrupt takes effect at once, but not with `brief`: a
-    new thread may take a millisecond on a busy machine.
+    In a worker of `cg.support.executors`, `Stopped` is raised if its pool has ended. In the main
+    thread the call runs in a new thread, so that an interrupt takes effect at once, but not with
+    `brief`: a new thread may take a millisecond on a busy machine.
     """
     if _worker.stop_flag is not None:
         result = call(_worker.stop_flag)
@@ -186,7 +186,7 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` in a worker of `cg.executors.completed` whose pool has ended."""
+    """Raise `Stopped` in a worker of `cg.support.executors.completed` whose pool has ended."""
     if _worker.stop_flag is not None and _worker.stop_flag[0]:
         raise Stopped
 

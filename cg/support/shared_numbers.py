@@ -34,6 +34,7 @@ class Stop(IntEnum):
     RAISED = 14  # an exception of Python
     RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
+    STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
@@ -67,7 +68,7 @@ class BlockKind(IntEnum):
 
 
 class Operation(IntEnum):
-    """Callbacks from compiled code to Python; see ``cg/integration/step/callbacks.py``."""
+    """Callbacks from compiled code to Python; see ``cg/integration/plan/callbacks.py``."""
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
@@ -84,6 +85,7 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # of two fields
+    COEFFICIENTS = 16  # of a derivative of a point, and the length of what no field has of it
 
 
 class BlockOption(IntEnum):
@@ -113,7 +115,7 @@ class StateSize(IntEnum):
     """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
 
     REALS = 14
-    INTEGERS = 17
+    INTEGERS = 18
 
 
 class FailedFunction(IntEnum):
@@ -198,6 +200,30 @@ class StageEquation(IntEnum):
     MIDDLE = -1  # its abscissa lies in the middle of its piece of the step
 
 
+STEP_CONTROL: dict[str, float | int] = {
+    "safety": 0.9,
+    "smallest_factor": 0.2,
+    "largest_factor": 5.0,
+    "failure_factor": 0.25,  # where there is no estimate
+    # powers of the last error and of the one before it, times the exponent
+    "last_power": 0.7,
+    "before_last_power": 0.4,
+    "min_last_error": 1e-4,
+    "first_error": 0.01,  # target of the error of the first step, in tolerances
+    # If a norm is below this many tolerances, the first guess is this fraction of the span.
+    "negligible": 1e-5,
+    "blind_fraction": 1e-6,
+    "smallest_step": 10.0,  # in spacings of numbers at the time
+    # At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
+    # raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion`
+    # errors count as many times as estimates at a jump can be too small.
+    "raised_by_rejection": 4,
+    "least_suspicion": 4,
+    "max_suspicion": 12,
+    "jump_factor": 20.0,
+}
+"""Numbers of the step size control, fortran/steps/controller.f90, which solvers in JAX use too."""
+
 _SUFFIXES = {
     Stop: "",
     FieldFlag: "",
@@ -228,6 +254,10 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
+    for name, number in STEP_CONTROL.items():
+        real = isinstance(number, float)
+        kind, value = ("real(c_double)", f"{number}_c_double") if real else ("integer", number)
+        lines.append(f"  {kind}, parameter :: {name} = {value}")
     for name, entries in RECORDS.items():
         lines += record_type(name, entries)
     return "\n".join([*lines, "end module shared_numbers", ""])

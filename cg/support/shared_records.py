@@ -54,6 +54,8 @@ RECORD = {
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
     "residual": "real",  # of the stage equations in the last iteration of a single trajectory
+    "dropped": "real",  # largest relative part of a derivative that no field has, and its time
+    "dropped_at": "real",
     # of each member
     "states": "address",  # its point (at first the initial one), its time, the time of a failure
     "counters": "address",  # `COUNTERS`
@@ -133,12 +135,16 @@ COUNTERS = {
 }
 """What is counted of a member."""
 
+COUNTS = tuple(COUNTERS)[2:]
+"""Counts of each member in results, in the order of compiled code."""
+
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none
     "direction": "integer",  # sign of the slope at an event, 0 for any
-    "most": "integer",  # this event ends the trajectory
+    "limit": "integer",  # the event of this number ends the trajectory
     "jumps": "integer",  # whether the solution jumps
+    "period": "real",  # its multiples are zeros too; 0 without one
 }
 """A function whose zeros are events."""
 

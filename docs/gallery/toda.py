@@ -34,7 +34,7 @@ frame = IsospectralOrbit.through(y0)
 def f(t: float, y: Array) -> Array:
     """Return the coefficients of the skew matrix, shape ``(..., n (n - 1) / 2)``."""
     lower = np.tril(y, -1)
-    return frame.group.coefficients(lower.swapaxes(-2, -1) - lower)
+    return frame.group.vee(lower.swapaxes(-2, -1) - lower)
 
 
 def exact(t: float, start: Array = y0) -> Array:

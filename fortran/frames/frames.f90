@@ -6,21 +6,24 @@ module frames_m
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: make_linear_action, move_linearly
+  use linear_action_m, only: make_linear_action, move_linearly, spectral_bound
   use linear_polynomial_m, only: move_polynomially
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
-  use stiefel_m, only: make_intrinsic, move_stiefel, restore_stiefel
+  use stiefel_m, only: move_stiefel, restore_stiefel
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
+  public :: frame_t, apply_flows, distance_bound, make_frame, &
             restore, turning
 
   type :: frame_t
     integer :: dimension = 0, point_size = 0
-    logical :: ambient = .false.             ! whether coefficients have to be completed
+    logical :: derivatives = .false.         ! whether right-hand sides give derivatives of points
+    logical :: python_derivatives = .false.  ! whether only Python has their coefficients
+    ! the largest part of one that is dropped, relative to it, and its time
+    real(wp), pointer :: dropped => null(), dropped_at => null()
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
@@ -76,7 +79,6 @@ contains
           if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
-          frame%ambient = .true.
           used = used + 1
           block%dimension = block%n * block%k
           block%point_size = block%dimension
@@ -118,8 +120,8 @@ contains
         case (callback_block)
           angle = merge(0.0_wp, min(angle, two_turns), fields)
         case (linear_action_block)
-          angle = merge(2, 1, fields) * dot_product(abs(v(k + 1:k + block%dimension)), &
-                                                    block%action%norm)
+          angle = spectral_bound(block%action, v(k + 1:k + block%dimension))
+          if (fields) angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
         case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
           if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select
@@ -127,23 +129,6 @@ contains
       end associate
     end do
   end function turning
-
-  ! Replaces derivatives of orthonormal columns, which right-hand sides give, by their coefficients.
-  subroutine complete_coefficients(frame, y, f)
-    type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
-
-    integer :: i
-
-    do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), n => frame%blocks(i)%n * frame%blocks(i)%k)
-        if (block%kind == stiefel_block) &
-          call make_intrinsic(block%k, block%n, y(block%points + 1:block%points + n), &
-                              f(block%vectors + 1:block%vectors + n))
-      end associate
-    end do
-  end subroutine complete_coefficients
 
   ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
   ! different blocks commute, so each block is moved along all of them at once.

@@ -4,12 +4,13 @@
 ! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
 module isospectral_m
   use kinds, only: wp
-  use bases_m, only: skew_matrix
+  use bases_m, only: skew_coefficients, skew_matrix
   use lapack_m, only: dsyevd
   use orthogonal_m, only: largest_own, move_orthogonal, multiply, to_orthogonal
+  use vectors_m, only: nan
   implicit none
   private
-  public :: move_isospectral, isospectral_tangent, restore_isospectral
+  public :: isospectral_coefficients, isospectral_tangent, move_isospectral, restore_isospectral
 
   integer, parameter :: max_sweeps = 30
 
@@ -71,10 +72,58 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
-    real(wp) :: vectors(n, n), scaled(n, n), values(n)
-    integer :: k, place
+    real(wp) :: vectors(n, n), scaled(n, n), own(n)
+    integer :: k
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
+    call decompose(n, spectrum, y, own, vectors)
+    do k = 1, n
+      scaled(k, :) = own(k) * vectors(:, k)
+    end do
+    vectors = transpose(vectors)
+    call multiply_symmetric(n, vectors, scaled, y)
+  end subroutine restore_isospectral
+
+  ! The coefficients of a derivative, without isotropy, and the square of the length of the rest. In
+  ! eigenvectors an entry of the derivative is that of the generator times a gap of eigenvalues.
+  subroutine isospectral_coefficients(n, spectrum, y, slope, v, dropped)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: spectrum(n), y(n, n), slope(n, n)
+    real(wp), intent(out) :: v(:)                ! (dimension)
+    real(wp), intent(out) :: dropped
+    real(wp) :: vectors(n, n), x(n, n), product(n, n), own(n)
+    integer :: i, j
+
+    v = nan
+    dropped = 0.0_wp
+    if (.not. all(abs(y) <= huge(y))) return
+    call decompose(n, spectrum, y, own, vectors)
+    call multiply(n, slope, vectors, product)
+    call multiply(n, transpose(vectors), product, x)
+    do j = 1, n
+      do i = 1, n
+        if (abs(own(j) - own(i)) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum))) then
+          x(i, j) = x(i, j) / (own(j) - own(i))
+        else
+          x(i, j) = 0.0_wp
+        end if
+      end do
+    end do
+    call multiply(n, vectors, x, product)
+    call multiply(n, product, transpose(vectors), x)
+    call skew_coefficients(n, (x - transpose(x)) / 2, v)
+    call isospectral_tangent(n, v, y, product)
+    dropped = sum((slope - product)**2)
+  end subroutine isospectral_coefficients
+
+  ! Orthonormal eigenvectors of a point, and the given eigenvalue of each
+  subroutine decompose(n, spectrum, y, own, vectors)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: spectrum(n), y(n, n)
+    real(wp), intent(out) :: own(n), vectors(n, n)
+    real(wp) :: values(n)
+    integer :: k
+
     if (n > largest_own) then
       call diagonalise_by_lapack(n, y, values, vectors)
     else
@@ -82,12 +131,9 @@ contains
     end if
     call to_orthogonal(n, vectors)
     do k = 1, n
-      place = 1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k))
-      scaled(k, :) = spectrum(place) * vectors(:, k)
+      own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
-    vectors = transpose(vectors)
-    call multiply_symmetric(n, vectors, scaled, y)
-  end subroutine restore_isospectral
+  end subroutine decompose
 
   ! Eigenvalues and eigenvectors of matrices of many rows
   subroutine diagonalise_by_lapack(n, matrix, values, vectors)

@@ -11,7 +11,7 @@ module linear_action_m
   implicit none
   private
   public :: inner_points_t, linear_action_t, linear_tangent, make_linear_action, move_linearly, &
-            multiply
+            multiply, spectral_bound
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
@@ -168,7 +168,7 @@ contains
 
   ! Computes the entries of X and a bound of its norm, the largest sum of moduli of parts in a row;
   ! it is NaN if an entry is.
-  subroutine combine(action, v, x, norm)
+  pure subroutine combine(action, v, x, norm)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:)             ! (generators)
     real(wp), allocatable, intent(inout) :: x(:)   ! (parts, entries)
@@ -191,6 +191,17 @@ contains
       if (.not. norm <= huge(norm)) return   ! a later row must not replace NaN
     end do
   end subroutine combine
+
+  ! A bound of the moduli of eigenvalues of X: of the largest sum in a row and Frobenius' norm, the
+  ! smaller one
+  pure real(wp) function spectral_bound(action, v)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: v(:)             ! (generators)
+    real(wp), allocatable :: x(:)
+
+    call combine(action, v, x, spectral_bound)
+    if (allocated(x)) spectral_bound = min(spectral_bound, norm2(x))
+  end function spectral_bound
 
   ! Applies exp(X) of skew-Hermitian X, whose norm is at most `norm`: with Bessel functions J_k,
   !     exp(X) = J_0(norm) + 2 sum_k J_k(norm) P_k,   P_(k + 1) = 2 X / norm P_k + P_(k - 1).

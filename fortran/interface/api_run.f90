@@ -37,10 +37,26 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
   call make_bodies(columns, constants, plan%frame)
 end subroutine plan_set_bodies
 
+! Lets right-hand sides on the frame of a plan give derivatives of points.
+subroutine plan_take_derivatives(address)
+  use run_m, only: c_intptr_t, plan_at, plan_t
+  use shared_numbers, only: callback_block, linear_action_block
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(plan_t), pointer :: plan
+
+  plan => plan_at(address)
+  plan%frame%derivatives = .true.
+  associate (kind => plan%frame%blocks%kind)
+    plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
+  end associate
+end subroutine plan_take_derivatives
+
 ! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &
                            result_weight)
+  use method_m, only: kind_splitting
   use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -68,7 +84,7 @@ subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, 
     scheme%c = used_c
     scheme%weight = result_weight
     scheme%columns = columns
-    if (plan%method%splitting) scheme%drift = plan%method%drift
+    if (plan%method%kind == kind_splitting) scheme%drift = plan%method%drift
   end associate
 end subroutine plan_set_scheme
 
@@ -253,6 +269,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant
   use interpolant_m, only: evaluate_inner, evaluate_interpolant
   use linear_action_m, only: inner_points_t
+  use method_m, only: kind_polynomial
   use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
@@ -291,7 +308,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       y(:, i) = y_ends(:, 1, k)
     else if (.not. theta(i) < 1) then
       y(:, i) = y_ends(:, 2, k)
-    else if (plan%scheme%at_stages .and. plan%method%polynomial) then
+    else if (plan%scheme%at_stages .and. plan%method%kind == kind_polynomial) then
       last_in_step = min(count, i + 31)
       last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                       .and. theta(i:last_in_step) < 1, .false.], .false., 1)

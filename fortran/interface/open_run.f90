@@ -40,6 +40,8 @@ contains
       run%frame = plan%frame
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
+      run%frame%dropped => run%record%dropped
+      run%frame%dropped_at => run%record%dropped_at
       field%rhs => field_at(record%function)
       field%data_address = record%data
       field%data_stride = record%data_stride
@@ -141,8 +143,9 @@ contains
       run%events%address = table%function
       run%events%data = table%data
       run%events%direction = int(table%direction)
-      run%events%most = table%most
+      run%events%limit = table%limit
       run%events%jumps = table%jumps /= 0
+      run%events%period = table%period
       run%events%member_data = record%data
       run%events%stride = record%data_stride
       run%events%callback = run%python
@@ -163,6 +166,7 @@ contains
         observer%functions%count = size(table)
         observer%functions%address = table%function
         observer%functions%data = table%data
+        observer%functions%period = table%period
         observer%functions%member_data = record%observer_data
         observer%functions%stride = record%observer_stride
         observer%functions%inputs = run%field%inputs

@@ -1,14 +1,14 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, dtype number, result shape, check, spare, of time, with input)
+ *   (f, args, shape, type, result shape, check, spare, of time, with input, result type)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
- * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, a list of one entry, whether f takes no point, and whether the first
- * further argument is a function of time whose value f gets in its place.  The check is called for
- * all but the plainest results.  In the list is the array that f was given last, or None: if nobody
- * else has kept it, the next point goes into it, except without a global lock, where another thread
- * may be about to take it.
+ * shape of its results, a function check(value, t, y) that returns them as an array, or raises
+ * what is wrong with them, a list of one entry, whether f takes no point, whether the first
+ * further argument is a function of time whose value f gets in its place, and the type of results.
+ * The check is called for all but the plainest results.  In the list is the array that f was given
+ * last, or None: if nobody else has kept it, the next point goes into it, except without a global
+ * lock, where another thread may be about to take it.
  */
 #include <math.h>
 #include <string.h>
@@ -22,7 +22,7 @@ enum { REUSE = 0 };
 #else
 enum { REUSE = 1 };
 #endif
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT, RESULT_TYPE };
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -158,12 +158,14 @@ static Py_ssize_t copy_sequence(PyObject *value, PyObject *shape, Py_ssize_t axi
 
 /* Copies a result that is finite numbers, in the order and the type in which they are needed or in
  * a list; returns 0 if it is another one. */
-static int copy_plain(PyObject *value, PyObject *shape, double *f)
+static int copy_plain(PyObject *value, PyObject *context, double *f)
 {
+    PyObject *shape = PyTuple_GET_ITEM(context, RESULT);
+    const int type = (int)PyLong_AsLong(PyTuple_GET_ITEM(context, RESULT_TYPE));
     if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
-        return copy_sequence(value, shape, 0, f) > 0;
+        return type == NPY_DOUBLE && copy_sequence(value, shape, 0, f) > 0;
     }
-    if (PyFloat_Check(value)) { /* of Python or NumPy */
+    if (PyFloat_Check(value) && type == NPY_DOUBLE) { /* of Python or NumPy */
         f[0] = PyFloat_AS_DOUBLE(value);
         return PyTuple_GET_SIZE(shape) == 0 && isfinite(f[0]);
     }
@@ -171,12 +173,11 @@ static int copy_plain(PyObject *value, PyObject *shape, double *f)
         return 0;
     }
     PyArrayObject *array = (PyArrayObject *)value;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISCARRAY_RO(array)
-        || !has_shape(array, shape)) {
+    if (PyArray_TYPE(array) != type || !PyArray_ISCARRAY_RO(array) || !has_shape(array, shape)) {
         return 0;
     }
     const double *numbers = PyArray_DATA(array);
-    const Py_ssize_t count = PyArray_SIZE(array);
+    const Py_ssize_t count = PyArray_NBYTES(array) / (Py_ssize_t)sizeof(double);
     double sum = 0.0;
     for (Py_ssize_t i = 0; i < count; i++) {
         sum += numbers[i];
@@ -203,7 +204,7 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     if (time != NULL && point != NULL) {
         value = call(context, time, point);
     }
-    if (value != NULL && copy_plain(value, PyTuple_GET_ITEM(context, RESULT), f)) {
+    if (value != NULL && copy_plain(value, context, f)) {
         code = 0;
     } else if (value != NULL) {
         PyObject *checked = PyObject_CallFunctionObjArgs(PyTuple_GET_ITEM(context, CHECK), value,

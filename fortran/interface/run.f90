@@ -5,6 +5,7 @@ module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
+  use derivatives_m, only: coefficients_of
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: scheme_t
@@ -82,7 +83,7 @@ contains
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
-    if (together) share = huge(share) / (2 * size(share))
+    if (together) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
@@ -232,6 +233,7 @@ contains
 
     m = run%frame%dimension
     if (run%frame%forces > 0) m = run%frame%forces
+    if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
       if (memory /= 0) then
@@ -250,7 +252,12 @@ contains
       call run%python%apply(fields_operation, where, points, slopes, failed)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
+          if (run%frame%derivatives) then
+            call coefficients_of(run%frame, lane%request%t, lane%request%y, &
+                                 slopes((i - 1) * m + 1:i * m), lane%request%received)
+          else
+            lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
+          end if
           lane%request%flag = merge(raised_in_python, 0, failed)
         end associate
       end do

@@ -4,11 +4,12 @@
 !   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
 !
 ! where df/dy is the derivative of f along the fields of the frame. The functions are in C; for
-! functions of many members cg/integration/variational/field.py evaluates the same in Python.
+! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
+  use derivatives_m, only: coefficients_of
   use free_motion_m, only: add_free_motion, take_forces
   use frames_m, only: apply_flows
   use kinds, only: wp
@@ -67,7 +68,7 @@ contains
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
     associate (record => self%record, k => size(d, 1))
-      call call_function(self, record%f, record%f_data, y, f)
+      call call_f(self, y, f)
       record%failed_function = f_failed
       if (self%code /= 0 .or. .not. finite(n, f)) return
       if (record%jac == 0) then
@@ -133,6 +134,27 @@ contains
       self%record%failed_function = int(failure, c_int64_t)
   end subroutine call_checked
 
+  ! Calls f, and completes what it gives to coefficients.
+  subroutine call_f(self, y, f)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), contiguous, intent(in) :: y(:)
+    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
+    real(wp) :: slope(merge(size(y), 0, self%plan%frame%derivatives))
+
+    associate (record => self%record, frame => self%plan%frame)
+      if (frame%derivatives) then
+        slope = nan
+        call call_function(self, record%f, record%f_data, y, slope)
+        if (self%code == 0) call coefficients_of(frame, self%t, y, slope, f)
+        return
+      end if
+      call call_function(self, record%f, record%f_data, y, f)
+      if (self%code /= 0 .or. frame%forces == 0) return
+      call take_forces(frame, y, f)
+      call add_free_motion(frame, y, f)
+    end associate
+  end subroutine call_f
+
   ! Calls a function, which may write into the point that it is given. Its data are its own, or
   ! the parameters of the member, or those of f.
   subroutine call_function(self, address, own_data, y, values)
@@ -144,15 +166,12 @@ contains
     real(wp) :: point(size(y))
     type(c_ptr) :: data
 
-    associate (record => self%record, frame => self%plan%frame)
+    associate (record => self%record)
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
       if (own_data == 0 .and. record%parameters + record%inputs > 0) data = self%parameters
       point = y
       rhs => field_at(address)
       self%code = rhs(self%t, point, values, data)
-      if (self%code /= 0 .or. frame%forces == 0) return
-      call take_forces(frame, y, values)
-      call add_free_motion(frame, y, values)
     end associate
   end subroutine call_function
 
@@ -178,7 +197,7 @@ contains
           point = y
           call apply_flows(frame, 1, v, point)
           values(:, side) = nan
-          call call_function(self, record%f, record%f_data, point, values(:, side))
+          call call_f(self, point, values(:, side))
           if (self%code /= 0) return
         end do
         a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
@@ -209,7 +228,7 @@ contains
         do side = 1, sides
           parameters(j) = before + merge(step, -step, side == 1)
           values(:, side) = nan
-          call call_function(self, record%f, record%f_data, y, values(:, side))
+          call call_f(self, y, values(:, side))
           parameters(j) = before
           if (self%code /= 0) return
         end do

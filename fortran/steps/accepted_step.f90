@@ -7,10 +7,11 @@ module accepted_step_m
   use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
+  use method_m, only: kind_polynomial
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: store_zeros
   use step_events_m, only: crosses, find_zeros, rotates_far
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step
   use phases_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends, time_at
@@ -18,7 +19,7 @@ module accepted_step_m
   use shared_numbers
   implicit none
   private
-  public :: detect_events, examine_step, fail_to_observe, prepare_inner, store_output
+  public :: complete_step, detect_events, examine_step, fail_to_observe, prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -37,13 +38,14 @@ contains
     x%grid_done = x%grid_done + 1
     x%seeks_events = size(x%events%before) > 0
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
-    x%phase = phase_store_output
+    x%phase = phase_complete_step
     if (x%seeks_events) then
       associate (events => x%events)
         call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
         if (x%status /= finished) return
         x%needs_interpolant = any(events%came_from /= 0) &
-          .or. any(crosses(events%before, events%after, x%problem%events%direction) &
+          .or. any(crosses(events%before, events%after, x%problem%events%direction, &
+                           x%problem%events%period) &
                    .and. (abs(events%after) > 0 .or. x%last%kept))
       end associate
     end if
@@ -70,8 +72,8 @@ contains
 
     if (tries_shorter(x)) return
     call find_zeros(x, .true.)
-    if (.not. allocated(x%events%zeros)) return   ! there was no memory
-    x%phase = phase_store_output
+    if (.not. allocated(x%events%zeros)) return   ! the step turns too far, or there was no memory
+    x%phase = phase_complete_step
     associate (zeros => x%events%zeros)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
                                 .or. x%last%kept)
@@ -86,12 +88,27 @@ contains
   logical function tries_shorter(x)
     type(trajectory_t), intent(inout) :: x
 
-    tries_shorter = x%problem%adaptive .and. .not. x%problem%common
+    tries_shorter = x%problem%adaptive
     if (tries_shorter) tries_shorter = rotates_far(x)
     if (.not. tries_shorter) return
     x%phase = phase_node_received
     call reject_stage(x, step_too_long, x%t)
   end function tries_shorter
+
+  ! Decides whether a step is stored. Trajectories with common steps do so together, where output or
+  ! events may have rejected it.
+  subroutine complete_step(x, output)
+    type(trajectory_t), intent(inout) :: x
+    type(output_t), intent(in) :: output
+
+    x%phase = phase_store_output
+    if (x%interpolate_only) return
+    if (x%seeks_events .and. .not. allocated(x%events%zeros)) then
+      if (tries_shorter(x)) return
+    end if
+    if (x%problem%adaptive .and. x%problem%common .and. (size(x%events%before) > 0 .or. &
+        output%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
+  end subroutine complete_step
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
   subroutine store_output(x, output)
@@ -121,7 +138,6 @@ contains
     logical :: ended
 
     if (.not. allocated(x%events%zeros)) then
-      if (tries_shorter(x)) return
       call find_zeros(x, .false.)
     end if
     if (x%status == finished) call store_zeros(x, output, until, ended, after)
@@ -198,7 +214,7 @@ contains
     sizes = max(abs(x%events%before), abs(x%events%after))
     x%events%before(:) = x%events%after
     if (.not. ended) return
-    terminal = any(x%events%count >= x%problem%events%most)
+    terminal = any(x%events%count >= x%problem%events%limit)
     if (terminal .and. .not. x%last%kept) then
       x%phase = phase_ended
       x%status = terminal_event
@@ -215,7 +231,7 @@ contains
     x%phase = phase_begin_segment
     if (.not. terminal) return
     x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%most) x%events%count = 0
+    where (x%events%count >= x%problem%events%limit) x%events%count = 0
   end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.
@@ -232,7 +248,7 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             point = y
-          else if (x%problem%method%polynomial) then
+          else if (x%problem%method%kind == kind_polynomial) then
             call prepare_next(x, output)
             point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else

@@ -308,6 +308,7 @@ contains
       newton%last = x%f(:, 2:)
       newton%last_h = x%h
       newton%fresh = .false.
+      newton%moved = .false.
       newton%has_jacobian = converges_fast(x)
     end associate
   end subroutine keep_step

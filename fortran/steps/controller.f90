@@ -9,33 +9,17 @@
 ! that of volume I, section II.4.
 module controller_m
   use kinds, only: wp
+  use shared_numbers
   implicit none
   private
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
-            max_suspicion, raised_by_rejection, suspected_error, &
-            min_last_predicted, predicted_size, smallest_size, tried_size
+            suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
 
-  real(wp), parameter :: safety = 0.9_wp, smallest_factor = 0.2_wp, largest_factor = 5.0_wp
-  real(wp), parameter :: failure_factor = 0.25_wp     ! where there is no estimate
-  ! Powers of the last error and of the one before it, times the exponent
-  real(wp), parameter :: last_power = 0.7_wp, before_last_power = 0.4_wp
-  real(wp), parameter :: min_last_error = 1e-4_wp
   ! Of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
   ! the factored matrices, and Newton's method has this many iterations.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7
-  ! Target of the error of the first step, in tolerances
-  real(wp), parameter :: first_error = 0.01_wp
-  ! If a norm is below this many tolerances, the first guess is this fraction of the span.
-  real(wp), parameter :: negligible = 1e-5_wp, blind_fraction = 1e-6_wp
-  real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
-
-  ! At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
-  ! raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion` errors
-  ! count as many times as estimates at a jump can be too small.
-  integer, parameter :: raised_by_rejection = 4, least_suspicion = 4, max_suspicion = 12
-  real(wp), parameter :: jump_factor = 20.0_wp
 
 contains
 

@@ -22,7 +22,7 @@ module error_estimate_m
   use coordinates_m, only: difference
   use error_norm_m, only: norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
-  use method_m, only: method_t
+  use method_m, only: kind_collocation, kind_polynomial, method_t
   use newton_m, only: filtered
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
@@ -55,11 +55,11 @@ contains
       x%path_of_u = 0
       do i = 1, size(method%error, 2)
         call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
-        if (method%collocation) call filtered(x%newton, v)
+        if (method%kind == kind_collocation) call filtered(x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         place = estimate_of(method, i)
         error = norm_of_u(x)
-        if (method%polynomial) error = hypot(errors(place), error)
+        if (method%kind == kind_polynomial) error = hypot(errors(place), error)
         if (.not. error <= errors(place)) errors(place) = error
       end do
       ratio = 1.0_wp
@@ -105,7 +105,7 @@ contains
     real(wp) :: excess
     integer :: k
 
-    if (x%problem%method%collocation .or. x%problem%method%polynomial) return
+    if (any(x%problem%method%kind == [kind_collocation, kind_polynomial])) return
     excess = (abs(x%h) * turning(x%problem%frame, x%f(:, 1), .true.) / max_angle) &
              **(1 / x%problem%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return

@@ -17,8 +17,10 @@ module events_m
   type :: events_t
     integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
-    integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
+    integer(int64), allocatable :: limit(:)  ! (count) the event of this number ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
+    ! (count) of a function whose multiples are zeros too, positive; its values are next to zero
+    real(wp), allocatable :: period(:)
     type(callback_t) :: callback
     integer(c_intptr_t), allocatable :: address(:), data(:)    ! (count)
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
@@ -71,6 +73,7 @@ contains
       if (data == -1) data = 0               ! a null pointer
       if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
       g = function(t, y, transfer(data, c_null_ptr))
+      if (self%period(event) > 0) g = g - self%period(event) * anint(g / self%period(event))
     else
       call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
                                answer)

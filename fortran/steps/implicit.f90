@@ -16,13 +16,14 @@ module implicit_m
   use coordinates_m, only: sizes
   use lapack_m, only: dgetrf, dgetrs
   use method_m, only: method_t
+  use paths_m, only: follow_paths
   use phases_m
-  use requests_m, only: reject_stage
+  use requests_m, only: reject_stage, request
   use trajectory_m, only: trajectory_t
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private
-  public :: prepare_stage, store_value
+  public :: request_implicit, store_implicit
 
   real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
   real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
@@ -30,15 +31,24 @@ module implicit_m
 
 contains
 
-  ! Starts the first block of a step.
-  subroutine prepare_stage(x)
+  ! Requests the coefficients at the next stage. With the first one the first block starts.
+  subroutine request_implicit(x)
     type(trajectory_t), intent(inout) :: x
+    integer :: path
 
-    if (x%solver%first > 0) return
-    x%f = spread(x%slope, 2, size(x%f, 2))
-    x%solver%last = 0
-    call next_block(x)
-  end subroutine prepare_stage
+    if (x%solver%first == 0) then
+      x%f = spread(x%slope, 2, size(x%f, 2))
+      x%solver%last = 0
+      call next_block(x)
+      if (x%phase == phase_finish_step) return
+    end if
+    associate (method => x%problem%method)
+      path = merge(0, method%stage_path(x%stage), x%problem%of_time)
+      call follow_paths(x, path)
+      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
+                   x%request%received)
+    end associate
+  end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
   subroutine next_block(x)
@@ -84,7 +94,7 @@ contains
 
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
-  subroutine store_value(x)
+  subroutine store_implicit(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, info
 
@@ -131,7 +141,7 @@ contains
         call correct(x, block)
       end if
     end associate
-  end subroutine store_value
+  end subroutine store_implicit
 
   ! Moves the unknown of a column of the Jacobian.
   subroutine move_unknown(x)

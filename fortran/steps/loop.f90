@@ -8,18 +8,20 @@
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
-!        |                               '------------- rejected --------------'          v
-!        '-------- [jump] <- store output <- [interpolant] <- [detect events] <-----------'
+!        |                               |'------------ rejected --------------'          v
+!        |                               '------------- [tried again] ------ [interpolant, events]
+!        '-------- [jump] <- store output <- complete step <------------------------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
+  use method_m, only: kind_polynomial
   use output_m, only: has_room, output_t
-  use accepted_step_m, only: detect_events, examine_step, prepare_inner, store_output
+  use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
-  use requests_m, only: check_coefficients, request
+  use requests_m, only: check_coefficients, request, retry_or_store
   use phases_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
@@ -76,10 +78,7 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-      x%slope_known = .true.
-      x%phase = phase_next_stage
-      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+      call store_start(x)
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
@@ -89,7 +88,7 @@ contains
     case (phase_error_received)
       call store_error(x)
     case (phase_finish_step)
-      if (x%problem%method%polynomial) call prepare_inner(x, output)
+      if (x%problem%method%kind == kind_polynomial) call prepare_inner(x, output)
       call finish_step(x)
     case (phase_decide_step)
       call accept_or_reject(x)
@@ -107,9 +106,23 @@ contains
       call store_node(x)
     case (phase_detect_events)
       call detect_events(x, output)
+    case (phase_complete_step)
+      call complete_step(x, output)
+    case (phase_step_shared)
+      call retry_or_store(x)
     case (phase_store_output)
       call store_output(x, output)
     end select
   end subroutine advance
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_start(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+    x%slope_known = .true.
+    x%phase = phase_next_stage
+    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+  end subroutine store_start
 
 end module loop_m

@@ -9,8 +9,23 @@ module method_m
   implicit none
   private
   public :: method_t, make_method
+  public :: kind_group, kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
+            kind_implicit, kind_collocation
+
+  ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
+  ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
+  enum, bind(c)
+    enumerator :: kind_group = 1, &          ! explicit stages by flows
+                  kind_algebra, &            ! explicit stages by coordinates on the Lie algebra
+                  kind_registers, &          ! explicit stages by flows, of two registers
+                  kind_polynomial, &         ! functions of time; one flow along a polynomial
+                  kind_splitting, &          ! flows are kicks, each followed by a drift
+                  kind_implicit, &           ! stages by flows, solved for
+                  kind_collocation           ! stages but the first solved together, by coordinates
+  end enum
 
   type :: method_t
+    integer :: kind = kind_group
     ! paths, in an order in which each can be followed when it is reached
     ! (paths) the path to its start, 0 for the start of the step
     integer, allocatable :: origin(:)
@@ -26,19 +41,11 @@ module method_m
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     logical, allocatable :: goes_on(:)       ! (0:paths) whether another path starts at its end
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
-    ! of a splitting method, whose flows are kicks, each followed by a drift, that is, free motion
-    logical :: splitting = .false.
-    real(wp), allocatable :: drift(:)        ! (flows) in steps
-    ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
-    logical :: two_registers = .false.
-    real(wp), allocatable :: a(:), b(:)      ! (stages)
-    logical :: on_algebra = .false.
-    logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
+    real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
     logical :: has_nodes = .false.
-    logical :: implicit = .false.            ! whether it is another implicit method
     integer :: blocks = 0                    ! of stages that an implicit method solves together
-    logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
@@ -73,14 +80,13 @@ contains
     method%embedded = int(record%embedded)
     method%third = int(record%third)
     method%final_stage = int(record%final_stage)
-    method%two_registers = record%registers /= 0
-    if (method%two_registers) then
+    method%kind = kind_of(record)
+    if (method%kind == kind_registers) then
       numbers = reals(record%registers, 2 * record%stages)
       method%a = numbers(:stages)
       method%b = numbers(stages + 1:)
     end if
     method%series = int(record%series)
-    method%on_algebra = method%series > 0
     method%power = int(record%power)
     method%factor = record%factor
     method%error = reshape(reals(record%error, columns * record%errors), &
@@ -88,15 +94,11 @@ contains
     method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
                              [columns, 2_c_int64_t, record%bracket_count])
     method%blocks = int(record%blocks)
-    method%collocation = method%blocks > 0 .and. method%on_algebra
-    method%implicit = method%blocks > 0 .and. .not. method%on_algebra
-    if (method%collocation) then
+    if (method%kind == kind_collocation) then
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    method%splitting = record%drifts /= 0
-    if (method%splitting) method%drift = reals(record%drifts, record%flows)
-    method%polynomial = record%polynomial /= 0
+    if (method%kind == kind_splitting) method%drift = reals(record%drifts, record%flows)
     method%has_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
     allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &
               source=.false.)
@@ -106,6 +108,18 @@ contains
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
   end subroutine make_method
+
+  ! The kind of a method, by what its record has
+  pure integer function kind_of(record)
+    type(method_record_t), intent(in) :: record
+
+    kind_of = kind_group
+    if (record%series > 0) kind_of = kind_algebra
+    if (record%registers /= 0) kind_of = kind_registers
+    if (record%polynomial /= 0) kind_of = kind_polynomial
+    if (record%drifts /= 0) kind_of = kind_splitting
+    if (record%blocks > 0) kind_of = merge(kind_collocation, kind_implicit, record%series > 0)
+  end function kind_of
 
   ! The integers at an address
   function integers(address, count)

@@ -34,6 +34,7 @@ module newton_m
     type(frame_t), pointer :: frame => null()
     type(transformation_t), pointer :: transformation => null()
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
+    logical :: moved = .false.               ! whether the point has been replaced after the last step
     logical :: sparse = .false.              ! whether Python keeps the Jacobian and its factors
     integer :: member = 1
     integer :: column = 0                    ! of the Jacobian, that is evaluated next

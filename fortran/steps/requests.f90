@@ -4,9 +4,10 @@
 module requests_m
   use kinds, only: wp
   use controller_m, only: rejected_size
-  use frames_m, only: complete_coefficients
+  use derivatives_m, only: coefficients_of
   use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers
+  use method_m, only: kind_splitting
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vector_field_m, only: evaluate
@@ -14,7 +15,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
-            share_error, within_segment
+            retry_or_store, share_error, share_step, within_segment
 
 contains
 
@@ -56,14 +57,21 @@ contains
     x%counts%nfev = x%counts%nfev + 1
     guarded = .true.
     if (present(y_is_used)) guarded = y_is_used .or. x%problem%frame%forces > 0 &
+                                      .or. x%problem%frame%derivatives &
                                       .or. .not. associated(x%problem%field)
     if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(x%problem%field)) return
     x%problem%field%member = x%member
-    call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    if (x%problem%frame%derivatives) then
+      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
+    else
+      call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    end if
     if (guarded) then
       if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
     end if
+    if (x%problem%frame%derivatives) &
+      call coefficients_of(x%problem%frame, x%request%t, y, x%request%slope, f)
     call check_coefficients(x, y, f)
   end subroutine request
 
@@ -77,9 +85,8 @@ contains
     if (x%request%flag == 0) then
       if (x%problem%frame%forces > 0) then
         call take_forces(x%problem%frame, y, f)
-        if (.not. x%problem%method%splitting) call add_free_motion(x%problem%frame, y, f)
+        if (x%problem%method%kind /= kind_splitting) call add_free_motion(x%problem%frame, y, f)
       end if
-      if (x%problem%frame%ambient) call complete_coefficients(x%problem%frame, y, f)
       if (finite(size(f), f)) then
         x%status = finished
         return
@@ -116,20 +123,51 @@ contains
       call share_error(x, huge(1.0_wp))
     case (phase_node_received, phase_end_received)
       ! the step is accurate, but too long for its interpolant
-      if (x%interpolate_only .or. x%problem%common) then
+      if (x%interpolate_only) then
         call fail(x, status, t)
         return
       end if
-      x%counts%steps = x%counts%steps - 1
-      x%counts%nrejected = x%counts%nrejected + 1
-      x%control%after_rejection = .true.
-      x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%problem%tolerances%exponent)
       x%status = finished
-      x%phase = phase_choose_step
+      if (x%problem%common) then
+        x%error = huge(1.0_wp)
+        call share_step(x, 1.0_wp)
+      else
+        call retry_step(x)
+      end if
     case default
       call fail(x, status, t)
     end select
   end subroutine reject_stage
+
+  ! Tries a step again that was accurate.
+  subroutine retry_step(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%counts%steps = x%counts%steps - 1
+    x%counts%nrejected = x%counts%nrejected + 1
+    x%control%after_rejection = .true.
+    x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%problem%tolerances%exponent)
+    x%phase = phase_choose_step
+    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+  end subroutine retry_step
+
+  ! Tries an accurate step again if one of the trajectories with common steps must, or stores it.
+  subroutine retry_or_store(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%phase = phase_store_output
+    if (x%request%shared > 0) call retry_step(x)
+  end subroutine retry_or_store
+
+  ! Lets trajectories with common steps decide together whether to try an accurate step again.
+  subroutine share_step(x, again)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: again            ! positive if this one must
+
+    x%request%shared = again
+    x%status = needs_maximum
+    x%phase = phase_step_shared
+  end subroutine share_step
 
   ! Sets the error of a step, huge if it isn't finite. Trajectories with common steps share it.
   subroutine share_error(x, error)

@@ -28,8 +28,8 @@ contains
              real(x%events%came_from, wp), real(x%events%count, wp)]
     integers = [transfer(x%counts, integers), merge(1_int64, 0_int64, &
                 [x%slope_known, x%events%known, x%control%after_rejection, &
-                 x%newton%has_jacobian, x%newton%fresh]), int(x%control%suspicion, int64), &
-                x%control%attempts, x%grid%steps, x%grid_done]
+                 x%newton%has_jacobian, x%newton%fresh, x%newton%moved]), &
+                int(x%control%suspicion, int64), x%control%attempts, x%grid%steps, x%grid_done]
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
     slopes(:, 3:2 + size(x%f, 2)) = x%f
@@ -70,16 +70,17 @@ contains
     x%control%after_rejection = integers(11) == 1
     x%newton%has_jacobian = integers(12) == 1
     x%newton%fresh = integers(13) == 1
-    x%control%suspicion = int(integers(14))
-    x%control%attempts = integers(15)
+    x%newton%moved = integers(14) == 1
+    x%control%suspicion = int(integers(15))
+    x%control%attempts = integers(16)
     x%y(:, 0) = points(:, 1)
     x%slope = slopes(:, 1)
     x%last%y = points(:, 2)
     x%last%slope = slopes(:, 2)
     x%f = slopes(:, 3:2 + size(x%f, 2))
     x%newton%factored_h = reals(9)
-    x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(16))
-    x%grid_done = integers(17)
+    x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(17))
+    x%grid_done = integers(18)
     x%h_before = reals(14)
     associate (events => x%events, n => size(x%events%before), k => reals_of_state)
       events%before = reals(k + 1:k + n)

@@ -36,7 +36,7 @@ contains
         k = minloc(zeros%at, 1)
         happen = zeros%at <= zeros(k)%at + together
         ended = any(happen .and. (events%jumps(zeros%event) &
-                                  .or. state%count(zeros%event) + 1 >= events%most(zeros%event)))
+                                  .or. state%count(zeros%event) + 1 >= events%limit(zeros%event)))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
@@ -103,7 +103,7 @@ contains
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1
           jumps(k) = happen(k) .and. events%jumps(of) .and. (x%last%kept &
-                     .or. x%events%count(of) < events%most(of))
+                     .or. x%events%count(of) < events%limit(of))
           if (.not. happen(k)) cycle
           x%events%time(of) = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)

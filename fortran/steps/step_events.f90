@@ -9,9 +9,10 @@ module step_events_m
   use kinds, only: wp
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
+  use method_m, only: kind_splitting
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
-  use shared_numbers, only: out_of_memory, raised, resting_contact
+  use shared_numbers, only: out_of_memory, raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, trajectory_t, zero_t
   use within_step_m, only: point_at, time_at
   implicit none
@@ -19,21 +20,24 @@ module step_events_m
   public :: crosses, find_zeros, rotates_far
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; others
-  ! that need more than `max_parts` fail.
+  ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
+  ! ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
 
 contains
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
-  ! at the end of the interval before, or it is the initial point.
-  pure elemental logical function crosses(before, after, direction)
+  ! at the end of the interval before, or it is the initial point. A change by more than half a period
+  ! is a wrap.
+  pure elemental logical function crosses(before, after, direction, period)
     real(wp), intent(in) :: before, after
     integer, intent(in) :: direction
+    real(wp), intent(in) :: period           ! 0 without one
 
     crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
+    if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
   end function crosses
 
   ! Finds the zeros of all events in a step, unless a function fails. If `detects` is true, the
@@ -47,9 +51,11 @@ contains
     integer :: first, i, k, memory, n
 
     n = parts(x)
-    memory = 1
-    if (n <= max_parts) &
-      allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n), stat=memory)
+    if (n > max_parts) then
+      call fail(x, step_too_long_for_events, x%t)
+      return
+    end if
+    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
       return
@@ -91,7 +97,7 @@ contains
 
     rate = reshape([x%slope, x%end_slope], shape(rate))
     associate (frame => x%problem%frame)
-      if (x%problem%method%splitting) then   ! its coefficients are forces alone
+      if (x%problem%method%kind == kind_splitting) then   ! its coefficients are forces alone
         call add_free_motion(frame, x%y(:, 0), rate(:, 1))
         call add_free_motion(frame, x%y(:, x%result), rate(:, 2))
       end if
@@ -185,7 +191,10 @@ contains
     real(wp), intent(in) :: ends(2), values(2)
     real(wp) :: zero
 
-    if (.not. crosses(values(1), values(2), g%trajectory%problem%events%direction(g%event))) return
+    associate (events => g%trajectory%problem%events)
+      if (.not. crosses(values(1), values(2), events%direction(g%event), &
+                        events%period(g%event))) return
+    end associate
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero)

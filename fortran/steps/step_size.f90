@@ -9,6 +9,7 @@ module step_size_m
   use time_grid_m, only: make_grid
   use inputs_m, only: longest_step
   use requests_m, only: evaluate_at_start, request
+  use method_m, only: kind_splitting
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
@@ -208,8 +209,8 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (x%problem%method%splitting .and. .not. x%last%kept .and. abs(x%problem%method%c(1)) > 0) &
-        return
+      if (x%problem%method%kind == kind_splitting .and. .not. x%last%kept &
+          .and. abs(x%problem%method%c(1)) > 0) return
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step

@@ -6,7 +6,7 @@ module trajectory_m
   use events_m, only: events_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
-  use method_m, only: method_t
+  use method_m, only: kind_collocation, kind_implicit, kind_registers, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
   use time_grid_m, only: grid_t
@@ -59,6 +59,7 @@ module trajectory_m
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: received(:)     ! (dimension) coefficients
+    real(wp), allocatable :: slope(:)        ! (point_size) a derivative
     integer :: flag = 0                      ! returned by the field
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
@@ -167,19 +168,21 @@ contains
     x%problem => problem
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin))
-      x%result = merge(1, method%result, method%two_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, method%two_registers)), &
-                x%f(frame%dimension, merge(1, size(method%error, 1), method%two_registers)), &
+      x%result = merge(1, method%result, method%kind == kind_registers)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, method%kind == kind_registers)), &
+                x%f(frame%dimension, merge(1, size(method%error, 1), &
+                                           method%kind == kind_registers)), &
                 x%request%y(frame%point_size), &
+                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
                 x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      if (method%collocation) then
+      if (method%kind == kind_collocation) then
         call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)
-      else if (method%implicit) then
+      else if (method%kind == kind_implicit) then
         x%solver%fixed_point = .not. problem%dense
         n = merge(size(x%f) / method%blocks, 0, problem%dense)
         allocate (x%solver%value, mold=x%f, stat=memory)
@@ -210,12 +213,19 @@ contains
   pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    ! zero to choose it, negative to keep the size that was proposed for the next step
+    ! zero to choose it, negative to keep the size that was proposed for the next step: -1 where the
+    ! point alone may have changed, -2 where the right-hand side has
     real(wp), intent(in) :: first_step
     type(trajectory_t), intent(inout) :: x
+    ! moves that are smaller, relative to the last step, leave its polynomial and Jacobian
+    real(wp), parameter :: small_move = 0.1_wp
     logical :: same                          ! whether it was there already
+    logical :: near                          ! whether the last step led nearly there
 
     same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
+    near = first_step < 0 .and. first_step >= -1 .and. allocated(x%last%y) &
+           .and. .not. abs(x%t - t) > 0
+    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
     x%t = t
     x%y(:, 0) = y
     x%slope_known = .false.
@@ -232,7 +242,7 @@ contains
     x%grid = grid_t()
     x%grid_done = 0
     x%weighted_by = 0.0_wp
-    call forget_step(x)
+    call forget_step(x, near)
     x%last%cut = .false.
     x%events%known = .false.
     x%events%before = 0.0_wp
@@ -245,15 +255,19 @@ contains
 
   ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or
   ! the solution may jump.
-  pure subroutine forget_step(x)
+  pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
+    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
 
     x%h_before = 0.0_wp
-    x%newton%has_jacobian = .false.
+    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
+    x%newton%moved = .false.
+    if (present(near)) x%newton%moved = near
+    if (x%newton%moved) return
+    x%newton%has_jacobian = .false.
     x%newton%last_h = 0.0_wp
     x%newton%rate_factor = 1.0_wp
-    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.

@@ -105,7 +105,7 @@ contains
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%interpolant%t0)
     else
-      x%phase = merge(phase_store_output, phase_next_node, x%interpolant%complete)
+      x%phase = merge(phase_complete_step, phase_next_node, x%interpolant%complete)
     end if
   end subroutine advance_interpolant
 

@@ -101,7 +101,8 @@ def _search(context: Context, plan: Plan, progress: Progress) -> Sequence[Random
         starts=plan.starts,
         workers=context.workers,
         progress=progress,
-        store=context.checkpoints / f"limit{plan.maxfev}-seed{context.settings.seed}-{digest}.db",
+        store=context.checkpoints
+        / f"limit{plan.maxfev}-seed{context.settings.seed}-{digest}.jsonl",
     )
     return result.starts
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from cg.construction.conditions import unknowns
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.tableau import Tableau
-from cg.construction.runs import Store
+from cg.construction.runs.store import read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.result import SearchResult
@@ -96,7 +96,7 @@ def compute(plan: Plan, context: Context) -> Data:
     starts = plan.full_starts if context.settings.full else plan.starts
     arguments = plan.arguments(context.settings.seed)
     digest = fingerprint.digest(**arguments)
-    name = f"search{plan.order}-seed{context.settings.seed}-{digest}.db"
+    name = f"search{plan.order}-seed{context.settings.seed}-{digest}.jsonl"
     path = context.checkpoints / name
     clock = _Clock(context, starts, path)
 
@@ -152,8 +152,7 @@ def _finished(path: Path) -> int:
     """Return the number of stored starts before the first missing one."""
     if not path.exists():
         return 0
-    with Store(path) as store:
-        done = {number for run in store.runs() for number in store.run(run.number).numbers()}
+    done = {line.get("index") for line in read_store(path)}
     return next(index for index in count() if index not in done)
 
 

@@ -24,7 +24,7 @@ def arguments_of(monkeypatch):
 
     def note(**arguments):
         calls.append(arguments)
-        return SimpleNamespace(failures=(), methods=(), method=None)
+        return SimpleNamespace(methods=(), method=None)
 
     module = sys.modules["cg.command.searching"]
     for name in COMMANDS:

@@ -12,6 +12,7 @@ from strategies import rationals, tableaux
 import cg
 from cg import conditions
 from cg.construction.conditions import Rows
+from cg.construction.layouts.layout import rows_of
 from cg.construction.trees.ordered import OrderedTree, forest
 from cg.construction.trees.tables import fortran_tables, main
 
@@ -106,9 +107,9 @@ class TestPacking:
     @given(tableaux(), st.data())
     def test_round_trip(self, tableau, data):
         a, b = (np.array(part, dtype=np.float64) for part in tableau)
-        rows = data.draw(st.sampled_from([None, Rows.FULL, conditions.rows_of(a)]))
+        rows = data.draw(st.sampled_from([None, Rows.FULL, rows_of(a)]))
         packed = conditions.pack(a, b, rows)
-        pattern = conditions.rows_of(a) if rows is None else rows
+        pattern = rows_of(a) if rows is None else rows
         assert packed.shape == (conditions.unknowns(b.size, pattern),)
         actual = conditions.unpack(packed, b.size, pattern)
         np.testing.assert_array_equal(actual[0], a)
@@ -120,10 +121,10 @@ class TestPacking:
         assert list(conditions.pack(a, b, Rows.DIAGONAL)) == [0, 1, 0, 2, 3, 0, 4, 5, 6]
 
     def test_patterns(self):
-        assert conditions.rows_of([[0, 0], [1, 0]]) is Rows.EXPLICIT
-        assert conditions.rows_of([[0, 0], [0, 0]]) is Rows.EXPLICIT
-        assert conditions.rows_of([[0, 0], [0, 1]]) is Rows.DIAGONAL
-        assert conditions.rows_of([[0, 1], [0, 0]]) is Rows.FULL
+        assert rows_of([[0, 0], [1, 0]]) is Rows.EXPLICIT
+        assert rows_of([[0, 0], [0, 0]]) is Rows.EXPLICIT
+        assert rows_of([[0, 0], [0, 1]]) is Rows.DIAGONAL
+        assert rows_of([[0, 1], [0, 0]]) is Rows.FULL
 
     def test_refuses_nonzero_entries_outside_the_pattern(self):
         with pytest.raises(ValueError, match="outside the pattern explicit"):

@@ -69,6 +69,6 @@ GOOD = {"order": 5, "stages": 6, "seed": 1, "force": True}
 ])  # fmt: skip
 def test_bad_arguments_are_named(function, arguments, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    stored = {"store": "runs.db"} if "force" in arguments else {}
+    stored = {"store": "runs.jsonl"} if "force" in arguments else {}
     refuses((TypeError, ValueError), rf"\b{name}\b", function, **arguments, **stored)
     assert not list(tmp_path.iterdir())

@@ -7,8 +7,6 @@ import pytest
 
 import crouch_grossman as cg
 from cg.construction.layouts.layout import Layout
-from cg.construction.results.solutions import solutions
-from cg.construction.runs import Store
 from cg.construction.solvers.held import read_hold
 from cg.construction.solvers.system import ConditionSystem
 
@@ -77,16 +75,9 @@ def test_construct_keeps_held_values_and_the_interval_of_abscissae():
 
 
 def test_stores_keep_held_values(tmp_path):
-    hold, path = {"a[2,1]": "1/3", "c[4]": "2/3"}, tmp_path / "runs.db"
+    hold, path = {"a[2,1]": "1/3", "c[4]": "2/3"}, tmp_path / "runs.jsonl"
     first, again = (cg.search(3, 4, 20, hold=hold, store=path) for _ in range(2))
     assert first.methods == again.methods
-    cg.search(3, 4, 2, store=path)
-    with Store(path, read=True) as store:
-        held, free = (store.run(number) for number in (1, 2))
-        assert "hold" not in free.settings()
-        for solution in solutions(held):
-            assert solution.candidate.x[0] == 1 / 3
-            assert abs(solution.candidate.abscissae[3] - 2 / 3) < 1e-15
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,6 @@ FEHLBERG = cg.Tableau(
     ["16/135", 0, "6656/12825", "28561/56430", "-9/50", "2/55"],
     b_embedded=["25/216", 0, "1408/2565", "2197/4104", "-1/5", 0],
 )
-# flat orders of the tool's methods, and of their second weights
-ORDERS = {
-    "DVERK6(5)": (6, 5), "Verner7(6)": (7, 6), "DOP853": (8, 5), "CooperVerner8": (8, None),
-    "Verner8(7)": (8, 7),
-}  # fmt: skip
 
 
 def pair(name):
@@ -174,22 +169,20 @@ class TestLift:
         assert e.value.best > 1e-6
 
 
-@pytest.fixture
-def tool(load_script):
-    """The module that writes the lifted methods."""
-    return load_script("research/make_lifted_methods")
+def test_dop853_is_scipys_to_the_last_bit():
+    flat = pair("DOP853")
+    np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
+    np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
 
 
-class TestTheTool:
-    def test_flat_pairs_have_their_orders_exactly(self, tool):
-        pairs = tool.tableaux()
-        assert set(ORDERS) == set(pairs)
-        for name, (order, second) in ORDERS.items():
-            assert flat_order(pairs[name]) == order
-            if second is not None:
-                assert flat_order(pairs[name], embedded=True) == second
-
-    def test_dop853_is_scipys_to_the_last_bit(self, tool):
-        flat = tool.tableaux()["DOP853"]
-        np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
-        np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
+def test_recipes_find_methods_like_those_of_the_catalogue(load_script, capsys):
+    program = load_script("research/run_recipe")
+    recipes = program.recipes()
+    assert recipes["CG4"].startswith("The closed form")
+    method = program.run("CF4d", recipes["CF4d"])
+    assert program.agrees("CF4d", method)
+    assert not program.agrees("CF4c", method)
+    assert "(4, 4, 5) of (4, 5, 5)" in capsys.readouterr().out
+    assert flat_order(program.flat(methods["DVERK6(5)"]), embedded=True) == 5
+    calls = {call for each in recipes.values() if isinstance(each, dict) for call in each}
+    assert calls == {"search", "construct", "lift"}

@@ -192,7 +192,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
 ], ids=str)  # fmt: skip
 def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     """The flows are bounded oscillations."""
-    v = group.coefficients(size * np.array(omega))
+    v = group.vee(size * np.array(omega))
     moved = group.flow(v, np.eye(group.size))
     assert group.relative_error(moved) < max(4e-15, 1e-8 * (size / 2**32) ** 2)
     with ctx.workdps(60):

@@ -18,7 +18,7 @@ GROUPS = [
 def test_bases_span_lie_algebras(group):
     rng = np.random.default_rng(30)
     v = rng.standard_normal((3, group.dim))
-    np.testing.assert_allclose(group.coefficients(group.algebra(v)), v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(group.vee(group.algebra(v)), v, rtol=0, atol=1e-14)
     u, w = group.algebra(v[0]), group.algebra(v[1])
     bracket = np.einsum("i,j,ijk->k", v[0], v[1], group.structure_constants)
     np.testing.assert_allclose(group.algebra(bracket), u @ w - w @ u, rtol=0, atol=1e-13)
@@ -128,16 +128,16 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
     rng = np.random.default_rng(38)
     v = size * rng.standard_normal((2, 3, group.dim))
     inside = group.algebra(v)
-    np.testing.assert_allclose(group.coefficients(inside), v, rtol=0, atol=1e-14 * size)
+    np.testing.assert_allclose(group.vee(inside), v, rtol=0, atol=1e-14 * size)
     rounded = inside * (1.0 + 1e-11 * rng.standard_normal(inside.shape))
-    np.testing.assert_allclose(group.coefficients(rounded), v, rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(group.vee(rounded), v, rtol=0, atol=1e-9 * size)
     if size < 1.0:
         return
     off = inside.copy()
     off[1, 2] += 1e-6 * size * rng.standard_normal(group.point_shape)
     message = r"matrix must be in the Lie algebra of .*: its distance from it is .*e-0[678] of its"
-    refuses(ValueError, message, group.coefficients, off)
-    np.testing.assert_allclose(group.coefficients(off[0]), v[0], rtol=0, atol=1e-14 * size)
+    refuses(ValueError, message, group.vee, off)
+    np.testing.assert_allclose(group.vee(off[0]), v[0], rtol=0, atol=1e-14 * size)
 
 
 @pytest.mark.parametrize(("group", "matrix", "hint"), [
@@ -153,17 +153,17 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
 ], ids=lambda value: repr(value) if hasattr(value, "dim") else "")  # fmt: skip
 def test_coefficients_reject_specific_matrices(group, matrix, hint):
     message = rf"matrix must be in the Lie algebra of .* its distance .*{hint}$"
-    refuses(ValueError, message, group.coefficients, matrix)
-    refuses(ValueError, message, group.coefficients, [group.algebra(np.ones(group.dim)), matrix])
+    refuses(ValueError, message, group.vee, matrix)
+    refuses(ValueError, message, group.vee, [group.algebra(np.ones(group.dim)), matrix])
 
 
 def test_coefficients_accept_rounding_errors():
     """At an equilibrium the tangent is rounding errors only."""
     group = fr.SO(3)
     rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
-    assert np.abs(group.coefficients(rounding)).max() < 1e-14
-    np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
-    assert np.isnan(group.coefficients(np.full((3, 3), np.nan))).all()
+    assert np.abs(group.vee(rounding)).max() < 1e-14
+    np.testing.assert_array_equal(group.vee(np.zeros((3, 3))), np.zeros(3))
+    assert np.isnan(group.vee(np.full((3, 3), np.nan))).all()
 
 
 def test_check_point_accepts_integers_and_tolerance():

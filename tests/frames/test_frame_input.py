@@ -196,7 +196,7 @@ def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
     v = rng.standard_normal(frame.dim)
     tracemalloc.start()
     matrix = frame.algebra(v)
-    found = frame.coefficients(matrix)
+    found = frame.vee(matrix)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 100 * matrix.nbytes  # the matrices of the fields take 3200 times as much or more

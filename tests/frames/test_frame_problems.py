@@ -22,7 +22,7 @@ def test_final_points_of_scaled_runs_are_points(scale):
     both = Product(orbit, SO3(), Euclidean(1))
 
     turn = lambda t, m: m / (scale * INERTIA)
-    toda = lambda t, y: isospectral.group.coefficients(bracket(y / scale))
+    toda = lambda t, y: isospectral.group.vee(bracket(y / scale))
     for frame, f, y0 in (
         (orbit, turn, scale * MOMENTUM),
         (isospectral, toda, scale * TODA),
@@ -39,11 +39,11 @@ def test_final_points_of_scaled_runs_are_points(scale):
 
 
 @pytest.mark.parametrize(("frame", "matrix", "name"), [
-    (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.coefficients"),
-    (Stiefel(4, 2), bracket(TODA), "frame.group.coefficients"),
-    (GL(4), TODA, "frame.coefficients"),
-    (SO3(), np.zeros((3, 3)), "frame.coefficients"),
-    (SU(2), np.zeros((2, 2)), "frame.coefficients"),
+    (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.vee"),
+    (Stiefel(4, 2), bracket(TODA), "frame.group.vee"),
+    (GL(4), TODA, "frame.vee"),
+    (SO3(), np.zeros((3, 3)), "frame.vee"),
+    (SU(2), np.zeros((2, 2)), "frame.vee"),
 ])  # fmt: skip
 def test_matrix_instead_of_coefficients_error_message(frame, matrix, name):
     y0 = TODA if isinstance(frame, IsospectralOrbit) else np.eye(*frame.point_shape)

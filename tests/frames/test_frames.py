@@ -235,3 +235,33 @@ def test_repeated_flows_stay_on_the_manifold(frame, repetitions):
                 y = frame.flow(v, y)
             worst = max(worst, float(frame.membership_error(y)) / condition(y))
     assert worst < 4e-15
+
+
+@every_frame
+@axioms
+@given(seed=seeds, scale=st.sampled_from([0.0, 1e-160, 1e-9, 1.0, 30.0]))
+def test_coefficients_invert_fields(frame, seed, scale):
+    y, v = sample(frame, seed, scale)
+    tangent = frame.field(v, y)
+    found = frame.coefficients(y, tangent)
+    rounding = 1e-13 * (np.abs(tangent).max() + scale) * condition(y)
+    np.testing.assert_allclose(frame.field(found, y), tangent, rtol=0, atol=rounding)
+    assert np.linalg.norm(found) <= np.linalg.norm(v) * (1 + 1e-12) + rounding * condition(y)
+    stack = frame.coefficients(y, np.stack([tangent, 2.0 * tangent])[:, None])
+    assert stack.shape == (2, 1, frame.dim)
+    np.testing.assert_allclose(stack[:, 0], [found, 2.0 * found], rtol=1e-12, atol=rounding)
+
+
+@every_frame
+def test_coefficients_drop_what_no_field_has(frame):
+    rng = np.random.default_rng(0)
+    y = frame.random_point(rng)
+    tangent, other = frame.field(frame.random_vector(rng), y), frame.random_point(rng)
+    assert np.isnan(frame.coefficients(y, np.full_like(y, np.nan))).any()
+    basis = frame.field(np.eye(frame.dim), y).reshape(frame.dim, -1).view(float)
+    flat = other.reshape(-1).view(float)
+    normal = flat - flat @ np.linalg.pinv(basis, rcond=1e-9) @ basis
+    if np.linalg.norm(normal) > 1e-6 * np.linalg.norm(flat):
+        wrong = tangent + normal.view(frame.dtype).reshape(y.shape)
+        with pytest.warns(UserWarning, match="a part that the fields of .* don't have"):
+            frame.coefficients(y, wrong)

@@ -10,8 +10,9 @@ import matplotlib.figure
 import numpy as np
 
 import cg
-from cg import catalogue, conditions, construction, frames, plot
-from cg import proofs as certification
+from cg import conditions, frames, plot
+from cg.construction import candidate, catalogue, eliminate, optimise
+from cg.construction import proofs as certification
 from cg.construction.methods import low_storage, stability
 from cg.construction.plots import text as drawing
 from cg.construction.trees import ordered as trees
@@ -50,7 +51,7 @@ CERTIFICATE = cg.certify("CG3")
 TREE = trees.OrderedTree.parse("[[]]")
 SO3 = frames.SO3()
 X = np.linspace(0.1, 0.6, 6)
-CANDIDATE = construction.pack_method(CG3)
+CANDIDATE = candidate.pack_method(CG3)
 SOLVED = cg.solve_ivp(lambda t, y: [0.1, 0.2, 0.3], (0, 1), np.eye(3), frame=SO3, dense_output=True)
 
 
@@ -98,11 +99,11 @@ RUNS = {"seed": 1, "workers": 1}
 
 # fmt: off
 FUNCTION_EXAMPLES: dict[str, Call] = by_name([
-    call(cg.solve_linear, a=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
+    call(cg.solve_linear, f=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
          method="CFM4", h=0.5),
-    call(cg.solve_linear, a=lambda t, *args: np.full((len(t), 3), 0.1), t_span=(0.0, 1.0),
+    call(cg.solve_linear, f=lambda t, *args: np.full((len(t), 3), 0.1), t_span=(0.0, 1.0),
          y0=np.eye(3), frame=SO3, vectorized=True),
-    call(cg.solve_linear_ensemble, a=lambda t, row: 0.1 * row, t_span=(0.0, 1.0), y0=np.eye(3),
+    call(cg.solve_linear_ensemble, f=lambda t, row: 0.1 * row, t_span=(0.0, 1.0), y0=np.eye(3),
          frame=SO3, parameters=np.ones((2, 3)), method="CFM4", h=0.5),
     call(cg.solve_ivp, cg.ConvergenceError, **LONG, **CONTROL, **OUTPUT, **LIMITS,
          breakpoints=[0.5], max_steps=100, parameters=[1.0, 2.0], progress=lambda t, end: None),
@@ -114,9 +115,9 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
          parameters=[0.5, 0.25], P0=np.diag([1.0, 2.0, 3.0]), control_derivatives=True,
          breakpoints=[0.5], noise=np.eye(3)),
     call(cg.solve_variational, **SHORT, derivatives="adjoint", rtol=1e-3),
-    call(cg.solve_linear, a=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
+    call(cg.solve_linear, f=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
          derivatives="adjoint", parameters=[0.5, 0.25, 1.0],
-         da_dp=jac),
+         df_dp=jac),
     call(cg.solve_variational_ensemble, **TWO, parameters=[[0.5, 0.25], [1.0, 0.25]],
          P0=np.diag([1.0, 2.0, 3.0]), method="CG4(3)", max_steps=100),
     call(cg.integrate, cg.ConvergenceError, **SHORT, method="CG3", h=0.25,
@@ -126,7 +127,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.solve_ivp, **SHORT, inputs=cg.Samples([0.0, 0.5], [1.0, 2.0])),
     call(cg.Samples, times=[0.0, 0.5, 1.0], values=[[1.0, 2.0, 3.0]], kind="hold", end=2.0,
          causal=False, members=True),
-    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=stay),
+    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=stay, period=6.0),
     call(cg.Stepper, f=turning, t0=0.0, y0=np.eye(3), t_bound=1.0, frame=SO3, **CONTROL, **LIMITS,
          args=(1.0,), parameters=[1.0, 2.0], breakpoints=[0.5]),
     call(cg.search, OSError, order=2, stages=2, starts=2, **RUNS, maxfev=50, refine_below=1e-15,
@@ -190,12 +191,12 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(catalogue.resolve_method, method="CG3"),
     call(drawing.draw_tree, tree=TREE),
     call(drawing.draw_points, method=CG3, digits=4),
-    call(construction.pack_method, method=CG3, order=3),
-    call(construction.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
+    call(candidate.pack_method, method=CG3, order=3),
+    call(candidate.correct, candidate=CANDIDATE, frozen=[1], ftol=1e-20, damping=1e-6,
          max_iterations=5),
-    call(construction.Goals, principal_error=1.0, interval=(0.0, 1.0), bound=1.5),
-    call(construction.walk, candidate=CANDIDATE, random=RNG, size=0.3, largest=4.0),
-    call(construction.optimise, candidate=CANDIDATE, goals=construction.Goals(), frozen=[],
+    call(optimise.Goals, principal_error=1.0, interval=(0.0, 1.0), bound=1.5),
+    call(eliminate.walk, candidate=CANDIDATE, random=RNG, size=0.3, largest=4.0),
+    call(optimise.optimise, candidate=CANDIDATE, goals=optimise.Goals(), frozen=[],
          max_iterations=1, tolerance=1e-3),
     call(impossibility.read_shape, impossibility.ImpossibilityError, text="tableau", stages=2),
     call(frames.hat, v=[0.1, 0.2, 0.3]),

@@ -3,7 +3,7 @@
 import numpy as np
 
 import cg._core_r64 as core
-from cg.integration.step.compiled_frames import (
+from cg.integration.plan.blocks import (
     block_constants,
     describe_blocks,
     has_compiled_difference,

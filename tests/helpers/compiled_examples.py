@@ -9,9 +9,9 @@ from compiled_differences import compiled_flows, difference_of
 
 import cg
 from cg import frames as fr
+from cg.integration.plan.callbacks import _HANDLERS
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import compiled_rhs
-from cg.integration.step.callbacks import _HANDLERS
-from cg.integration.step.plan import Plan
 from cg.problems.affine import AffineField
 from cg.support.shared_numbers import Operation
 
@@ -74,10 +74,10 @@ def frames_in_python(**functions):
     handlers = {Operation.COORDINATES: _coordinates, Operation.FLOW: _flow}
     with ExitStack() as stack:
         stack.enter_context(patch("cg.integration.problem.plan_of", Plan))
-        stack.enter_context(patch("cg.integration.step.plan.is_compiled", lambda frame: False))
+        stack.enter_context(patch("cg.integration.plan.plan.is_compiled", lambda frame: False))
         stack.enter_context(patch.dict(_HANDLERS, handlers))
         for name, function in functions.items():
-            stack.enter_context(patch(f"cg.integration.step.callbacks.{name}", function))
+            stack.enter_context(patch(f"cg.integration.plan.callbacks.{name}", function))
         yield
 
 

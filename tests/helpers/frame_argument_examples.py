@@ -14,7 +14,7 @@ FRAMES = {
     "SO3": SO3, "SO": frames.SO(4), "U": frames.U(2), "SU": frames.SU(2), "GL": frames.GL(2),
     "SL": frames.SL(2), "Sp": frames.Sp(2), "SE3": frames.SE3(),
     "Semidirect": frames.Semidirect(frames.SO(2), 2), "Sphere": frames.Sphere(2),
-    "Stiefel": frames.Stiefel(3, 2), "AmbientStiefel": frames.AmbientStiefel(3, 2),
+    "Stiefel": frames.Stiefel(3, 2),
     "Grassmann": frames.Grassmann(3, 2), "Hyperbolic": frames.Hyperbolic(2), "SPD": frames.SPD(2),
     "UnitQuaternion": frames.UnitQuaternion(), "Euclidean": frames.Euclidean(3),
     "IsospectralOrbit": frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
@@ -41,9 +41,9 @@ def of_frame(name, frame):
         "local_coordinates": {"y0": y, "y1": near}, "coordinate_sizes": {"y": y},
         "check_point": {"y": y, "tolerance": 1e-8, "name": "y"}, "bracket": {"u": v, "v": 2 * v},
         "dexpinv": {"u": v, "v": v[::-1], "order": 4}, "algebra": {"v": v}, "exponential": {"v": v},
-        "inverse": {"x": near},
+        "inverse": {"x": near}, "coefficients": {"y": y, "dy": frame.field(v, y)},
     }  # fmt: skip
-    if name in ("FieldFrame", "AmbientStiefel"):  # there is no bracket
+    if name == "FieldFrame":  # there is no bracket
         del arguments["bracket"], arguments["dexpinv"]
     for method, values in arguments.items():
         if callable(getattr(frame, method, None)):
@@ -54,7 +54,7 @@ def of_frame(name, frame):
 
 
 GROUPS = [frames.GL, frames.SL, frames.SO, frames.SU, frames.U, frames.Sp]
-_COLUMNS = frames.Stiefel, frames.AmbientStiefel, frames.Grassmann
+_COLUMNS = frames.Stiefel, frames.Grassmann
 FRAME_EXAMPLES = by_name([
     *(call(group, n=2, convention="space") for group in GROUPS),
     *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),

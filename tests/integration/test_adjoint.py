@@ -18,7 +18,7 @@ from cg.frames import (
     Sphere,
     UnitQuaternion,
 )
-from cg.integration import adjoint_equation
+from cg.integration.derivatives import adjoint_equation
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
           Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
@@ -44,7 +44,7 @@ def test_gradients_are_those_of_forward_derivatives(frame, exact, options, span)
     adjoint = wave.derivatives(
         span, exact, derivatives="adjoint", t_eval=times, **{"rtol": None, "atol": None} | options
     )
-    assert isinstance(adjoint, cg.AdjointSolution)
+    assert isinstance(adjoint.adjoint, cg.Adjoint)
     assert adjoint.sol is None
     last, all_times = rng.standard_normal(frame.dim), rng.standard_normal((4, frame.dim))
     expected = [
@@ -198,7 +198,7 @@ class TestLinear:
                 rtol=tolerance, atol=tolerance, **others,
             )  # fmt: skip
 
-        run = solve(p, tolerance=1e-9, derivatives="adjoint", da_dp=df if exact else None)
+        run = solve(p, tolerance=1e-9, derivatives="adjoint", df_dp=df if exact else None)
 
         def cost(p, y0=y0):
             return np.vdot(c, solve(p, y0).y).real
@@ -227,7 +227,7 @@ class TestLinear:
             lambda t, y, p: self.a(t, p), (0, 3), y0, control_derivatives=True, **options, **TIGHT
         )
         run = cg.solve_linear(
-            self.a, (0, 3), y0, derivatives="adjoint", da_dp=self.da_dp, rtol=1e-9, atol=1e-9,
+            self.a, (0, 3), y0, derivatives="adjoint", df_dp=self.da_dp, rtol=1e-9, atol=1e-9,
             **options,
         )  # fmt: skip
         gradient = run.gradient(c)
@@ -250,7 +250,7 @@ class TestLinear:
         run = cg.solve_linear(
             lambda t, p: [1.0, p[place(t)]], (0, 4), [1, 0], derivatives="adjoint",
             frame=LinearAction([-3j * z, -1j * x], unitary=True), parameters=amplitudes,
-            da_dp=lambda t, p: np.stack([np.zeros(pieces), np.eye(pieces)[place(t)]]),
+            df_dp=lambda t, p: np.stack([np.zeros(pieces), np.eye(pieces)[place(t)]]),
             breakpoints=edges[1:-1], rtol=1e-9, atol=1e-9,
         )  # fmt: skip
         h = edges[1]
@@ -282,8 +282,8 @@ NO_BRACKETS = cg.frames.MatrixFrame([np.tri(3), np.tri(3).T])
         (cg.solve_variational, {"noise": np.eye(3)}, "noise must not be given with"),
         (cg.solve_variational, {"control_derivatives": True}, "control_derivatives must not be"),
         (cg.solve_variational, {"events": lambda t, y: y[0, 0]}, "events must be None with"),
-        (cg.solve_linear, {"da_dp": never, "derivatives": None}, "da_dp must be None without"),
-        (cg.solve_linear, {"da_dp": never}, "parameters must be given with da_dp"),
+        (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp must not be given with"),
+        (cg.solve_linear, {"df_dp": never}, "parameters must be given with df_dp"),
         (cg.solve_linear, {"frame": NO_BRACKETS}, "frame must be a LinearAction or know the brac"),
     ],
 )

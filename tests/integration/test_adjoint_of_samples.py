@@ -139,7 +139,7 @@ def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectoriz
             vectorized=vectorized, **others,
         )  # fmt: skip
 
-    run = solve(values, derivatives="adjoint", da_dp=da if exact else None, rtol=1e-8, atol=1e-8)
+    run = solve(values, derivatives="adjoint", df_dp=da if exact else None, rtol=1e-8, atol=1e-8)
     gradient = run.gradient(c)
     way = rng.standard_normal(8)
     end = lambda s: np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real

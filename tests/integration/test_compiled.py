@@ -12,8 +12,8 @@ from scipy import LowLevelCallable
 import cg
 from cg.frames import GL, SL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
-from cg.integration.loop.drive import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
+from cg.integration.run.drive import StepBudget
 
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])

@@ -6,7 +6,7 @@ from compiled_differences import compiled_flows
 from frame_examples import name
 
 from cg.frames import SO, SU, IsospectralOrbit, Sphere, Stiefel
-from cg.integration.step.compiled_frames import dexpinv_of, is_compiled
+from cg.integration.plan.blocks import dexpinv_of, is_compiled
 
 
 def test_what_is_not_finite_stays_so():

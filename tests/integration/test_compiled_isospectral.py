@@ -10,7 +10,7 @@ from frame_examples import generic
 
 import cg
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product
-from cg.integration.step.compiled_frames import block_constants, is_compiled
+from cg.integration.plan.blocks import block_constants, is_compiled
 from cg.support.shared_numbers import BlockKind
 
 

@@ -29,9 +29,9 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.loop import run
-from cg.integration.loop.drive import StepBudget
-from cg.integration.step.callbacks import _HANDLERS
+from cg.integration.plan.callbacks import _HANDLERS
+from cg.integration.run import run
+from cg.integration.run.drive import StepBudget
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 

@@ -25,7 +25,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.integration.step.compiled_frames import dexpinv_of, is_compiled
+from cg.integration.plan.blocks import dexpinv_of, is_compiled
 
 TURN = 2 * np.pi
 TIMES = np.linspace(0.1, 0.9, 9)

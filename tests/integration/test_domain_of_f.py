@@ -126,7 +126,7 @@ def test_linear(method, vectorized):
                                vectorized=vectorized)  # fmt: skip
     assert solution.status == -1
     assert abs(solution.t[-1] - 1) < 1e-14
-    assert "a must return finite numbers" in solution.message
+    assert "f must return finite numbers" in solution.message
     with pytest.raises(KeyError, match="mine"):
         cg.solve_linear(lambda t: raising(t, 0, np.zeros(1)) * np.ones(3), (0, 5), np.eye(3),
                         frame=SO3(), method=method, vectorized=vectorized)  # fmt: skip
@@ -143,3 +143,36 @@ def test_compiled():
 
     solution = cg.solve_ivp(f, (0, 5), [1.0], events=low, rtol=1e-8, atol=1e-8, **LINE)
     assert abs(solution.t_events[0][0] - 1.8) < 1e-6
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("method", ["CF5(4)", "RKMK8(5,3)", "DOP853"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_between_common_steps(method, sign, vectorized):
+    """f is NaN for one member within the step, where its interpolant alone evaluates it."""
+    asked, bad = [], [np.inf]
+
+    def f(t, y, row):
+        asked.extend(np.unique(t))
+        value = np.cos(3.0 * np.asarray(t))[..., None] * np.ones_like(y)
+        return np.where(
+            (np.abs(np.asarray(t)[..., None] - bad[0]) < 1e-12) & (row == 1), np.nan, value
+        )
+
+    def solve(**options):
+        asked.clear()
+        solution = cg.solve_ensemble(
+            f, (0, 4 * sign), [0.0], parameters=[[0.0], [1.0], [0.0]], method=method, rtol=1e-6,
+            common_steps=True, vectorized=vectorized, **options, **LINE
+        )  # fmt: skip
+        return solution, set(asked)
+
+    output = {"t_eval": sign * np.linspace(0, 4, 50)}
+    between = sorted(solve(**output)[1] - solve()[1])
+    assert len(between) > 3
+    for bad[0] in (between[len(between) // 2], between[len(between) // 2 + 1]):
+        for options in (output, {"dense_output": True}, {"events": lambda t, y, row: y[0] - 0.1}):
+            solution, _ = solve(**options)
+            assert not solution.messages
+            last = np.sin(12.0 * sign) / 3.0
+            np.testing.assert_allclose(solution.y[-1, :, 0], last, rtol=1e-4)

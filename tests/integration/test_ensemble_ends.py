@@ -12,7 +12,7 @@ from members import check, members_alone
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Stiefel
-from cg.integration.loop import drive
+from cg.integration.run import drive
 
 LINE = {"frame": Euclidean(1)}
 RATES, NEVER = np.array([-1.0, -2.0, 0.5, 0.0]), 1e9

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
 from cg.construction import catalogue
-from cg.executors import Finished
 from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
 from cg.tables import stored_table
@@ -117,31 +116,6 @@ def test_all_members_that_fail_are_named(path):
         assert (apart.messages, apart.message) == (whole.messages, whole.message)
         np.testing.assert_array_equal(apart.status, whole.status)
         np.testing.assert_array_equal(apart.y, whole.y)
-
-
-@pytest.mark.parametrize("out", [None, np.full((2, 10, 3, 3), 777.0)], ids=["own", "out"])
-@pytest.mark.filterwarnings("ignore:Failure of")
-def test_workers_that_die(out, monkeypatch):
-    dead = [3]
-
-    def ended(work, indices, total, workers, executor, *, data, largest):
-        for k in indices:
-            yield Finished(k, None if k in dead else work(data([k])), 0.0, "Killed", [k])
-
-    monkeypatch.setattr(ensemble, "completed", ended)
-    options = {"frame": FRAME, "events": turned, "dense_output": True, "workers": 1}
-    apart = cg.solve_ensemble(field, (0, 0.1), POINTS, **options, out=out)
-    assert apart.messages == {3: "Killed"}
-    assert (apart.status[3], apart.t_end[3], apart.success) == (-1, 0.0, False)
-    assert apart.message == "Failure of 1 of 10 trajectories; of y0[3]: Killed."
-    assert np.isnan(apart.y[:, 3]).all()
-    assert np.isfinite(np.delete(apart.y, 3, axis=1)).all()
-    assert apart.t_events[0][3].size == 0
-    np.testing.assert_array_equal(apart[3].sol(0.0), POINTS[3])
-    assert np.isnan(apart.sol(0.1)[3]).all()
-    dead[:] = range(10)
-    with pytest.raises(RuntimeError, match=r"Failure of 10 of 10 trajectories; of y0\[0\]: Killed"):
-        cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, workers=1)
 
 
 def test_zarr_and_hdf5(path, tmp_path):
@@ -263,7 +237,7 @@ def test_messages_of_errors_that_cannot_be_pickled():
     with pytest.raises(RuntimeError, match=r"test_ensemble_executors\.UnusualError: one and two"):
         cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)
     with pytest.raises(UnusualError, match="one and two"):
-        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="threads", workers=1)
+        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, workers=1)
 
 
 class TestCompiledFunction:

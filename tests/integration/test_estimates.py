@@ -12,7 +12,6 @@ from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_rat
 from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
 
-TOOL = "research/make_second_results"
 ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
 DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, 1e-3, 1e-8)})
@@ -270,16 +269,6 @@ class TestLongSteps:
             method="CF5(4)", parameters=[[0.0], [1e-3]], common_steps=True, rtol=1e-6, atol=1e-6,
         )  # fmt: skip
         assert run.steps[0] == run.steps[1] > 49
-
-
-def test_the_tool_finds_second_results(tool):
-    pair = cg.methods["BS3(2)"]
-    assert tool.make(pair, tool.RECIPES["BS3(2)"])[0] == pair
-    actual, hits = tool.make(cg.methods["DP5(4)"], tool.Recipe(2, 4))
-    assert hits == 4
-    assert (actual.order, actual.embedded_order, actual.pair_exponentials) == (5, 4, 14)
-    assert actual.exact_embedded == cg.methods["DP5(4)"].exact_embedded
-    assert estimate_ratio(actual) < 2
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Events: location, direction, terminal counts."""
 
+import ctypes
 import math
 
 import numpy as np
@@ -124,6 +125,7 @@ def test_bad_values_are_refused(value, message):
     *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
     *(("direction", value, ValueError) for value in ("up", np.nan)),
     ("jump", 3, TypeError),
+    *(("period", value, ValueError) for value in (0.0, -1.0, np.inf, np.nan, "2π", True)),
 ])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
     refuses(error, rf"^event\.{name} must be", cg.Event, height, **{name: value})
@@ -272,11 +274,112 @@ def test_all_events_of_very_long_steps_are_found(steps, sign):
     np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=1e-11)
 
 
-@pytest.mark.parametrize("common", [None, False, True])
-def test_a_step_that_turns_too_far_for_its_events(common):
-    options = {"frame": cg.frames.SO3(), "method": "CF4", "h": 1e10, "events": lambda t, y: y[0, 0]}
-    solve, y0 = cg.solve_ivp, np.eye(3)
-    if common is not None:
-        solve, y0, options["common_steps"] = cg.solve_ensemble, y0[None], common
-    with pytest.raises(MemoryError, match="the events, of one step"):
-        solve(lambda t, y: [0.0, 0.0, 1.0], (0, 2e10), y0, **options)
+def test_a_step_that_turns_too_far_for_its_events():
+    f, options = lambda t, y: [0.0, 0.0, 1.0], {"frame": SO3(), "method": "CF4", "h": 1e10}
+    options["events"] = lambda t, y: y[0, 0]
+    with pytest.raises(cg.StepTooLongError, match="from t = 0 is too long for its events"):
+        cg.solve_ivp(f, (0, 2e10), np.eye(3), **options)
+    for common in (False, True):
+        with pytest.warns(UserWarning, match="too long for its events"):
+            run = cg.solve_ensemble(f, (0, 2e10), np.eye(3)[None], common_steps=common, **options)
+        assert not run.success
+
+
+def test_common_steps_that_turn_too_far_for_events_are_tried_again():
+    solution = cg.solve_ensemble(
+        lambda t, y, row: [0.0, 0.0, row[0]], (0, 1), np.eye(3), parameters=[[1.0], [8e3]],
+        frame=SO3(), common_steps=True,
+        events=cg.Event(lambda t, y, row: y[1, 0] - 0.5, direction=1),
+    )  # fmt: skip
+    first, second = solution.t_events[0]
+    turns = 2 * np.pi * np.arange(len(second))
+    np.testing.assert_allclose(first, np.pi / 6, rtol=1e-12)
+    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 8e3, rtol=1e-9)
+    assert len(second) == int((8e3 - np.pi / 6) / (2 * np.pi)) + 1
+    assert (solution.nrejected > 0).all()
+
+
+def azimuth(t, y, *args):
+    """The angle of a rotation about the third axis from 2 on, which wraps."""
+    return math.atan2(y[1, 0], y[0, 0]) - 2.0
+
+
+@ctypes.CFUNCTYPE(
+    ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
+)
+def compiled_azimuth(t, y, data):
+    return math.atan2(y[3], y[0]) - 2.0
+
+
+class TestPeriod:
+    """Events on angles that wrap, of a rotation by the angle t."""
+
+    def turn(self, span, solve=cg.solve_ivp, angle=azimuth, method="auto", h=None, **event):
+        event = cg.Event(angle, period=2 * np.pi, **event)
+        y0 = SO3().flow([0.0, 0.0, span[0]], np.eye(3))
+        options = {"frame": SO3(), "events": event, "method": method, "h": h}
+        return solve(lambda t, y, *args: [0.0, 0.0, 1.0 + sum(args)], span, y0, **options)
+
+    @pytest.mark.parametrize(
+        "steps", [{}, {"method": "CF4", "h": 1.9}, {"method": "CG3", "h": 45.0}]
+    )
+    @pytest.mark.parametrize("angle", [azimuth, lambda t, y: azimuth(t, y) % (2 * np.pi),
+                                       lambda t, y: azimuth(t, y) - 200 * np.pi,
+                                       compiled_azimuth])  # fmt: skip
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_crossings_are_found_and_no_wraps(self, steps, angle, sign):
+        crossings = 2.0 + 2 * np.pi * np.arange(20) - (0 if sign > 0 else 40 * np.pi)
+        for direction, expected in [(0, crossings), (sign, crossings), (-sign, crossings[:0])]:
+            run = self.turn((0, 120 * sign), angle=angle, direction=direction, **steps)
+            found = run.t_events[0]
+            np.testing.assert_allclose(np.sort(found), expected[np.abs(expected) < 120], rtol=1e-10)
+
+    def test_an_angle_that_swings(self):
+        """It crosses zero, and the half period, where it wraps, in both directions."""
+        for middle, count in [(0.0, 13), (np.pi, 0), (np.pi / 2, 0), (0.9, 12)]:
+            run = cg.solve_ivp(
+                lambda t, y: [y[1], -y[0]], (0, 40), [0.0, 1.0], frame=Euclidean(2),
+                events=cg.Event(lambda t, y, c=middle: (y[0] + c) % (2 * np.pi), period=2 * np.pi),
+            )  # fmt: skip
+            assert len(run.t_events[0]) == count - (middle == 0)
+
+    def test_callers(self):
+        third = 2.0 + 4 * np.pi
+        run = self.turn((0, 60), terminal=3)
+        np.testing.assert_allclose(run.t[-1], third, rtol=1e-10)
+        back = self.turn((0, 59.5), jump=lambda t, y: SO3().flow([0.0, 0.0, -1.0], y))
+        np.testing.assert_allclose(back.t_events[0], 2.0 + np.arange(58), rtol=1e-10)
+        stepper = cg.Stepper(lambda t, y: [0.0, 0.0, 1.0], 0.0, np.eye(3), 60.0, frame=SO3(),
+                             events=cg.Event(azimuth, terminal=3, period=2 * np.pi))  # fmt: skip
+        assert stepper.advance(60.0)
+        np.testing.assert_allclose(stepper.t, third, rtol=1e-10)
+        runs = cg.solve_ensemble(
+            lambda t, y, row: [0.0, 0.0, row[0]], (0, 9), np.eye(3), parameters=[[1.0], [2.0]],
+            frame=SO3(), events=cg.Event(azimuth, period=2 * np.pi), common_steps=True,
+        )  # fmt: skip
+        for times, rate in zip(runs.t_events[0], (1, 2), strict=True):
+            np.testing.assert_allclose(times, (2 + 2 * np.pi * np.arange(rate + 1)) / rate)
+
+    @pytest.mark.parametrize("angle", [lambda t, y: azimuth(t, y) % (2 * np.pi), compiled_azimuth])
+    def test_derivatives_of_times(self, angle):
+        run = self.turn((0, 9), cg.solve_variational, angle)
+        np.testing.assert_allclose(run.t_events[0], 2 + 2 * np.pi * np.arange(2), rtol=1e-10)
+        np.testing.assert_allclose(run.dt_events[0], [[0, 0, -1]] * 2, atol=1e-8)
+
+
+def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
+    """Twenty planes that rotate by the angle t; the norms of all sum to twenty times more."""
+    generators, calls = np.zeros((20, 40, 40)), []
+    for k, generator in enumerate(generators):
+        generator[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, -1.0], [1.0, 0.0]]
+
+    def first(t, y):
+        calls.append(t)
+        return y[0]
+
+    run = cg.solve_linear(
+        lambda t: np.ones(20), (0, 100), np.tile([1.0, 0.0], 20), events=first,
+        frame=cg.frames.LinearAction(list(generators)),
+    )  # fmt: skip
+    np.testing.assert_allclose(run.t_events[0], (np.arange(32) + 0.5) * np.pi, rtol=1e-6)
+    assert len(calls) < 1500

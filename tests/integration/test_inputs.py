@@ -313,7 +313,7 @@ def test_functions_without_inputs_are_refused(inputs, given):
     refuses(TypeError, re.escape(expected), cg.solve_ensemble, f, (0, 1), [[0.0]], **members)
     refuses(TypeError, re.escape(expected), cg.Stepper, f, 0.0, [0.0], **options)
     of_time = re.escape(
-        f"a({', '.join(['t', 'u', *names[1:]])}) with inputs u, got a function of (t)"
+        f"f({', '.join(['t', 'u', *names[1:]])}) with inputs u, got a function of (t)"
     )
     refuses(TypeError, of_time, cg.solve_linear, lambda t: [0.0], (0, 1), [0.0], **options)
     f = lambda t, y, u, *more: [float(np.sum(u)) + sum(map(np.sum, more))]

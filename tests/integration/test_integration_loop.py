@@ -15,9 +15,9 @@ import cg
 from cg.construction.catalogue import resolve_method
 from cg.construction.methods.interpolant import extra_evaluations
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
-from cg.integration.loop import drive as loop_drive
-from cg.integration.loop.drive import StepBudget
-from cg.integration.loop.run import Run
+from cg.integration.run import drive as loop_drive
+from cg.integration.run.drive import StepBudget
+from cg.integration.run.run import Run
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},

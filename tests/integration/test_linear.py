@@ -189,7 +189,7 @@ class Qobj:
 
 
 def test_objects_of_qutip_are_named():
-    refuses(ValueError, r"full\(\)", SU(2).coefficients, Qobj())
+    refuses(ValueError, r"full\(\)", SU(2).vee, Qobj())
 
 
 def test_stiff_methods_that_need_brackets_are_no_better():
@@ -201,24 +201,24 @@ def test_stiff_methods_that_need_brackets_are_no_better():
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"a": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"^a must .* as a\(t\), .* of \(t, y\)"),
-        ({"args": (1.0,)}, TypeError, r"^a must be callable as a\(t, args\[0\]\), got a .* \(t\)"),
+        ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"^f must .* as f\(t\), .* of \(t, y\)"),
+        ({"args": (1.0,)}, TypeError, r"^f must be callable as f\(t, args\[0\]\), got a .* \(t\)"),
         ({"vectorized": 1}, TypeError, "vectorized"),
         ({"method": "CFM5"}, ValueError, "CFM5"),
-        ({"a": lambda t: [1.0]}, ValueError, r"^a must return an array of shape \(3,\), got shape"),
-        ({"a": lambda t: [1j, 0, 0]}, ValueError, "^a must return 3 real numbers.*of two fields"),
+        ({"f": lambda t: [1.0]}, ValueError, r"^f must return an array of shape \(3,\), got shape"),
+        ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers.*of two fields"),
         (
-            {"a": lambda t: Qobj()},
+            {"f": lambda t: Qobj()},
             ValueError,
-            r"^a must return 3 real numbers.*of a Qobj.*full\(\)",
+            r"^f must return 3 real numbers.*of a Qobj.*full\(\)",
         ),
-        ({"a": lambda t: [np.nan] * 3}, ValueError, "^a must return finite numbers"),
+        ({"f": lambda t: [np.nan] * 3}, ValueError, "^f must return finite numbers"),
     ],
 )
 def test_bad_input_is_refused(change, error, message):
-    call = {"a": lambda t: [1.0, 0.0, 0.0], "h": 0.5} | change
-    a = call.pop("a")
-    refuses(error, message, cg.solve_linear, a, (0, 1), np.eye(3), frame=SO3(), **call)
+    call = {"f": lambda t: [1.0, 0.0, 0.0], "h": 0.5} | change
+    f = call.pop("f")
+    refuses(error, message, cg.solve_linear, f, (0, 1), np.eye(3), frame=SO3(), **call)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_a_compiled_function_that_reads_its_point_is_refused(tmp_path, reads):
         return cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), rtol=1e-9, atol=1e-9)
 
     if reads:
-        refuses(ValueError, "^a must", solve)
+        refuses(ValueError, "^f must", solve)
         return
     same = cg.solve_linear(lambda t: [t, 1.0, 2 * t], (0, 1), np.eye(3), frame=SO3(), rtol=1e-9,
                            atol=1e-9)  # fmt: skip

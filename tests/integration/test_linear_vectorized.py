@@ -65,12 +65,12 @@ class TestVectorized:
         np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
 
     @pytest.mark.parametrize(("a", "message"), [
-        (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
+        (lambda t: np.ones(3), r"f must return an array of shape \(1, 3\), a row for each "
          r"time, since vectorized=True, got shape \(3,\)"),
         (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
         (lambda t: np.ones((1, 3)), r"shape \(4, 3\), .* got shape \(1, 3\) at t = 0.069"),
         (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
-         "a must return finite numbers"),
+         "f must return finite numbers"),
     ])  # fmt: skip
     def test_wrong_results_are_refused(self, a, message):
         refuses(ValueError, message, self.solve, a, True, method="CFM6(4)")

@@ -10,7 +10,7 @@ from python_steps import Step, uncompiled
 import cg
 from cg.construction.catalogue import resolve_method
 from cg.frames import SO, SU, Power, U
-from cg.integration.step.compiled_frames import dexpinv_of
+from cg.integration.plan.blocks import dexpinv_of
 
 
 @pytest.mark.parametrize("key", [key for key, method in MUNTHE_KAAS.items() if method.explicit])

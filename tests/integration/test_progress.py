@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import cg
-from cg.integration.loop import drive
+from cg.integration.run import drive
 
 FRAME = cg.frames.SO3()
 

@@ -12,9 +12,9 @@ import cg
 from cg.frames import GL, SE3, SO3, SU, Euclidean, Sphere, Stiefel, UnitQuaternion
 from cg.integration import ensemble
 from cg.integration.arguments import check_points
-from cg.integration.loop import drive
-from cg.integration.loop import run as run_module
-from cg.integration.step.plan import plan_of
+from cg.integration.plan.plan import plan_of
+from cg.integration.run import drive
+from cg.integration.run import run as run_module
 from cg.tables import table_of
 
 FRAMES = {

@@ -140,3 +140,30 @@ def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
         together = cg.solve_ensemble(growth, span, [[1.0], [0.0]], **options)
         assert together.success is success
         assert np.isnan(together.y[-1, :, 0]).tolist() == [not success, False]
+
+
+def test_names_of_linear_equations_and_derivatives_are_other_defaults():
+    def equal(one, other):
+        assert np.array_equal(one.y, other.y)
+        assert one.nfev == other.nfev
+
+    span, y0, options = (0, 1), np.eye(3), {"frame": SO3(), "rtol": 1e-6}
+    plain = cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], span, y0, dense_output=True, **options)
+    names = "transition", "sensitivity", "covariance", "dt_events", "gradient", "jacobian"
+    assert {getattr(plain, name) for name in names} == {None}
+    assert plain.sol.transition(0.5) is plain.sol.covariance([0.5]) is None
+    linear = cg.solve_ivp(lambda t: [t, 1.0, 0.0], span, y0, linear=True, **options)
+    equal(linear, cg.solve_linear(lambda t: [t, 1.0, 0.0], span, y0, **options))
+    assert linear.table.name.startswith("CFM")
+    for kind in ("forward", "adjoint"):
+        options["derivatives"] = kind
+        one, other = (
+            solve(lambda t, y: [t, 1.0, y[0, 0]], span, y0, **options)
+            for solve in (cg.solve_ivp, cg.solve_variational)
+        )
+        equal(one, other)
+        if kind == "adjoint":
+            equal(one, plain)
+            assert np.array_equal(one.jacobian().y0, other.jacobian().y0)
+        else:
+            assert np.array_equal(one.transition, other.transition)

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from scipy import LowLevelCallable
 from scipy.sparse import csc_array
@@ -350,3 +350,45 @@ class TestDataChecks:
         )  # fmt: skip
         refuses(ValueError, "f must not depend on the momentum", stepper.restart, args=(0.1,))
         assert stepper.step() is None
+
+
+@pytest.mark.parametrize("move", [0.0, 1e-7])
+def test_points_replaced_after_each_step_keep_the_jacobian(move):
+    """A filter or a projection moves points by less than a step does; f is stiff."""
+
+    def f(t, y):
+        return [y[1], 1e3 * (1.0 - y[0] ** 2) * y[1] - y[0]]
+
+    def end(moves, tol=1e-6):
+        stepper = cg.Stepper(f, 0.0, [2.0, 0.0], 1500.0, frame=Euclidean(2), method="RadauIIA5",
+                             rtol=tol, atol=tol)  # fmt: skip
+        while stepper.status == "running":
+            assert stepper.step() is None
+            if moves and stepper.status == "running":
+                stepper.restart(y=stepper.y * [1.0 + move, 1.0])
+                stepper = copy.copy(stepper)
+        return stepper
+
+    plain, moved = end(False), end(True)
+    assert moved.nfev < 1.2 * plain.nfev
+    assert moved.njev < 1.5 * plain.njev
+    if not move:
+        assert_allclose(moved.y, end(False, 1e-9).y, rtol=1e-4)
+
+
+def test_jacobians_of_another_f_are_forgotten():
+    """Relaxation ever faster or slower, by the same Jacobian, lost hundreds of tolerances."""
+
+    def f(t, y, rate):
+        return [-rate * (y[0] - np.cos(t)) + y[1], -y[0] - 0.1 * y[1]]
+
+    def end(tol):
+        stepper = cg.Stepper(f, 0.0, [1.0, 0.0], 20.0, frame=Euclidean(2), method="RadauIIA5",
+                             rtol=tol, atol=tol, args=(1e3,))  # fmt: skip
+        for k in range(1, 20):
+            stepper.advance(float(k))
+            stepper.restart(args=(1e3 if k % 2 else 1.0,), y=stepper.y)
+        stepper.advance(20.0)
+        return stepper.y
+
+    assert_allclose(end(1e-4), end(1e-10), rtol=0, atol=1e-4)

@@ -190,3 +190,11 @@ def test_new_arguments_change_events():
         stepper.restart(args=(goal,))
         assert stepper.advance(9.0) is not None
         np.testing.assert_allclose(stepper.t, goal, rtol=1e-14)
+
+
+def test_a_step_that_turns_too_far_for_its_events():
+    options = {"frame": SO3(), "method": "CF4", "events": lambda t, y: y[0, 0]}
+    stepper = cg.Stepper(lambda t, y: [0.0, 0.0, 1.0], 0.0, np.eye(3), 2e10, h=1e10, **options)
+    with pytest.raises(cg.StepTooLongError, match="eight million turns") as caught:
+        stepper.step()
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

@@ -11,7 +11,7 @@ from waves import SPAN, TIGHT, Wave
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
 
@@ -145,7 +145,7 @@ def test_output_between_steps():
     at_times = wave.derivatives(t_eval=times, P0=p0)
     assert at_times.transition.shape == (9, 6, 6)
     assert at_times.sensitivity.shape == (9, 6, 2)
-    assert isinstance(dense.sol, cg.VariationalOutput)
+    assert isinstance(dense.sol, cg.DenseOutput)
     np.testing.assert_array_equal(dense.sol(times), at_times.y)
     np.testing.assert_array_equal(dense.sol.transition(times), at_times.transition)
     np.testing.assert_array_equal(dense.sol.sensitivity(times), at_times.sensitivity)
@@ -167,7 +167,7 @@ def test_without_parameters_and_covariance():
     ) * 4
     np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
     assert not solution.transition.flags.writeable
-    assert repr(solution).startswith("VariationalSolution(t=0...1")
+    assert repr(solution).startswith("Solution(t=0...1")
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

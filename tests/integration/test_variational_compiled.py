@@ -9,7 +9,7 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product, Stiefel
-from cg.integration.step.plan import has_brackets
+from cg.integration.plan.plan import has_brackets
 from cg.problems import AffineField
 
 BODY = Product(SO3(), Euclidean(3))
@@ -48,7 +48,7 @@ def agree(actual, expected, tolerance):
 def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
     expected = solve({"f": top})
     monkeypatch.setattr(
-        "cg.integration.variational.field.VariationalField.__call__",
+        "cg.integration.derivatives.field.VariationalField.__call__",
         lambda *arguments: pytest.fail("Python was asked"),
     )
     agree(solve({"f": top}), expected, 1e-12)

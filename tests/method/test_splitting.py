@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,14 +101,6 @@ def test_mclachlans_drift_minimises_the_error():
 
     h = Fraction(1, 10**12)
     assert abs(error(xi + h) - error(xi - h)) < 1e-35 < error(xi + h) - error(xi)
-
-
-def test_the_recipe_makes_the_stored_methods(tmp_path):
-    pytest.importorskip("mpmath")
-    program = Path(__file__).parents[2] / "research" / "make_splitting_methods.py"
-    subprocess.run([sys.executable, program, tmp_path], check=True, capture_output=True)
-    for name in KNOWN:
-        assert dumps(cg.load(tmp_path / f"{name}.toml")) == dumps(cg.methods[name])
 
 
 @pytest.mark.parametrize("name", KNOWN)

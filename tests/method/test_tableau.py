@@ -11,6 +11,7 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.construction.conditions import Rows
+from cg.construction.layouts.layout import rows_of
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tableau import Tableau, TableauError
 
@@ -103,7 +104,7 @@ class TestDerived:
     @given(tableaux(rationals))
     def test_exponentials_share_first_parts_of_rows(self, tableau):
         method = Tableau(*tableau)
-        assert method.rows is conditions.rows_of(tableau[0])
+        assert method.rows is rows_of(tableau[0])
         rows = [[(j, w) for j, w in enumerate(row) if w] for row in (*method.exact[0], tableau[1])]
         if method.explicit:
             flows = len({tuple(row[:k]) for row in rows for k in range(1, len(row) + 1)})

@@ -1,34 +1,80 @@
 """Runs of a program, compared with the model and with each other.
 
-Every function takes a `Case`, and raises `Difference` with a line of Python that fails behind the
-program's script.
+Each run is a text that is executed behind the program's script. `Difference` contains this text,
+so that both together show what differs.
 """
 
-import copy
-import pickle
+import concurrent.futures
+import multiprocessing
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 import cg
-from tests.model.programs import SPLITTINGS, Program
-from tests.model.reference import Path, covariance, growth, solve, tangents
+from tests.model.drawing import SPLITTINGS
+from tests.model.programs import Program
+from tests.model.reference import Path, covariance, difference, growth, solve
 from tests.model.spaces import reals
 
 TOLERANCES = 50  # admitted, times the growth of errors
+EPS = float(np.finfo(float).eps)
+EVENTS, COUNTS = ("t_events", "y_events", "y_after"), ("steps", "nrejected")
+DERIVATIVES = ("transition", "sensitivity", "covariance")
+
+CALL = "s = cg.solve_ivp(f, span, y0, **options)"
+OBSERVED = """calls = [0]
+def counted(*arguments):
+    calls[0] += 1
+    return f(*arguments)
+def observe(t, y, *rest): return [t, float(np.abs(y).sum())]
+s = cg.solve_ivp(NAME, span, y0, **options, observe=observe, store=STORE)"""
+VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
+STEPPING = """others = "t_eval dense_output linear derivatives control_derivatives P0 noise".split()
+stepping = {k: v for k, v in options.items() if k not in others}
+g = python if "linear" in options else f
+"""
+STEPPER = f"{STEPPING}s = cg.Stepper(g, span[0], y0, span[1], **stepping)\n"
+STEPS = """t, y = [s.t], [s.y]
+while s.status == "running":
+    message = s.step()
+    assert s.status != "failed", message
+    t, y = [*t, s.t], [*y, s.y]
+    if len(t) % 3 == 2 and s.status == "running":
+        twin = copy.copy(s) if COPIES or len(t) % 2 else pickle.loads(pickle.dumps(s))
+        if len(t) % 4 == 1:
+            s.step()
+        s = twin"""
+GOALS = """y = []
+for goal in GOALS:
+    message = s.advance(goal)
+    assert s.t == goal, message
+    y.append(s.y)
+    s.restart(y=s.y)
+"""
+JAX = """import types, diffrax, jax
+jax.config.update("jax_enable_x64", True)
+traced = types.FunctionType(f.__code__, {**globals(), "np": jax.numpy})
+@jax.jit
+def points(p):
+    return diffrax.diffeqsolve(
+        cg.jax.FrameTerm(lambda t, y, p: traced(t, y, *p), frame), cg.jax.Solver(options["method"]),
+        *span, None, jax.numpy.asarray(y0), args=p, max_steps=4096,
+        stepsize_controller=cg.jax.controller(frame, options["rtol"], options["atol"]),
+        saveat=diffrax.SaveAt(ts=np.linspace(*span, 4)[1:])).ys
+y, slope = points(REST), jax.vjp(points, REST)[1]"""
 
 
 class Difference(AssertionError):
-    """What differs, and a line that shows it behind the script of the program."""
+    """What differs, and the lines that show it behind the script of the program."""
 
-    def __init__(self, text: str, line: str = ""):
+    def __init__(self, text: str, code: str = ""):
         super().__init__(text)
-        self.line = line
-
-
-EPS = float(np.finfo(float).eps)
+        self.code = code
 
 
 class Unclear(Exception):
@@ -37,522 +83,469 @@ class Unclear(Exception):
 
 @dataclass
 class Case:
-    """A program, the names of its script, its solution and the model's."""
+    """A program, the names of its script, and its solutions: the model's, and that of `CALL`."""
 
     program: Program
-    names: dict
-    solution: object
+    names: dict[str, Any]
     path: Path
-    bound: float  # of points
+    bound: float = 0.0  # of points
+    solution: Any = None
+
+    def run(self, code: str) -> dict[str, Any]:
+        """Run a text behind the script; return all names."""
+        names = dict(self.names)
+        try:
+            exec(code, names)
+        except Exception as error:
+            if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
+                raise Unclear("steps are too long for the method") from error
+            raise Difference(f"raised {type(error).__name__}: {error}", code) from error
+        return names
+
+    def solve(self, code: str = CALL, **changed: Any) -> Any:
+        if changed:
+            code = code.replace("**options", f"**{{**options, **{changed}}}")
+        return self.run(code)["s"]
 
     @property
-    def arguments(self):
-        return self.names["f"], self.names["span"], self.names["y0"]
+    def length(self) -> float:
+        return abs(self.path.end - self.path.task.span[0]) or 1.0
+
+    def grid(self, n: int = 23) -> Sequence[float]:
+        return np.linspace(self.path.task.span[0], self.path.end, n)
+
+    def grown(self) -> float:
+        """Return the bound of points times the growth of errors, which is computed when needed."""
+        factor = growth(self.path, list(self.grid()))
+        if factor > 1e4:
+            raise Unclear("errors grow too much")
+        return factor * self.bound
+
+    def near_jump(self, t: float) -> bool:
+        return any(abs(t - jump) < 1e-2 * self.length for jump in self.path.jumps)
+
+    def jumps(self) -> bool:
+        return any(zero.jump for zero in self.program.events)
 
 
 def check(program: Program) -> str:
     """Compare a program with the model; return "compared", or why there is no answer."""
     names = program.build()
-    task = program.task(names)
     try:
-        path = solve(task)
+        case = Case(program, names, solve(program.task(names)))
     except ArithmeticError:
         return "the model has no solution"
-    if program.endless and not path.terminated:
+    if program.endless and not case.path.terminated:
         return "no event ends it"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error" if not program.steps else "ignore")
-            solution = _run(program, names)
-    except Unclear as reason:
-        return str(reason)
-    case = Case(program, names, solution, path, 0.0)
-    try:
-        case.bound = _bound(case)
-        for compare in (
-            finite, reached, points, events, observed, same_without_output, as_stepper, advanced,
-            as_member, forward, backward, linear,
-        ):  # fmt: skip
-            compare(case)
-    except Unclear as reason:
-        return str(reason)
-    return "compared"
+    outcome = "compared"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error" if not program.steps else "ignore")
+        warnings.filterwarnings("ignore", "invalid value encountered in sqrt")
+        try:
+            case.solution, case.bound = case.solve(), _bound(case)
+        except Unclear as reason:
+            return str(reason)
+        for compare in (alone, observed, same_without_output, with_fixed_steps, derivatives, *(
+            globals()[name] for name in program.callers
+        )):  # fmt: skip
+            try:
+                compare(case)
+            except Unclear as reason:
+                outcome = str(reason)
+    return outcome
 
 
-CALL = "cg.solve_ivp(f, span, y0, **options)"
+def _bound(case: Case) -> float:
+    """Return 50 tolerances; or with fixed steps five times the changes with shorter ones.
 
-
-def _run(program, names, **changed):
-    options = {**names["options"], **changed}
-    try:
-        return cg.solve_ivp(names["f"], names["span"], names["y0"], **options)
-    except Exception as error:
-        if program.steps and type(error).__name__ == "StepTooLongError":
-            raise Unclear("steps are too long for the method") from error
-        raise Difference(f"raised {type(error).__name__}: {error}", CALL) from error
-
-
-def _bound(case) -> float:
-    """Return 50 tolerances, or with fixed steps five times the change with a tenth of them."""
+    These must become smaller as in a method of order one, or the steps are too long for a bound.
+    """
     program = case.program
-    size = max([1.0, *(float(np.abs(case.path(t)).max()) for t in _grid(case))])
+    size = max([1.0, *(float(np.abs(case.path(t)).max()) for t in case.grid())])
     floor = 1e-9 * size
     if not program.steps:
         return TOLERANCES * (program.atol + program.rtol * size) + floor
-    fine = _run(program, case.names, h=case.names["options"]["h"] / 10, t_eval=_ends(case))
-    whole = _run(program, case.names, t_eval=_ends(case))
-    if len(fine.t) != len(whole.t):
-        raise Unclear("steps are too long for events")
-    changes = [float(np.abs(fine.y - whole.y).max())]
-    pairs = zip(fine.t_events or (), whole.t_events or (), strict=True)
-    for k, (near, far) in enumerate(pairs):
+    ends = [float(t) for t in case.grid(9)[:-1]]
+    try:
+        runs = [case.solve(h=case.names["options"]["h"] / 4**k, t_eval=ends) for k in range(3)]
+    except Unclear:
+        return np.inf
+    first, second = (_change(case, *pair) for pair in pairwise(runs))
+    return 5 * max(first, second) + floor if second < 0.4 * first + floor else np.inf
+
+
+def _change(case: Case, coarse: Any, fine: Any) -> float:
+    """Return by how much points and events of two solutions differ."""
+    if len(fine.t) != len(coarse.t):
+        return np.inf
+    changes = [float(np.abs(fine.y - coarse.y).max())]
+    for k, (near, far) in enumerate(zip(fine.t_events or (), coarse.t_events or (), strict=True)):
         if len(near) != len(far):
-            raise Unclear("steps are too long for events")
-        shifts = np.abs(near - far) * max([1.0, *case.path.slopes[k]])
-        changes += [*shifts, float(np.abs(fine.y_events[k] - whole.y_events[k]).max(initial=0.0))]
-    return 5 * max(changes) + floor
+            return np.inf
+        changes += [*(np.abs(near - far) * max([1.0, *case.path.slopes[k]]))]
+        changes += [float(np.abs(fine.y_events[k] - coarse.y_events[k]).max(initial=0.0))]
+    return max(changes)
 
 
-def _ends(case):
-    begin, end = case.path.task.span[0], case.path.end
-    inner = np.linspace(begin, end, 9)[1:-1] if end != begin else []
-    return [begin, *inner] if not case.program.endless else [begin]
+# Comparisons with the model
 
 
-def _grid(case, n=23):
-    begin, end = case.path.task.span[0], case.path.end
-    return np.linspace(begin, end, n)
+def accurate(case: Case, s: Any, code: str) -> None:
+    """Raise unless a solution is that of the model, within the bound."""
+    for name, array in vars(s).items():
+        if isinstance(array, np.ndarray) and not np.isfinite(array).all():
+            raise Difference(f"{name} is not finite", f"{code}\nprint(s.{name})")
+    if np.isinf(case.bound):
+        raise Unclear("steps are too long")
+    _reached(case, s, code)
+    if case.program.method != "RadauIIA5" or case.program.output is None:
+        _near(case, s.t, s.y, f"{code}\nprint(s.t, s.y)")
+    if s.sol is not None and case.program.method != "RadauIIA5":
+        grid = np.clip(case.grid(), s.sol.t_min, s.sol.t_max)
+        _near(case, grid, s.sol(grid), f"{code}\nprint(s.sol({grid.tolist()}))")
+    if case.program.events and case.program.method != "RadauIIA5":
+        _events(case, s, code)
 
 
-def _grown(case) -> float:
-    """Return the bound of points times the growth of errors, which is computed when needed."""
-    factor = growth(case.path, list(_grid(case)))
-    if factor > 1e4:
-        raise Unclear("errors grow too much")
-    return factor * case.bound
+def _reached(case: Case, s: Any, code: str) -> None:
+    """Raise unless the status is that of the model, and times are those asked for."""
+    program, path, times = case.program, case.path, s.t.tolist()
+    slopes = sorted(slope for slopes in path.slopes for slope in slopes)
+    if "leaves its function at zero" in s.message and slopes[0] < 0.01 * slopes[-1]:
+        raise Unclear("jumps come ever faster")
+    if s.success and s.status != int(path.terminated):
+        _doubt(case)
+    wanted = program.times((0.0, 1.0) if program.output is None else program.output)
+    reached = times if program.output is not None else [times[0], times[-1]]
+    for is_right, text in (
+        (s.success, s.message),
+        (s.status == int(path.terminated), f"{s.message} The model: {path.terminated=}"),
+        (np.all(np.diff(s.t) * np.sign(program.length) > 0), "times aren't in order"),
+        (path.terminated or program.length == 0 or reached == wanted, f"{reached} not {wanted}"),
+    ):
+        if not is_right:
+            raise Difference(text, f"{code}\nprint(s)")
 
 
-def finite(case):
-    arrays = {k: v for k, v in vars(case.solution).items() if isinstance(v, np.ndarray)}
-    for name, array in arrays.items():
-        if array.dtype.kind in "fc" and not np.isfinite(array).all():
-            raise Difference(f"{name} is not finite", f"assert np.isfinite(({CALL}).{name}).all()")
+def _near(case: Case, times: Sequence[float], values: Any, code: str) -> None:
+    """Raise unless points are those of the model; near jumps none counts."""
+    path, worst = case.path, (0.0, 0.0, np.zeros(0))
+    for t, value in zip(map(float, times), values, strict=True):
+        if case.near_jump(t):
+            continue
+        beyond = path.terminated and (t - path.end) * np.sign(case.program.length) > 0
+        expected = path(path.end if beyond else t)
+        error = float(np.abs(reals(value) - expected).max())
+        worst = max(worst, (error, t, expected), key=lambda entry: entry[0])
+    error, t, expected = worst
+    if error <= case.bound:
+        return
+    _doubt(case)
+    if error > (bound := case.grown()):
+        text = f"at t = {t!r} off by {error:.2e}, bound {bound:.2e}; the model has "
+        raise Difference(text + str(expected.tolist()), code)
 
 
-def reached(case):
-    program, solution, path = case.program, case.solution, case.path
-    if not solution.success:
-        slopes = [slope for slopes in path.slopes for slope in slopes]
-        if "leaves its function at zero" in solution.message and min(
-            slopes, default=1.0
-        ) < 0.01 * max(slopes, default=0.0):
-            raise Unclear("jumps come ever faster")
-        raise Difference(solution.message, f"assert ({CALL}).success")
-    if np.any(np.diff(solution.t) * np.sign(program.length or 1.0) <= 0):
-        raise Difference("times aren't in order", f"print(({CALL}).t)")
-    if not path.terminated:
-        if solution.status != 0:
+def _events(case: Case, s: Any, code: str) -> None:
+    path = case.path
+    expected = [[t for t, *_ in events] for events in path.events]
+    if [len(times) for times in s.t_events] != [len(times) for times in expected]:
+        _doubt(case)
+        raise Difference(f"events {s.t_events}, of the model {expected}", code)
+    for k, model in enumerate(path.events):
+        for i, (exact, _, behind, jumps) in enumerate(model):
+            t, before, after = (getattr(s, name)[k][i] for name in EVENTS)
+            if not np.array_equal(reals(after), behind if jumps else reals(before)):
+                raise Difference(f"y_after[{k}][{i}] isn't what the jump returns", code)
+            slope = path.slopes[k][i]
+            rounding = 1e-9 * case.length + 8 * np.spacing(abs(exact))
+            if abs(t - exact) <= case.bound / slope + rounding:
+                continue
             _doubt(case)
-            raise Difference(f"the model reaches the end: {solution.message}", f"print({CALL})")
-        wanted = program.output
-        expected = None if wanted is None else program.times(wanted)
-        if expected is not None and solution.t.tolist() != expected:
-            raise Difference(f"t is {solution.t}, not {expected}", f"print(({CALL}).t)")
-        if expected is None and (solution.t[0] != program.start or solution.t[-1] != program.end):
-            raise Difference(f"t ends at {solution.t[-1]!r}", f"print(({CALL}).t)")
+            if abs(t - exact) > case.grown() / slope + rounding:
+                raise Difference(
+                    f"event {k}, {i} at {t!r}, of the model {exact!r}",
+                    f"{code}\nprint(s.t_events[{k}][{i}], 'is not', {exact!r})",
+                )
 
 
-def _doubt(case):
+def _doubt(case: Case) -> None:
     """Raise Unclear where events of the model depend on errors within the tolerance."""
-    bound, path = _grown(case), case.path
-    length = abs(path.end - path.task.span[0]) or 1.0
+    if not case.program.events:
+        return
+    bound, path, task = case.grown(), case.path, case.path.task
     for k, nearest in enumerate(path.nearest):
         if nearest < 2 * bound:
             raise Unclear(f"event {k} is nearly missed")
-        if min(path.slopes[k], default=np.inf) * length * 0.05 < bound:
+        if min(path.slopes[k], default=np.inf) * case.length * 0.05 < bound:
             raise Unclear(f"event {k} is slow")
         begin, end = (
-            abs(path.task.events[k].function(t, path.task.point(path(t)), *path.task.arguments(t)))
-            for t in (path.task.span[0], path.end)
+            abs(task.events[k].function(t, task.point(path(t)), *task.arguments(t)))
+            for t in (task.span[0], path.end)
         )
         if 1e-9 < begin < 2 * bound or (end < 2 * bound and not path.terminated):
             raise Unclear(f"event {k} is at an end")
     times = sorted(t for events in path.events for t, *_ in events)
-    stops = (*path.task.breakpoints, *path.task.knots)
-    if path.jumps and any(0 < abs(t - stop) < 1e-9 * length for t in times for stop in stops):
+    stops = (*task.breakpoints, *task.knots)
+    if path.jumps and any(0 < abs(t - p) < 1e-9 * case.length for t in times for p in stops):
         raise Unclear("an event is nearly at a stop")
     copied = any(event.kind == "copy" for event in case.program.events)
     if copied and (path.jumps or path.terminated) and any(16 * EPS * abs(t) < 1e-10 for t in times):
         raise Unclear("events are 1e-10 apart, more than the resolution of time")
-    slopes = [slope for slopes in path.slopes for slope in slopes]
-    gap = 2 * bound / min(slopes, default=1.0)
-    if path.jumps and any(1e-9 * length < b - a < gap for a, b in pairwise(times)):
+    gap = 2 * bound / min((slope for slopes in path.slopes for slope in slopes), default=1.0)
+    if path.jumps and any(1e-9 * case.length < b - a < gap for a, b in pairwise(times)):
         raise Unclear("events come in an order that depends on errors")
 
 
-def points(case):
-    program, solution = case.program, case.solution
-    times = list(solution.t) if program.method != "RadauIIA5" or program.output is None else []
-    values = list(solution.y) if times else []
-    if solution.sol is not None and program.method != "RadauIIA5":
-        grid = np.clip(_grid(case), solution.sol.t_min, solution.sol.t_max)
-        times, values = [*times, *grid], [*values, *solution.sol(grid)]
-    worst, bound = _worst(case, times, values), case.bound
-    if worst is None or worst[0] <= bound:
-        return
-    if case.program.events:
-        _doubt(case)
-    if worst[0] > (bound := _grown(case)):
-        error, t, expected = worst
-        source = (
-            f"({CALL}).sol({t!r})"
-            if t not in solution.t
-            else (f"next(y for t, y in zip(*[({CALL}).t, ({CALL}).y]) if t == {t!r})")
-        )
-        raise Difference(
-            f"at t = {t} off by {error:.2e}, bound {bound:.2e}",
-            f"y = {source}\n"
-            f"assert np.abs(np.ascontiguousarray(y).view(float).ravel() - "
-            f"np.array({expected.tolist()})).max() < {bound:.2e}",
-        )
+# Comparisons of runs with each other
 
 
-def _worst(case, times, values):
-    """Return the largest error with its time and the model's point; near jumps none counts."""
-    path, worst = case.path, None
-    length = abs(path.end - path.task.span[0])
-    for time, value in zip(times, values, strict=True):
-        t, beyond = float(time), (time - path.end) * np.sign(case.program.length) > 0
-        if any(abs(t - jump) < 1e-2 * length for jump in path.jumps):
-            continue
-        expected = path(path.end if path.terminated and beyond else t)
-        error = float(np.abs(reals(value) - expected).max())
-        if worst is None or error > worst[0]:
-            worst = error, t, expected
-    return worst
+def same(ours: Any, theirs: Any, names: Sequence[str], code: str) -> None:
+    """Raise unless attributes are equal to the bit."""
+    for name in names:
+        pair = [getattr(solution, name) for solution in (ours, theirs)]
+        a, b = (value if isinstance(value, list) else [value] for value in pair)
+        if len(a) != len(b) or not all(map(np.array_equal, a, b)):
+            lines = f"{CALL}\nprint(s.{name})\n{code}\nprint(s.{name})"
+            raise Difference(f"{name} is {pair[0]}, in the other run {pair[1]}", lines)
 
 
-def events(case):
-    program, solution, path = case.program, case.solution, case.path
-    if not program.events or program.method == "RadauIIA5":
-        return
-    found = [list(times) for times in solution.t_events]
-    expected = [[t for t, *_ in events] for events in path.events]
-    length = abs(path.end - path.task.span[0]) or 1.0
-    if list(map(len, found)) != list(map(len, expected)):
-        _doubt(case)
-        raise Difference(
-            f"events {found}, of the model {expected}",
-            f"assert [len(t) for t in ({CALL}).t_events] == {list(map(len, expected))}",
-        )
-    for k, (times, model) in enumerate(zip(found, expected, strict=True)):
-        for i, (t, exact) in enumerate(zip(times, model, strict=True)):
-            _same_jump(case, k, i)
-            slope = path.slopes[k][i]
-            rounding = 1e-9 * length + 8 * np.spacing(abs(exact))
-            if abs(t - exact) <= case.bound / slope + rounding:
-                continue
-            _doubt(case)
-            if abs(t - exact) > _grown(case) / slope + rounding:
-                raise Difference(
-                    f"event {k}, {i} at {t!r}, of the model {exact!r}",
-                    f"print(({CALL}).t_events[{k}][{i}], 'is not', {exact!r})",
-                )
+def alone(case: Case) -> None:
+    accurate(case, case.solution, CALL)
 
 
-def _same_jump(case, k, i):
-    """The point after an event is what the jump returns, or that before it."""
-    before, after = (
-        reals(points[k][i]) for points in (case.solution.y_events, case.solution.y_after)
-    )
-    *_, behind, jumps = case.path.events[k][i]
-    target = behind if jumps else before
-    if not np.array_equal(after, target):
-        raise Difference(
-            f"after event {k}, {i} the point isn't that of the jump",
-            f"print(({CALL}).y_after[{k}][{i}])  # {target.tolist()}",
-        )
-
-
-def observed(case):
+def observed(case: Case) -> None:
     """Numbers at output times in place of points; and as many calls of f as ``nfev`` says."""
-    program, solution, calls = case.program, case.solution, [0]
-    if not program.observe:
+    if not case.program.observe:
         return
-
-    def observe(t, y, *rest):
-        return [t, float(np.abs(y).sum())]
-
-    def counted(*arguments):
-        calls[0] += 1
-        return case.names["f"](*arguments)
-
-    f = case.names["f"] if program.compiled else counted
-    run = cg.solve_ivp(
-        f, *case.arguments[1:], **case.names["options"], observe=observe, store="observed"
-    )
-    line = "print(cg.solve_ivp(f, span, y0, **options, observe=lambda t, *_: t).observed)"
-    own = [observe(t, y) for t, y in zip(solution.t, solution.y, strict=True)]
-    if not np.array_equal(run.observed, np.array(own).reshape(run.observed.shape)):
-        raise Difference("observed isn't the function of the points", line)
-    if not np.array_equal(run.t, solution.t) or run.nfev != solution.nfev:
-        raise Difference("t or nfev change with store='observed'", line)
-    if calls[0] != run.nfev and f is counted and program.method not in SPLITTINGS:
-        raise Difference(f"nfev is {run.nfev}, there are {calls[0]} calls", line)
-    if program.events:
-        _same_events(solution, run, "observe=", line)
+    code = OBSERVED.replace("STORE", "'all'" if case.program.derivatives else "'observed'")
+    code = code.replace("NAME", "f" if case.program.compiled else "counted")
+    run, solution = case.run(code), case.solution
+    s = run["s"]
+    own = [run["observe"](t, y) for t, y in zip(solution.t, solution.y, strict=True)]
+    if not np.array_equal(s.observed, np.array(own).reshape(s.observed.shape)):
+        raise Difference("observed isn't the function of the points", code)
+    same(solution, s, ("t", "nfev", *EVENTS, *COUNTS), code)
+    calls = run["calls"][0]
+    exempt = case.program.compiled or case.program.derivatives == "forward"
+    if calls != s.nfev and not exempt and case.program.method not in SPLITTINGS:
+        raise Difference(f"nfev is {s.nfev}, there are {calls} calls", code)
 
 
-def same(case, other, text, line=""):
-    """Raise unless two solutions are equal to the bit where they have the same output."""
-    for name in ("t", "y"):
-        ours, theirs = getattr(case.solution, name), getattr(other, name)
-        if not np.array_equal(ours, theirs):
-            raise Difference(f"{name} differs with {text}", line or f"# {text}")
-    if case.program.events:
-        _same_events(case.solution, other, text, line)
-
-
-def _same_events(ours, theirs, text, line=""):
-    for name in ("t_events", "y_events", "y_after"):
-        for k, (a, b) in enumerate(zip(getattr(ours, name), getattr(theirs, name), strict=True)):
-            if not np.array_equal(a, b):
-                raise Difference(f"{name}[{k}] differs with {text}", line or f"# {text}")
-
-
-def same_without_output(case):
+def same_without_output(case: Case) -> None:
     program, solution = case.program, case.solution
     if program.output is None and not program.dense:
         return
-    plain = _run(program, case.names, t_eval=None, dense_output=False)
-    if (plain.steps, plain.nrejected) != (solution.steps, solution.nrejected):
-        raise Difference(
-            f"{solution.steps} steps, {solution.nrejected} rejected; without output "
-            f"{plain.steps}, {plain.nrejected}",
-            f"assert ({CALL}).steps == cg.solve_ivp(f, span, y0, **"
-            "{**options, 't_eval': None, 'dense_output': False}).steps",
-        )
-    if program.events:
-        _same_events(plain, solution, "no output")
-    at_steps = dict(zip(plain.t, plain.y, strict=True))
+    plain = case.solve(t_eval=None, dense_output=False)
+    same(solution, plain, (*EVENTS, *COUNTS), CALL.replace("**options", f"**{PLAIN}"))
+    of_events = {t for times in plain.t_events or () for t in times}
+    at_steps = {t: y for t, y in zip(plain.t, plain.y, strict=True) if t not in of_events}
     for t, y in zip(solution.t, solution.y, strict=True):
-        if t in at_steps and t not in case.path.jumps and not np.array_equal(y, at_steps[t]):
-            if program.events and any(t in times for times in plain.t_events):
-                continue
+        if t in at_steps and not np.array_equal(y, at_steps[t]):
             raise Difference(f"the point at the end of a step, {t!r}, changes with output", CALL)
 
 
-def as_stepper(case):
+PLAIN = "{**options, 't_eval': None, 'dense_output': False}"
+
+
+def with_fixed_steps(case: Case) -> None:
+    """`integrate` takes the steps of `solve_ivp`."""
+    if not case.program.steps:
+        return
+    code = CALL.replace("solve_ivp", "integrate")
+    same(case.solution, case.solve(code), ("t", "y", "nfev", "nexp", *DERIVATIVES), code)
+
+
+def step_by_step(case: Case) -> None:
     """Steps of a `Stepper`, copied, pickled and continued, are those of `solve_ivp`."""
-    program = case.program
-    if program.caller != "stepper" or program.endless:
-        return
-    options = {
-        k: v for k, v in case.names["options"].items() if k not in ("t_eval", "dense_output")
-    }
-    plain = cg.solve_ivp(*case.arguments, **options)
-    f, span, y0 = case.arguments
-    stepper = cg.Stepper(f, span[0], y0, span[1], **options)
-    times, values, copies = [span[0]], [y0], 0
-    while stepper.status != "finished" and len(times) < 10_000:
-        message = stepper.step()
-        if message and stepper.status == "failed":
-            raise Difference(f"Stepper: {message}", "# Stepper")
-        times.append(stepper.t)
-        values.append(stepper.y)
-        if stepper.status == "event":
-            break
-        if len(times) % 3 == 2:
-            copies += 1
-            whole = copies % 2 or program.compiled
-            twin = copy.copy(stepper) if whole else pickle.loads(pickle.dumps(stepper))
-            stepper.step() if stepper.status == "running" and copies % 4 == 3 else None
-            stepper = twin
-    if any(zero.jump and zero.terminal for zero in program.events):
+    if any(zero.jump and zero.terminal for zero in case.program.events):
         return  # a stepper makes the last jump too
-    if program.events and any(zero.jump for zero in program.events):
-        _same_events(plain, stepper, "Stepper")
-        if not np.array_equal(values[-1], plain.y[-1]):
-            raise Difference("the last point of a Stepper differs", "# Stepper")
-        return
-    if times != plain.t.tolist() or not np.array_equal(np.array(values), plain.y):
-        raise Difference(
-            "steps of a Stepper differ",
-            "s = cg.Stepper(f, span[0], y0, span[1], **{k: v for k, v in options.items() if k not "
-            "in ('t_eval', 'dense_output')})\nwhile s.status == 'running': s.step()\nprint(s.y)",
-        )
+    code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
+    plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
+    run = case.run(code)
+    same(plain, run["s"], EVENTS, code)
+    t, y = np.array(run["t"]), np.array(run["y"])
+    if not np.array_equal(plain.y[-1], y[-1]) or not (case.jumps() or np.array_equal(plain.y, y)):
+        raise Difference("points of a Stepper differ", f"{CALL}\nprint(s.y)\n{code}\nprint(y)")
+    if not case.jumps() and not np.array_equal(plain.t, t):
+        raise Difference("times of a Stepper differ", f"{CALL}\nprint(s.t)\n{code}\nprint(t)")
 
 
-def advanced(case):
-    """A `Stepper` that advances to times, and restarts there, comes to the model's points."""
-    program = case.program
-    if program.caller != "stepper" or program.events or program.length == 0 or program.steps:
+def advanced(case: Case) -> None:
+    """A `Stepper` advances to times, restarts there, then earlier, then from another point."""
+    program, task = case.program, case.path.task
+    if program.steps or program.length == 0 or case.jumps() or case.path.terminated:
         return
-    skipped = ("t_eval", "dense_output")
-    options = {k: v for k, v in case.names["options"].items() if k not in skipped}
-    f, span, y0 = case.arguments
-    stepper, values = cg.Stepper(f, span[0], y0, span[1], **options), []
+    if any(zero.terminal for zero in program.events):
+        return
     times = [program.at(share) for share in (0.31, 0.77, 1.0)]
-    for t in times:
-        if stepper.advance(t) or stepper.t != t:
-            raise Difference(f"Stepper.advance({t!r}) comes to {stepper.t!r}", "# Stepper.advance")
-        values.append(stepper.y)
-        if t != times[-1]:
-            stepper.restart(y=stepper.y)
-    worst = _worst(case, times, values)
-    if worst[0] > case.bound and worst[0] > _grown(case):
-        raise Difference(f"advance({worst[1]!r}) is off by {worst[0]:.2e}", "# Stepper.advance")
+    code = STEPPER + GOALS.replace("GOALS", str(times))
+    _near(case, times, case.run(code)["y"], code)
+    earlier = f"s.restart(t={times[0]!r}, y=y[0])\ns.advance({times[1]!r})\ny = [s.y]\n"
+    _near(case, [times[1]], case.run(code + earlier)["y"], code + earlier)
+    rest = tuple(0.9 * value for value in task.rest)
+    changed = f"t={times[0]!r}, y=other{', parameters=0.9 * parameters' * program.parameters}"
+    code += f"s.restart({changed})\ns.advance({times[2]!r})\ny = [s.y]\n"
+    moved = solve(replace(
+        task, span=(times[0], times[2]), y0=case.names["other"], rest=rest, events=()
+    ))  # fmt: skip
+    other = replace(case, path=moved, program=replace(program, events=()))
+    _near(other, [times[2]], case.run(code)["y"], code)
 
 
-def as_member(case):
+@cache
+def pool() -> concurrent.futures.Executor:
+    return concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+
+
+def processes(case: Case) -> None:
+    """Members are integrated by another process."""
+    if case.program.compiled != "numba":  # which can't be pickled
+        case.names["pool"] = pool()
+        members(case, (", executor=pool",), ())
+
+
+def members(
+    case: Case,
+    ways: Sequence[str] = ("", ", workers=2", *VECTORIZED),
+    common: Sequence[str] = (", common_steps=True", ", common_steps=True, vectorized=True"),
+) -> None:
     """Members of an ensemble are equal to single solutions, however they are computed."""
     program = case.program
-    if program.caller != "ensemble":
-        return
-    f, span, y0 = case.arguments
-    options, other = dict(case.names["options"]), case.names["other"]
+    code = "several, second = dict(options), {**options, 'dense_output': False}\n"
+    if program.inputs:
+        code += f"several['inputs'] = {program.named_inputs('members')}\n"
+        code += f"second['inputs'] = {program.named_inputs('mirrored')}\n"
+    if program.parameters:
+        code += f"second['parameters'] = {1.0 if program.endless else 0.9} * parameters\n"
+        code += "several['parameters'] = np.stack([parameters, second['parameters'], parameters])\n"
     if program.endless and program.output is None and not program.dense:
-        options["t_eval"] = [span[0]]
-    if "parameters" in options:
-        options["parameters"] = np.stack([options["parameters"]] * 3)
-    singles = [
-        cg.solve_ivp(f, span, start, **{**case.names["options"], "dense_output": False})
-        for start in (y0, other)
-    ]
-    ways = [{}, {"workers": 2}] + ([] if program.compiled else [{"vectorized": True}])
-    for way in ways:
-        many = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **options, **way)
-        for i, single in enumerate((*singles, singles[0])):
-            _same_member(program, many, i, single, way)
+        code += "several['t_eval'] = [span[0]]\n"
+    single = case.solve(code + CALL.replace("y0, **options", "other, **second"))
+    code += "s = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **several"
+    for way in (way for way in ways if not (program.compiled and "vectorized" in way)):
+        s = case.solve(f"{code}{way})")
+        for i, own in enumerate((case.solution, single, case.solution)):
+            compared = ("t", "y", *DERIVATIVES) if program.output is not None else ()
+            same(own, s[i], (*compared, *EVENTS, *COUNTS), f"{code}{way})[{i}]")
+            if own.status == 0 and not np.array_equal(s[i].y[-1:], own.y[-1:]):
+                raise Difference(f"the end of member {i} differs", f"{code}{way})\nprint(s.y)")
+    if case.jumps():
+        return  # refused with common steps
+    for way in (way for way in common if not (program.compiled and "vectorized" in way)):
+        s = case.solve(f"{code}{way})")
+        same(s[0], s[2], ("t", "y", *EVENTS), f"{code}{way})")
+        if not program.endless:
+            accurate(case, s[0], f"{code}{way})[0]")
 
 
-def _same_member(program, many, i, single, way):
-    text = f"a member of an ensemble, {way}"
-    line = (
-        "m = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **{**options, "
-        f"**{way}}}); s = cg.solve_ivp(f, span, [y0, other, y0][{i}], **options)\n"
-        f"print(m[{i}].y - s.y)  # with parameters: np.stack([parameters] * 3)"
-    )
+# Derivatives and other callers
+
+
+def _changes(case: Case) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return coordinates of a change of the start, and the changes of what f is given."""
+    program, space = case.program, case.program.frame
+    rng = np.random.default_rng(program.seed + 5)
+    xi = rng.uniform(-1, 1, space.coordinates)
+    changes = {"y0": space.tangent(xi, case.names["y0"])}
+    if program.parameters:
+        changes["parameters"] = rng.uniform(-1, 1, 2)
+    return xi, changes
+
+
+def _numbers(case: Case, step: float, changes: dict, times: Sequence[float]) -> np.ndarray:
+    """Return points at times and then the times of events, of the changed problem."""
+    path = solve(case.program.task(case.names, step, **changes))
+    if [len(events) for events in path.events] != [len(events) for events in case.path.events]:
+        raise Unclear("events change with the start")
+    happened = [t for events in path.events for t, *_ in events]
+    return np.concatenate([*(path(t) for t in times), happened])
+
+
+def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
+    error = float(np.abs(ours - expected).max(initial=0.0))
+    if error > case.bound + 1e-7:
+        _doubt(case)
+        bound = 10 * case.grown() + 1e-7 * case.grown() / case.bound
+        if error > bound:
+            text = f"a derivative is off by {error:.2e}, bound {bound:.2e}"
+            raise Difference(f"{text}: {np.array(ours)}, of the model {np.array(expected)}", code)
+
+
+def derivatives(case: Case) -> None:
+    if case.program.derivatives and np.isfinite(case.bound) and not case.program.steps:
+        forward(case) if case.program.derivatives == "forward" else backward(case)
+
+
+def forward(case: Case) -> None:
+    """Derivatives and covariances by the variational equation."""
+    program, space, s = case.program, case.program.frame, case.solution
+    xi, changes = _changes(case)
+    kept = [i for i, t in enumerate(s.t) if not case.near_jump(t)]
+    model = difference(lambda step: _numbers(case, step, changes, s.t[kept]))
+    points, happened = np.split(model, [len(kept) * reals(space.base).size])
+    lines = f"{CALL}\nprint(s.transition, s.sensitivity)  # xi = {xi.tolist()}, {changes}"
+    for i, row in zip(kept, points.reshape(len(kept), reals(space.base).size), strict=True):
+        coordinates = s.transition[i] @ xi
+        if program.parameters:
+            coordinates = coordinates + s.sensitivity[i] @ changes["parameters"]
+        _check_derivative(case, space.tangent(coordinates, s.y[i]), row, lines)
     if program.events:
-        _same_events(single, many[i], text, line)
-    if program.output is None:
-        if single.status == 0 and not np.array_equal(many[i].y[-1], single.y[-1]):
-            raise Difference(f"the end differs of {text} {i}", line)
-    elif many[i].t.tolist() != single.t.tolist() or not np.array_equal(many[i].y, single.y):
-        raise Difference(f"t or y differs of {text} {i}", line)
-    if (many[i].steps, many[i].nrejected) != (single.steps, single.nrejected):
-        raise Difference(f"steps differ of {text} {i}", line)
-
-
-def _tangent(case):
-    """Return coordinates of a change of the start, its reals, and a change of parameters."""
-    rng = np.random.default_rng(case.program.seed + 5)
-    space = case.program.frame
-    xi = rng.uniform(-1, 1, space.dim)
-    change = rng.uniform(-1, 1, 2) * (case.program.parameters and not case.program.compiled)
-    return xi, reals(space.field(xi, case.names["y0"])), change
-
-
-VARIATIONAL = "s = cg.solve_variational(f, span, y0, control_derivatives=True, **options)"
-
-
-def forward(case):
-    """Derivatives by the variational equation, against differences of the model."""
-    program, path, space = case.program, case.path, case.program.frame
-    if program.caller != "variational" or not _has_derivatives(program):
-        return
-    given = {"control_derivatives": True, "P0": 0.1 * np.eye(space.dim)}
-    density = np.diag(np.arange(1.0, space.dim + 1)) * (program.length > 0)
-    if program.length > 0:
-        given["noise"] = density / program.length
-    solution = cg.solve_variational(*case.arguments, **given, **_derived(case))
-    xi, tangent, change = _tangent(case)
-    by_parameters = change.any()
-    expected = tangents(path.task, tangent, change if by_parameters else 0.0, solution.t)
-    for i, t in enumerate(solution.t):
-        coordinates = solution.transition[i] @ xi
-        if by_parameters:
-            coordinates = coordinates + solution.sensitivity[i] @ change
-        ours = reals(space.field(coordinates, solution.y[i]))
-        error = float(np.abs(ours - expected[i]).max())
-        if error > case.bound + 1e-7 and error > 10 * _grown(case) + 1e-7:
-            raise Difference(
-                f"the derivative at t = {t} is off by {error:.2e}",
-                f"{VARIATIONAL}\ni = {i}; xi = np.array({xi.tolist()})\n"
-                f"change = np.array({change.tolist()})  # of parameters, zeros for none\n"
-                f"print(frame.field(s.transition[i] @ xi, s.y[i]))  # {expected[i].tolist()}",
-            )
-    if reals(space.base).size <= 9 and program.output is None:
-        _covariance(case, solution, given["P0"], density / (program.length or 1.0))
-
-
-def _covariance(case, solution, initial, density):
-    """The covariance of the last point, in the space around."""
-    task, end, space = case.path.task, solution.y[-1], case.program.frame
-    fields = np.stack([reals(space.field(e, end)) for e in np.eye(space.dim)], axis=1)
-    ours, expected = fields @ solution.covariance[-1] @ fields.T, covariance(task, initial, density)
-    error, size = np.abs(ours - expected).max(), max(1.0, np.abs(expected).max())
-    if error > (10 * case.bound + 1e-6) * size and error > (20 * _grown(case) + 1e-6) * size:
-        raise Difference(
-            f"the covariance at the end is off by {error:.2e}",
-            f"# P0 = 0.1 I, noise = {np.diag(density).tolist()}\n{VARIATIONAL}\n"
-            f"# in the space around: {expected.tolist()}",
+        change = np.append(xi, changes.get("parameters", []))
+        ours, slopes = np.concatenate(s.dt_events) @ change, np.concatenate(case.path.slopes)
+        scale = np.minimum(1.0, slopes)
+        _check_derivative(case, ours * scale, happened * scale, lines)
+    elif reals(space.base).size <= 9 and program.output is None:
+        fields = np.stack([space.tangent(e, s.y[-1]) for e in np.eye(space.coordinates)], axis=1)
+        ours = fields @ s.covariance[-1] @ fields.T
+        spread = np.diag(np.arange(1.0, space.coordinates + 1)) / program.length * program.noisy
+        model = covariance(case.path.task, 0.1 * np.eye(space.coordinates), spread)
+        size = max(1.0, float(np.abs(model).max()))
+        _check_derivative(
+            case, ours / (2 * size), model / (2 * size), f"{CALL}\nprint(s.covariance)"
         )
 
 
-def _has_derivatives(program):
-    return program.frame.brackets and not (
-        program.frame.phase or program.steps or program.endless or program.length == 0
-        or program.events or program.method == "RadauIIA5"
-    )  # fmt: skip
+def backward(case: Case) -> None:
+    """The gradient of one number by the start, parameters and inputs, by the adjoint equation."""
+    program, space, s = case.program, case.program.frame, case.solution
+    rng = np.random.default_rng(7)
+    xi, changes = _changes(case)
+    for k, samples in enumerate(program.inputs):
+        changes[f"values{k}"] = samples.scale * rng.uniform(-1, 1, samples.count)
+    rows = range(len(s.t)) if program.output else [-1]
+    weights = rng.uniform(-1, 1, (len(rows), reals(space.base).size))
+    cotangent = np.array([
+        [weight @ space.tangent(e, s.y[i]) for e in np.eye(space.coordinates)]
+        for i, weight in zip(rows, weights, strict=True)
+    ])  # fmt: skip
+    cotangent = cotangent if program.output else cotangent[0]
+    code = f"{CALL}\ng = s.gradient(np.array({cotangent.tolist()}))"
+    g = case.run(code)["g"]
+    inputs = g.inputs if isinstance(g.inputs, tuple) else (g.inputs,)
+    ours = g.y0 @ xi + (g.parameters @ changes["parameters"] if program.parameters else 0.0)
+    ours += sum(np.sum(inputs[k] * changes[f"values{k}"]) for k in range(len(program.inputs)))
+    expected = difference(lambda step: _numbers(case, step, changes, s.t[rows]))
+    lines = f"{code}\nprint(g)  # xi = {xi.tolist()}, {changes}"
+    _check_derivative(case, ours, weights.ravel() @ expected, lines)
 
 
-def _derived(case):
-    return {k: v for k, v in case.names["options"].items() if k != "events"}
-
-
-def backward(case):
-    """Gradients by the adjoint equation, against differences of the model."""
-    program, path = case.program, case.path
-    if program.caller != "adjoint" or not _has_derivatives(program):
+def in_jax(case: Case) -> None:
+    """The solver for JAX, and its derivatives by parameters."""
+    program = case.program
+    if program.frame.phase or np.iscomplexobj(program.frame.base) or program.method == "RadauIIA5":
         return
-    options = {k: v for k, v in _derived(case).items() if k not in ("t_eval", "dense_output")}
-    solution = cg.solve_variational(*case.arguments, derivatives="adjoint", **options)
-    xi, tangent, _ = _tangent(case)
-    end, space = solution.y[-1], program.frame
-    weights = np.random.default_rng(7).uniform(-1, 1, reals(end).size)
-    cotangent = np.array([weights @ reals(space.field(e, end)) for e in np.eye(space.dim)])
-    ours = float(solution.gradient(cotangent).y0 @ xi)
-    expected = float(weights @ tangents(path.task, tangent, 0.0, [path.end])[0])
-    if abs(ours - expected) > case.bound + 1e-6 and abs(ours - expected) > 10 * _grown(case) + 1e-6:
-        raise Difference(
-            f"the gradient is {ours!r}, of the model {expected!r}",
-            f"s = cg.solve_variational(f, span, y0, derivatives='adjoint', **options)\n"
-            f"print(s.gradient(np.array({cotangent.tolist()})).y0 @ np.array({xi.tolist()}), "
-            f"'is not', {expected!r})",
-        )
-
-
-def linear(case):
-    """`solve_linear`, where f depends on time alone."""
-    program, path = case.program, case.path
-    if program.caller != "linear" or program.form == "state" or program.frame.phase:
+    if program.events or program.breaks or program.inputs or program.steps or program.compiled:
         return
-    if program.compiled or program.frame.returned != (-1,) or program.steps:
+    if program.length == 0 or program.method == "auto" or program.frame.prelude:
         return
-    options = {k: v for k, v in case.names["options"].items() if k != "method"}
-    f, span, y0 = case.arguments
-
-    def a(t, *rest):
-        return f(t, y0, *rest)
-
-    solution = cg.solve_linear(a, span, y0, **options)
-    if path.terminated or any(zero.jump for zero in program.events):
-        return
-    worst = _worst(case, list(solution.t), list(solution.y))
-    if worst and worst[0] > case.bound and worst[0] > _grown(case):
-        raise Difference(
-            f"solve_linear at t = {worst[1]} is off by {worst[0]:.2e}, bound {case.bound:.2e}",
-            "s = cg.solve_linear(lambda t, *rest: f(t, y0, *rest), span, y0, **{k: v for k, v in "
-            f"options.items() if k != 'method'}})\nprint(s.t, s.y, {worst[2].tolist()})",
-        )
+    code = JAX.replace("REST", "(parameters,)" if program.parameters else "()")
+    run = case.run(code)
+    times = np.linspace(program.start, program.end, 4)[1:]
+    _near(case, times, np.array(run["y"]), code)
+    if program.parameters:
+        weights = np.random.default_rng(7).uniform(-1, 1, run["y"].shape)
+        changes = {"parameters": np.array([1.0, 0.5])}
+        ours = float(run["slope"](weights)[0][0] @ changes["parameters"])
+        expected = difference(lambda step: _numbers(case, step, changes, times))
+        _check_derivative(case, ours, weights.ravel() @ expected, code)

@@ -1,105 +1,154 @@
-"""What hypothesis draws: everything at once, without what the documentation refuses."""
+"""Random programs: everything at once, without what the documentation refuses; and simpler ones."""
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
+from random import Random
+from typing import Any
 
-from hypothesis import strategies as st
-
-from tests.model.programs import FIXED, PAIRS, SPLITTINGS, Input, Program, Zero
+from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
 
-SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
-OUTSIDE = ("CG4", "CF6d", "CF7(6)")  # stages outside the step are refused with inputs
+PAIRS = (
+    "auto", "BS3(2)", "CF4(3)", "CF5(4)", "CF6(5)", "CG2(3)", "CG3(2)", "CG4(3)", "CG5(4)",
+    "CG6(5)", "DP5(4)", "DVERK6(5)", "DOP853", "Verner7(6)", "RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)",
+    "RadauIIA5",
+)  # fmt: skip
 LOW_ORDER = ("BS3(2)", "CG2(3)", "CG3(2)", "RKMK3(2)", "CF4(3)", "CG4(3)")
-CALLERS = ("solve_ivp", "stepper", "ensemble", "variational", "adjoint", "linear")
-
-zeros = st.builds(
-    Zero,
-    kind=st.sampled_from(("plane", "plane", "plane", "time", "copy")),
-    place=st.sampled_from((0.1, 0.25, 0.3, 0.5, 0.55, 0.7, 0.9)),
-    seed=st.integers(0, 20),
-    terminal=st.sampled_from((0, 0, 0, 1, 2)),
-    direction=st.sampled_from((0, 0, 1, -1)),
-    jump=st.sampled_from(("", "", "start", "other")),
-)
-
-samples = st.builds(
-    Input,
-    kind=st.sampled_from(("hold", "linear", "cubic", "averages", "causal")),
-    count=st.sampled_from((4, 5, 7, 12)),
-    seed=st.integers(0, 20),
-    scale=st.sampled_from((1.0, 1.0, 1e5, 1e-5)),
-    idle=st.sampled_from((False, False, False, True)),
-)
+FIXED = (
+    "LieEuler", "CG2", "CG3", "CF3", "CF4", "CF4b", "CG4b", "CF5(4)", "CF5r", "RKMK4", "RKMK5(4)",
+    "RKMK8(5,3)", "ImplicitMidpoint", "DICG4b",
+)  # fmt: skip
+SPLITTINGS = ("Leapfrog", "McLachlan2", "BlanesMoan4", "BlanesMoan6")
+CALLERS = ("step_by_step", "advanced", "members", "processes")
+SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
 
 
-@st.composite
-def programs(draw) -> Program:
-    """Draw a program."""
-    space = draw(st.integers(0, len(SPACES) - 1))
-    frame = SPACES[space]
-    start = draw(st.sampled_from((0.0, 0.0, 0.0, -2.0, 1.5, 1e5)))
-    length = draw(st.sampled_from((1.0, 1.0, -1.0, 2.5, -2.5, 1e-6, 1e4, -1e4, 0.0)))
-    events = tuple(draw(st.lists(zeros, max_size=3)))
-    program = Program(
-        space=space,
-        seed=draw(st.integers(0, 50)),
-        form=draw(st.sampled_from(("state", "state", "state", "time", "constant"))),
-        turns=draw(st.sampled_from((0.0, 0.3, 1.0, 3.0, 8.0, 30.0))),
-        speed=draw(st.sampled_from((0.0, 1.0, 5.0))),
-        start=start,
+def program(seed: int, index: int) -> Program:
+    """Return a program; each can be drawn alone."""
+    rng = Random(f"{seed} {index}")
+
+    def one(*values: Any) -> Any:
+        return rng.choice(values)
+
+    def some(most: int, item: Callable[[], Any]) -> tuple[Any, ...]:
+        return tuple(item() for _ in range(rng.randint(0, most)))
+
+    def zero() -> Zero:
+        return Zero(
+            kind=one("plane", "plane", "plane", "time", "copy", "input"),
+            place=one(0.1, 0.25, 0.3, 0.5, 0.55, 0.7, 0.9),
+            seed=rng.randint(0, 20),
+            terminal=one(0, 0, 0, 1, 2),
+            direction=one(0, 0, 1, -1),
+            jump=one("", "", "y0", "other"),
+        )
+
+    def samples() -> Input:
+        return Input(
+            kind=one("hold", "linear", "cubic", "averages", "causal"),
+            count=one(4, 5, 7, 12),
+            seed=rng.randint(0, 20),
+            scale=one(1.0, 1.0, 1e5, 1e-5),
+            idle=one(False, False, False, True),
+            members=one(False, True),
+        )
+
+    space, fixed = rng.randrange(len(SPACES)), one(False, False, False, True)
+    start, length = one(0.0, 0.0, -2.0, 1.5, 1e5), one(1.0, -1.0, 2.5, -2.5, 1e-6, 1e4, -1e4, 0.0)
+    rtol, atol = one((1e-3, 1e-6), (1e-5, 1e-5), (1e-6, 1e-9), (1e-9, 1e-9))
+    return admitted(Program(
+        space=space, seed=rng.randint(0, 50), start=start,
         length=length if abs(length) > 1e-3 or start < 1e3 else 1.0,
-        output=draw(st.none() | st.lists(st.sampled_from(SHARES), max_size=6).map(tuple)),
-        dense=draw(st.booleans()),
-        observe=draw(st.booleans()),
-        events=events,
-        breaks=tuple(draw(st.sets(st.sampled_from((0.3, 0.31, 0.5, 0.75)), max_size=2))),
-        inputs=tuple(draw(st.lists(samples, max_size=2))),
-        parameters=draw(st.booleans()),
-        compiled=frame.compiled and draw(st.booleans()),
-        caller=draw(st.sampled_from(CALLERS)),
-    )
-    return _admitted(draw, _with_method(draw, program))
+        form=one("state", "state", "state", "time", "constant"),
+        turns=one(0.0, 0.3, 1.0, 3.0, 8.0, 30.0), speed=one(0.0, 1.0, 5.0),
+        endless=one(False, True),
+        method=one(*(FIXED + SPLITTINGS * SPACES[space].phase if fixed else PAIRS)),
+        steps=one(3.0, 10.0, 20.3) if fixed else 0.0,
+        rtol=rtol, atol=atol, arrays=one("", "", "atol", "rtol, atol"),
+        first_step=one(0.0, 0.0, 1e-3, 0.4), max_step=one(0.0, 0.0, 0.13),
+        output=one(None, some(6, lambda: one(*SHARES))),
+        dense=one(False, True), observe=one(False, True),
+        events=(*some(3, zero), *one((), (), (), (Zero("edge"),))),
+        breaks=one((), (0.3,), (0.31, 0.75), (0.5, 0.31)), inputs=some(2, samples),
+        parameters=one(False, True), compiled=one("", "", "", "c", "c", one("c", "numba")),
+        linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
+        callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
+    ))  # fmt: skip
 
 
-def _with_method(draw, program: Program) -> Program:
-    frame = program.frame
-    methods = PAIRS
-    if draw(st.integers(0, 3)) == 0:
-        methods = FIXED + SPLITTINGS * frame.phase
-        program = replace(program, steps=draw(st.sampled_from((3.0, 10.0, 20.3))))
-    else:
-        rtol, atol = draw(st.sampled_from(((1e-3, 1e-6), (1e-5, 1e-5), (1e-6, 1e-9), (1e-9, 1e-9))))
-        program = replace(program, rtol=rtol, atol=atol)
-    program = replace(program, method=draw(st.sampled_from(methods)))
-    if program.method in LOW_ORDER and min(program.rtol, program.atol) < 1e-6:
-        program = replace(program, rtol=1e-5, atol=1e-6)  # fewer steps
-    return program
-
-
-def _admitted(draw, program: Program) -> Program:
+def admitted(program: Program) -> Program:
     """Return the program without what is refused, has no single answer, or takes long."""
-    frame, changes = program.frame, {}
-    inputs = tuple(replace(u, count=200) if u.idle else u for u in program.inputs)
-    many = program.caller in ("ensemble", "variational", "adjoint")
-    if not frame.compiled or many or abs(program.length) < 1e-3:  # flows and pieces take long
-        inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in program.inputs)
-    changes["inputs"] = inputs
-    if program.turns > 10.0 and program.form == "state":  # errors grow
-        changes["turns"] = 2.0
-    if not frame.brackets and program.method.startswith(("RKMK", "Radau")):
-        changes["method"] = "CF5(4)"
-    if program.method in SPLITTINGS and program.form == "state":  # friction
-        changes["form"] = "time"
-    if program.compiled:
-        changes["parameters"] = False
-    if frame.phase and abs(program.length) > 10.0:  # they move freely
-        changes["length"] = program.length / 1e4
-    if program.length == 0.0:
-        changes |= {"output": None, "breaks": (), "inputs": (), "events": (), "steps": 0.0}
-        changes["method"] = "auto"
-    if program.caller == "linear":
-        changes |= {"compiled": False, "form": "time", "steps": 0.0, "method": "auto"}
-    terminal = program.length and any(zero.terminal == 1 for zero in program.events)
-    if terminal and not program.steps and not program.inputs and draw(st.booleans()):
-        changes |= {"endless": True, "breaks": ()}
-    return replace(program, **changes)
+    frame, callers = program.frame, sorted(program.callers)
+
+    def change(condition: Any, **changes: Any) -> None:
+        nonlocal program
+        program = replace(program, **changes) if condition else program
+
+    change(True, callers=tuple(callers))
+    change(not frame.compiled, compiled="")
+    change("in_jax" in callers, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
+    change("in_jax" in callers, arrays="", linear=False)
+    change("in_jax" in callers and program.method not in PAIRS[1:-1], method="CF5(4)")
+    change(program.steps, first_step=0.0, max_step=0.0, arrays="", rtol=1e-6, atol=1e-6)
+    change(program.length == 0.0, output=None, breaks=(), inputs=(), events=(), steps=0.0)
+    change(program.length == 0.0, method="auto", first_step=0.0, max_step=0.0)
+    slow = program.method in LOW_ORDER and min(program.rtol, program.atol) < 1e-5
+    change(slow, rtol=1e-4, atol=1e-5)
+    change(program.turns > 10.0 and program.form == "state", turns=2.0)  # errors grow
+    change(not frame.brackets and program.method.startswith(("RKMK", "Radau")), method="CF5(4)")
+    change(program.method in SPLITTINGS and program.form == "state", form="time")  # friction
+    change(frame.phase and abs(program.length) > 10.0, length=program.length / 1e4)  # free motion
+    plain = not frame.phase and frame.returned == (-1,) and program.method != "RadauIIA5"
+    plain = plain and not any(zero.kind == "edge" for zero in program.events)
+    change(program.linear, linear=plain)
+    change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
+    smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
+    change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
+    change(program.linear and program.derivatives, derivatives="adjoint")
+    change(program.derivatives == "adjoint", events=(), output=program.output or None)
+    inputs = program.inputs
+    if abs(program.length) < 1e-3 or program.derivatives or callers or not frame.compiled:  # slow
+        inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in inputs)
+    inputs = tuple(replace(u, count=200) if u.idle else u for u in inputs)
+    events = [zero for zero in program.events if zero.kind != "edge" or not program.steps]
+    edge = any(zero.kind == "edge" for zero in events)
+    smooth = inputs and inputs[0].kind in ("linear", "cubic", "averages")
+    for k, zero in enumerate(events):
+        if (zero.kind == "input" and not smooth) or (zero.kind == "copy" and k == 0):
+            events[k] = replace(zero, kind="plane")
+        if zero.jump == "other" and edge:
+            events[k] = replace(events[k], jump="y0")
+        if zero.kind == "edge":
+            events[k] = Zero("edge", 0.1, terminal=1)
+    finite = program.steps or inputs or program.length == 0
+    endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
+    change(endless, breaks=(), turns=min(program.turns, 8.0))
+    return replace(program, events=tuple(events), inputs=inputs, endless=endless)
+
+
+def simpler(record: Any) -> Iterator[Any]:
+    """Yield a program, or what it contains, with one thing less or as by default."""
+    for field in fields(record):
+        value = getattr(record, field.name)
+        options = [field.default, 0.0 if isinstance(value, float) else field.default]
+        if isinstance(value, tuple):
+            options += [value[:k] + value[k + 1 :] for k in range(len(value))]
+            options += [
+                (*value[:k], item, *value[k + 1 :])
+                for k, whole in enumerate(value) if is_dataclass(whole) for item in simpler(whole)
+            ]  # fmt: skip
+        for option in options:
+            if option != value and len(repr(new := replace(record, **{field.name: option}))) < len(
+                repr(record)
+            ):
+                yield new
+
+
+def simplest(program: Program, fails: Callable[[Program], bool], trials: int = 150) -> Program:
+    """Return a program that fails, of which no simpler one does, or not within some trials."""
+    for candidate in map(admitted, simpler(program)):
+        if trials > 0 and len(repr(candidate)) < len(repr(program)):
+            trials -= 1
+            if fails(candidate):
+                return simplest(candidate, fails, trials)
+    return program

@@ -1,95 +1,153 @@
-"""Random programs of calls of `cg`: what hypothesis draws, and the script that each one is.
+"""Random programs of calls of `cg`, as plain numbers and names, and the script that each one is.
 
-A `Program` consists of plain numbers and names. Its `script` is the text of the functions and
-arguments; the comparison runs this text, so that a failure is printed as what was run.
+The comparison runs the text of the script, so that a failure is printed as what was run.
 """
 
-import ctypes
 import hashlib
+import importlib
 import sys
-import types
-from dataclasses import dataclass, fields
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tests.model.reference import Crossing, Task, curve
-from tests.model.spaces import SPACES, Space
+from tests.model.reference import Task, curve
+from tests.model.spaces import SPACES, Space, reals
 
-PAIRS = (
-    "auto", "BS3(2)", "CF4(3)", "CF5(4)", "CF6(5)", "CG2(3)", "CG3(2)", "CG4(3)", "CG5(4)",
-    "CG6(5)", "DP5(4)", "DVERK6(5)", "DOP853", "Verner7(6)", "RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)",
-    "RadauIIA5",
-)  # fmt: skip
-FIXED = (
-    "LieEuler", "CG2", "CG3", "CF3", "CF4", "CF4b", "CG4b", "CF5(4)", "CF5r", "RKMK4", "RKMK5(4)",
-    "RKMK8(5,3)", "ImplicitMidpoint", "DICG4b",
-)  # fmt: skip
-SPLITTINGS = ("Leapfrog", "McLachlan2", "BlanesMoan4", "BlanesMoan6")
+FOLDER = tempfile.TemporaryDirectory()
 
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-
-C_SOURCE = """
-#include <math.h>
-int f(double t, const double *y, double *v, void *data)
-{
-    const int n = %d, dim = %d, inputs = %d, breaks = %d;
-    const double at[] = {%s};
-    const double *w = data, *speed = w + dim * n, *phase = speed + dim, *gain = phase + dim;
-    const double *size = gain + dim * inputs, *u = size + 1;
-    double sign = 1;
-    for (int k = 0; k < breaks; k++)
-        if (t >= at[k]) sign = -sign;
-    for (int i = 0; i < dim; i++) {
+SCRIPT = """import copy, ctypes, pickle, subprocess, tempfile
+import numpy as np
+import cg
+{space.prelude}
+frame = {space.expression}
+y0, other = np.array({y0}), np.array({other})
+rng, span = np.random.default_rng({self.seed}), ({self.start!r}, {until})
+w = {follows} * rng.uniform(-1, 1, ({space.dim}, {size}))
+rate, at = {rate!r}, np.array({at})
+speed = {speed!r} * rng.uniform(-1, 1, {space.dim})
+phase = rng.uniform(-3, 3, {space.dim}) - speed * span[0]
+gain = rate * rng.uniform(-1, 1, ({space.dim}, {inputs}))
+edge = {edge} * rng.uniform(-0.5, 0.5, {size})
+room = {room} - float(edge @ y0.view(float).ravel())
+parameters = np.array([0.8, 0.3])
+"""
+SAMPLES = """
+times{k} = np.linspace({low!r}, {high!r}, {edges})
+values{k} = {u.scale!r} * (np.random.default_rng({u.seed}).random({u.count}) - 0.5)
+values{k}[{zeros}] = 0
+gain[:, {k}] /= {u.scale!r}
+samples{k} = cg.Samples(times{k}, values{k}, {kind})
+mirrored{k} = cg.Samples(times{k}, values{k}[::-1], {kind})
+members{k} = cg.Samples(
+    times{k}, np.stack([values{k}, values{k}[::-1], values{k}]), {kind}, members=True)
+"""
+FUNCTION = """
+def python(t, y{further}):
+    z = np.reshape(y{view}, (*np.shape(t), 1, -1))
+    v = rate * np.sin((w * z).sum(-1) + np.multiply.outer(t, speed) + phase)
+    v = v * np.prod(1 - 2 * (np.asarray(t)[..., None] >= at), -1)[..., None]
+    v = (v{driven}) * np.sqrt(room + (z * edge).sum(-1))
+    v = {mixed}
+    return v.reshape(*np.shape(t), {returned})
+f = python
+"""
+OF_TIME = """
+def f(t{further}):
+    return python(t, np.broadcast_to(y0, (*np.shape(t), *y0.shape)){further})
+"""
+IN_C = """
+def table(array): return "{" + ", ".join(map(repr, [*np.ravel(array).tolist(), 0.0])) + "}"
+source = f\"\"\"#include <math.h>
+int f(double t, const double *y, double *v, void *data) {{
+    const int n = {w.shape[1]}, dim = {len(w)}, inputs = {gain.shape[1]}, breaks = {len(at)};
+    const double w[] = {table(w)}, at[] = {table(at)}, edge[] = {table(edge)};
+    const double speed[] = {table(speed)}, phase[] = {table(phase)}, gain[] = {table(gain)};
+    const double *p = data, *u = p + COUNT;
+    double size = {rate}, root = {room}, turned[dim];
+    for (int k = 0; k < breaks; k++) if (t >= at[k]) size = -size;
+    for (int j = 0; j < n; j++) root += edge[j] * y[j];
+    for (int i = 0; i < dim; i++) {{
         double angle = speed[i] * t + phase[i];
         for (int j = 0; j < n; j++) angle += w[i * n + j] * y[j];
-        v[i] = sign * size[0] * sin(angle);
+        v[i] = size * sin(angle);
         for (int j = 0; j < inputs; j++) v[i] += gain[i * inputs + j] * u[j];
-    }
+        turned[dim - 1 - i] = v[i] *= sqrt(root);
+    }}
+    for (int i = 0; i < dim && COUNT; i++) v[i] = p[0] * v[i] + p[1] * turned[i];
     return 0;
-}
+}}\"\"\"
+library = tempfile.mkdtemp() + "/f.so"
+subprocess.run(["gcc", "-O1", "-shared", "-fPIC", "-x", "c", "-o", library, "-", "-lm"],
+               input=source, text=True, check=True)
+f = cg.CompiledFunction(library, "f")
+"""
+IN_NUMBA = """
+import numba
+inner, doubles = ctypes.CDLL(library).f, ctypes.POINTER(ctypes.c_double)
+inner.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
+real = numba.types.CPointer(numba.float64)
+@numba.cfunc(numba.int32(numba.float64, real, real, numba.types.voidptr))
+def f(t, y, v, data): return inner(t, y, v, data)
+"""
+PLANE = """
+normal{k} = np.random.default_rng({zero.seed}).random({size}) - 0.5
+normal{k} /= np.linalg.norm(normal{k})
+level{k} = float(normal{k} @ y0.view(float).ravel()) + ({zero.place} - 0.5)
+"""
+EVENT = """
+def event{k}(t, y{further}): return {body}
+def jump{k}(t, y, *rest): return {zero.jump}
+crossing{k} = cg.Event(event{k}, {zero.terminal}, {zero.direction}, {jump})
 """
 
-COMPILED = """
-with tempfile.TemporaryDirectory() as folder:
-    subprocess.run(
-        ["gcc", "-O1", "-shared", "-fPIC", "-x", "c", "-o", f"{folder}/f.so", "-", "-lm"],
-        input=C_SOURCE, text=True, check=True,
-    )
-    function = ctypes.CDLL(f"{folder}/f.so").f
-doubles = ctypes.POINTER(ctypes.c_double)
-function.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
-"""
+
+class Record:
+    """Numbers and names, of which those that aren't the default are printed."""
+
+    def __repr__(self) -> str:
+        values = {f.name: (getattr(self, f.name), f.default) for f in fields(self)}  # type: ignore[arg-type]
+        changed = [f"{name}={value!r}" for name, (value, own) in values.items() if value != own]
+        return f"{type(self).__name__}({', '.join(changed)})"
 
 
-@dataclass(frozen=True)
-class Zero:
+@dataclass(frozen=True, repr=False)
+class Zero(Record):
     """An event: ``"time"`` at a share of the span, ``"plane"`` where a function of y is zero.
 
-    ``"copy"`` is the event before it, with a function that is less by ``place``, 0, or 1e-10.
+    ``"input"`` is a plane that the first input moves, ``"edge"`` is before the edge of f's domain,
+    and ``"copy"`` the event before it with a function that is less by ``place``, 0, or 1e-10.
     """
 
-    kind: str
-    place: float
-    seed: int
-    terminal: int
-    direction: int
-    jump: str
+    kind: str = "plane"
+    place: float = 0.3
+    seed: int = 0
+    terminal: int = 0
+    direction: int = 0
+    jump: str = ""
 
 
-@dataclass(frozen=True)
-class Input:
+@dataclass(frozen=True, repr=False)
+class Input(Record):
     """Samples of a function of time; ``idle`` ones are zero but for a tenth at the end."""
 
-    kind: str
-    count: int
-    seed: int
-    scale: float
+    kind: str = "linear"
+    count: int = 4
+    seed: int = 0
+    scale: float = 1.0
     idle: bool = False
+    members: bool = False
 
 
-@dataclass(frozen=True)
-class Program:
-    """One call of `cg`, with everything that it involves. Times are shares of the span."""
+@dataclass(frozen=True, repr=False)
+class Program(Record):
+    """Calls of `cg` for one problem, with everything that it involves.
+
+    Times are shares of the span.
+    """
 
     space: int = 0
     seed: int = 0
@@ -103,6 +161,9 @@ class Program:
     steps: float = 0.0
     rtol: float = 1e-6
     atol: float = 1e-6
+    arrays: str = ""
+    first_step: float = 0.0
+    max_step: float = 0.0
     output: tuple[float, ...] | None = None
     dense: bool = False
     observe: bool = False
@@ -110,8 +171,10 @@ class Program:
     breaks: tuple[float, ...] = ()
     inputs: tuple[Input, ...] = ()
     parameters: bool = False
-    compiled: bool = False
-    caller: str = "solve_ivp"
+    compiled: str = ""
+    linear: bool = False
+    derivatives: str = ""
+    callers: tuple[str, ...] = ()
 
     @property
     def frame(self) -> Space:
@@ -121,191 +184,134 @@ class Program:
     def end(self) -> float:
         return self.start + self.length
 
+    @property
+    def edge(self) -> bool:
+        """Whether f has a domain."""
+        return any(zero.kind == "edge" for zero in self.events)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether there is noise, which isn't admitted backward in time."""
+        return self.derivatives == "forward" and self.length > 0
+
     def at(self, share: float) -> float:
         """Return the time at a share of the span, to the bit the end for one."""
         return self.end if share == 1.0 else self.start + share * self.length
 
-    def times(self, shares) -> list[float]:
+    def times(self, shares: Sequence[float]) -> list[float]:
         return sorted({self.at(s) for s in shares}, reverse=self.length < 0)
-
-    def __repr__(self) -> str:
-        changed = [
-            f"{f.name}={getattr(self, f.name)!r}"
-            for f in fields(self)
-            if getattr(self, f.name) != f.default
-        ]
-        return f"Program({', '.join(changed)})"
 
     def script(self) -> str:
         """Return the definitions of f, y0, frame, options and all that they need."""
-        space, n = self.frame, self.frame.base.view(float).size
-        parts = ["import numpy as np", "import cg", ""]
-        if self.compiled:
-            parts[:1] = ["import ctypes, subprocess, tempfile", "import numpy as np"]
-        point = space.start(self.seed)
-        other = space.start(self.seed + 1)
-        parts += [
-            *filter(None, [space.prelude]),
-            f"frame = {space.expression}",
-            f"y0 = np.array({point.tolist()})",
-            f"other = np.array({other.tolist()})",
-            f"rng = np.random.default_rng({self.seed})",
-            f"w = {float(self.form == 'state')} * rng.uniform(-1, 1, ({space.dim}, {n}))",
-            f"speed = {self._speed()!r} * rng.uniform(-1, 1, {space.dim})",
-            f"phase = rng.uniform(-3, 3, {space.dim}) - speed * {self.start!r}",
-            f"gain = {self._rate()!r} * rng.uniform(-1, 1, ({space.dim}, {len(self.inputs)}))",
-            f"at = np.array({self.times(self.breaks)})",
-            *self._samples(),
-            *self._function(),
-            *(line for k in range(len(self.events)) for line in self._event(k)),
-            f"span = ({self.start!r}, {'np.inf' if self.endless else repr(self.end)})".replace(
-                "np.inf", "np.inf" if self.length > 0 else "-np.inf"
-            ),
-            f"options = dict({', '.join(self._options())})",
-        ]
-        return "\n".join(parts)
+        space, size = self.frame, reals(self.frame.base).size
+        moving = 0.0 if self.form == "constant" else self.speed
+        infinity = "np.inf" if self.length > 0 else "-np.inf"
+        names = [f"u[{k}]" for k in range(len(self.inputs))] if len(self.inputs) > 1 else ["u"]
+        further = ", u" * bool(self.inputs) + ", p" * self.parameters
+        driven = [f" + np.multiply.outer({name}, gain[:, {k}])" for k, name in enumerate(names)]
+        scale = self.inputs[0].scale if self.inputs else 1.0
+        text = SCRIPT.format(
+            self=self, space=space, size=size, y0=space.start(self.seed).tolist(),
+            other=space.start(self.seed + (not self.edge and not self.endless)).tolist(),
+            until=infinity if self.endless else repr(self.end), at=self.times(self.breaks),
+            follows=float(self.form == "state"), rate=self.turns / (abs(self.length) or 1.0),
+            speed=moving / (abs(self.length) or 1.0), inputs=len(self.inputs), edge=int(self.edge),
+            room=0.3 if self.edge else 1.0,
+        )  # fmt: skip
+        text += "".join(self._samples(k, u) for k, u in enumerate(self.inputs))
+        text += FUNCTION.format(
+            further=further, driven="".join(driven[: len(self.inputs)]),
+            view=".view(float)" * np.iscomplexobj(space.base),
+            mixed="v * p[..., :1] + p[..., 1:] * v[..., ::-1]" if self.parameters else "v",
+            returned=", ".join(map(str, space.returned)),
+        )  # fmt: skip
+        text += OF_TIME.format(further=further) if self.linear else ""
+        text += IN_C.replace("COUNT", str(2 * self.parameters)) if self.compiled else ""
+        text += IN_NUMBA if self.compiled == "numba" else ""
+        for k, zero in enumerate(self.events):
+            point = "np.ascontiguousarray(y).view(float).ravel()"
+            body = {
+                "time": f"t - {self.at(zero.place)!r}",
+                "edge": f"float(room + edge @ {point}) - {zero.place!r}",
+                "plane": f"float(normal{k} @ {point}) - level{k}",
+                "copy": f"event{k - 1}(t, y{further}) - "
+                        f"{(zero.place, 0.0, 1e-10)[zero.seed % 3]!r}",
+            }  # fmt: skip
+            body["input"] = f"{body['plane']} + {0.3 / scale!r} * {names[0]}"
+            text += PLANE.format(k=k, zero=zero, size=size)
+            jump = f"jump{k}" if zero.jump else None
+            text += EVENT.format(k=k, zero=zero, further=further, jump=jump, body=body[zero.kind])
+        return f"{text}\noptions = dict({', '.join(self._options())})\n"
 
-    def _rate(self) -> float:
-        return self.turns / (abs(self.length) or 1.0)
-
-    def _speed(self) -> float:
-        return 0.0 if self.form == "constant" else self.speed / (abs(self.length) or 1.0)
-
-    def _samples(self) -> list[str]:
-        lines = []
-        for k, samples in enumerate(self.inputs):
-            edges = samples.count + (samples.kind in ("averages", "causal"))
-            low, high = sorted((self.start, self.start + self.length * (1 + 1e-3 * k)))
-            kind = "averages" if samples.kind == "causal" else samples.kind
-            count = samples.count
-            zeros = f":{count - count // 10}" if samples.idle else f"{count // 3}:{count // 2}"
-            lines += [
-                f"times{k} = np.linspace({low!r}, {high!r}, {edges})",
-                f"values{k} = np.random.default_rng({samples.seed}).random({samples.count}) - 0.5",
-                f"values{k}[{zeros}] = 0",
-                f"samples{k} = cg.Samples(times{k}, {samples.scale!r} * values{k}, {kind!r}"
-                f"{', causal=True' if samples.kind == 'causal' else ''})",
-                f"gain[:, {k}] /= {samples.scale!r}",
-            ]
-        return lines
-
-    def _function(self) -> list[str]:
-        if self.compiled:
-            at = self.times(self.breaks)
-            sizes = self.frame.base.view(float).size, self.frame.dim, len(self.inputs), len(at)
-            source = C_SOURCE % (*sizes, ", ".join(map(repr, at or [0.0])))
-            return [
-                f'C_SOURCE = """{source}"""{COMPILED}f = function',
-                "parameters = np.concatenate([w.ravel(), speed, phase, gain.ravel(), "
-                f"[{self._rate()!r}]])",
-            ]
-        lines = [
-            f"def f(t, y{', u' if self.inputs else ''}{', p' if self.parameters else ''}):",
-            "    z = np.ascontiguousarray(y).view(float).reshape(*np.shape(t), 1, -1)",
-            "    v = np.sin((w * z).sum(-1) + np.multiply.outer(t, speed) + phase)",
-            f"    v = {self._rate()!r} * v"
-            + (" * np.prod(1 - 2 * (np.asarray(t)[..., None] >= at), -1)[..., None]"
-               if self.breaks else ""),
-        ]  # fmt: skip
-        names = ["u"] if len(self.inputs) == 1 else [f"u[{k}]" for k in range(len(self.inputs))]
-        lines += [f"    v = v + np.multiply.outer({n}, gain[:, {k}])" for k, n in enumerate(names)]
-        if self.parameters:
-            lines += ["    v = v * p[..., :1] + p[..., 1:] * v[..., ::-1]"]
-        shape = ", ".join(map(str, self.frame.returned))
-        lines += [f"    return v.reshape(*np.shape(t), {shape})"]
-        lines += ["parameters = np.array([0.8, 0.3])"]
-        return lines
-
-    def _event(self, k: int) -> list[str]:
-        zero = self.events[k]
-        body = f"t - {self.at(zero.place)!r}"
-        if zero.kind == "plane":
-            lines = [
-                f"normal{k} = np.random.default_rng({zero.seed}).random(y0.view(float).size) - 0.5",
-                f"normal{k} /= np.linalg.norm(normal{k})",
-                f"level{k} = float(normal{k} @ y0.view(float).ravel()) + {zero.place - 0.5!r}",
-            ]
-            body = f"float(normal{k} @ np.ascontiguousarray(y).view(float).ravel()) - level{k}"
-        else:
-            lines = []
-        if zero.kind == "copy" and k:
-            body = f"event{k - 1}(t, y) - {(zero.place, 0.0, 1e-10)[zero.seed % 3]!r}"
-        target = {"start": "y0", "other": "other"}.get(zero.jump)
-        jump = f"def jump{k}(t, y, *rest): return {target}" if target else f"jump{k} = None"
-        return [*lines, f"def event{k}(t, y, *rest): return {body}", jump]
-
-    def _options(self) -> list[str]:
-        items = ["frame=frame"]
-        if self.method != "auto":
-            items.append(f"method={self.method!r}")
-        if self.steps:
-            items.append(f"h={abs(self.length) / self.steps!r}")
-        else:
-            items.append(f"rtol={self.rtol!r}")
-            items.append(f"atol={self.atol!r}")
-        if self.output is not None:
-            items.append(f"t_eval={self.times(self.output)}")
-        if self.dense:
-            items.append("dense_output=True")
-        if self.events:
-            names = [
-                f"cg.Event(event{k}, terminal={zero.terminal}, direction={zero.direction}, "
-                f"jump=jump{k})"
-                for k, zero in enumerate(self.events)
-            ]
-            items.append(f"events=[{', '.join(names)}]")
-        if self.breaks:
-            items.append("breakpoints=at")
-        if self.inputs:
-            names = [f"samples{k}" for k in range(len(self.inputs))]
-            items.append(f"inputs=({', '.join(names)}{',' if len(names) > 1 else ''})")
-        if self.parameters or self.compiled:
-            items.append("parameters=parameters")
-        return items
-
-    def build(self) -> dict:
-        """Return the names of the script, in a module that pickles can refer to."""
-        text = self.script()
-        name = f"program_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-        module = types.ModuleType(name)
-        module.__dict__["__name__"] = name
-        exec(compile(text, name, "exec"), module.__dict__)
-        sys.modules[name] = module
-        return module.__dict__
-
-    def task(self, names: dict) -> Task:
-        """Return the same problem for the model."""
-        curves, knots = [], []
-        for k, samples in enumerate(self.inputs):
-            times, values = names[f"times{k}"], samples.scale * names[f"values{k}"]
-            kind = "averages" if samples.kind == "causal" else samples.kind
-            curves.append(curve(kind, times, values, samples.kind == "causal"))
-            knots += times.tolist()
-        function = names["f"]
-        if self.compiled:
-            function = _in_python(function, self.frame.dim)
-        return Task(
-            self.frame, function,
-            (self.start, self.start + 20 * self.length if self.endless else self.end),
-            names["y0"],
-            [
-                Crossing(names[f"event{k}"], zero.terminal, zero.direction, names[f"jump{k}"])
-                for k, zero in enumerate(self.events)
-            ],
-            self.times(self.breaks), curves, knots,
-            (names["parameters"],) if self.parameters or self.compiled else (),
+    def _samples(self, k: int, u: Input) -> str:
+        low, high = sorted((self.start, self.start + self.length * (1 + 1e-3 * k)))
+        zeros = f":{u.count - u.count // 10}" if u.idle else f"{u.count // 3}:{u.count // 2}"
+        return SAMPLES.format(
+            k=k, u=u, low=low, high=high, zeros=zeros,
+            edges=u.count + (u.kind in ("averages", "causal")),
+            kind="'averages', causal=True" if u.kind == "causal" else repr(u.kind),
         )  # fmt: skip
 
+    def _options(self) -> list[str]:
+        length, n = abs(self.length), self.frame.coordinates
+        shape = self.frame.base.shape if self.frame.entries else (n,)
+        varied = f" * np.resize([1.0, 0.3], {shape})"
+        adaptive = [
+            *(f"{name}={getattr(self, name)!r}{varied * (name in self.arrays)}"
+              for name in ("rtol", "atol")),
+            *(f"{name}={getattr(self, name) * length!r}"
+              for name in ("first_step", "max_step") if getattr(self, name)),
+        ]  # fmt: skip
+        events = ", ".join(f"crossing{k}" for k in range(len(self.events)))
+        given = {
+            f"method={self.method!r}": self.method != "auto",
+            f"t_eval={self.times(self.output or ())}": self.output is not None,
+            "dense_output=True": self.dense,
+            f"events=[{events}]": self.events,
+            "breakpoints=at": self.breaks,
+            f"inputs={self.named_inputs('samples')}": self.inputs,
+            "parameters=parameters": self.parameters,
+            "rhs='derivative'": self.frame.returned != (-1,),
+            "linear=True": self.linear,
+            f"derivatives={self.derivatives!r}": self.derivatives,
+            f"control_derivatives=True, P0=0.1 * np.eye({n})": self.derivatives == "forward",
+            f"noise=np.diag(np.arange(1.0, {n + 1}) / {length!r})": self.noisy,
+        }
+        sizes = [f"h={length / self.steps!r}"] if self.steps else adaptive
+        return ["frame=frame", *sizes, *(text for text, value in given.items() if value)]
 
-def _in_python(function, dim):
-    def f(t, y, *rest):
-        values = [np.ravel(np.array(value, dtype=float)) for value in (rest[-1], *_flat(rest[:-1]))]
-        data, point, v = np.concatenate(values), np.ascontiguousarray(y), np.empty(dim)
-        function(t, point.ctypes.data_as(DOUBLES), v.ctypes.data_as(DOUBLES), data.ctypes.data)
-        return v
+    def named_inputs(self, name: str) -> str:
+        """Return the expression of ``inputs``; those that members have of their own have a name."""
+        own = [f"{name if u.members else 'samples'}{k}" for k, u in enumerate(self.inputs)]
+        return f"({', '.join(own)})" if len(own) > 1 else "".join(own)
 
-    return f
+    def build(self) -> dict[str, Any]:
+        """Run the script, as a module that other processes can import; return its names."""
+        text = self.script()
+        name = f"program_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        if FOLDER.name not in sys.path:
+            sys.path.append(FOLDER.name)
+        Path(FOLDER.name, f"{name}.py").write_text(text)
+        importlib.invalidate_caches()
+        tempfile.tempdir, own = FOLDER.name, tempfile.tempdir
+        try:
+            return vars(importlib.import_module(name))
+        finally:
+            tempfile.tempdir = own
 
+    def task(self, names: dict[str, Any], step: float = 0.0, **changes: Any) -> Task:
+        """Return the problem for the model, with arguments changed by a step along ``changes``."""
 
-def _flat(inputs):
-    return inputs[0] if inputs and isinstance(inputs[0], tuple) else inputs
+        def changed(name: str) -> np.ndarray:
+            return reals(names[name]) + step * changes.get(name, 0.0)
+
+        curves = [curve(u.kind, names[f"times{k}"], changed(f"values{k}"))
+                  for k, u in enumerate(self.inputs)]  # fmt: skip
+        task = Task(
+            self.frame, names["python"],
+            (self.start, self.start + 4 * self.length if self.endless else self.end),
+            names["y0"], names["options"].get("events", ()), self.times(self.breaks), curves,
+            [t for k in range(len(self.inputs)) for t in names[f"times{k}"].tolist()],
+            (changed("parameters"),) if self.parameters else (),
+        )  # fmt: skip
+        return replace(task, y0=task.point(changed("y0")))

@@ -6,7 +6,8 @@ on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -20,24 +21,18 @@ KICK = 1e-6  # size of the perturbations that show how errors grow
 
 
 @dataclass(frozen=True)
-class Crossing:
-    """An event as the model takes it: ``terminal`` is a number of times, zero for never."""
-
-    function: Callable
-    terminal: int = 0
-    direction: int = 0
-    jump: Callable | None = None
-
-
-@dataclass(frozen=True)
 class Task:
-    """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``."""
+    """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``.
+
+    An event has a ``function``, its ``terminal`` number of times, zero for never, its
+    ``direction``, and a ``jump`` or None.
+    """
 
     space: Space
     f: Callable
     span: tuple[float, float]
     y0: np.ndarray
-    events: Sequence[Crossing] = ()
+    events: Sequence[Any] = ()
     breakpoints: Sequence[float] = ()
     curves: Sequence[Callable] = ()
     knots: Sequence[float] = ()
@@ -55,26 +50,28 @@ class Task:
     def derivative(self, t: float, z: np.ndarray) -> np.ndarray:
         y = self.point(z)
         v = np.asarray(self.f(t, y, *self.arguments(t)), dtype=float).reshape(-1)
-        return reals(self.space.field(v, y))
+        return reals(self.space.field(np.nan_to_num(v), y))  # f stands still out of its domain
 
 
-def curve(kind: str, times: np.ndarray, values: np.ndarray, causal: bool = False) -> Callable:
+def curve(kind: str, times: np.ndarray, values: np.ndarray) -> Callable:
     """Return the function of time of samples of one number."""
     if kind == "linear":
         return lambda t: float(np.interp(t, times, values))
     if kind == "cubic":
         spline = CubicSpline(times, values)
         return lambda t: float(spline(t))
-    if kind == "averages" and not causal:
+    if kind == "averages":
         sums = np.concatenate([[0.0], np.cumsum(values * np.diff(times))])
         rate = CubicSpline(times, sums).derivative()
         return lambda t: float(rate(t))
-    middles = (times[1:] + times[:-1]) / 2
-    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(middles)]) if causal else None
+    slopes = np.zeros(len(values))
+    middles = (times[: len(values)] + np.append(times, np.inf)[1 : len(values) + 1]) / 2
+    if kind == "causal":
+        slopes[1:] = np.diff(values) / np.diff(middles)
 
     def of_one_interval(t: float) -> float:
         k = min(max(int(np.searchsorted(times, t, "right")) - 1, 0), len(values) - 1)
-        return float(values[k] + (slopes[k] * (t - middles[k]) if causal else 0.0))
+        return float(values[k] + (slopes[k] * (t - middles[k]) if slopes[k] else 0.0))
 
     return of_one_interval
 
@@ -144,15 +141,11 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
 def _direction(task: Task, z: np.ndarray, seed: int) -> np.ndarray:
     """Return a random tangent."""
     rng, space = np.random.default_rng(seed), task.space
-    y = task.point(z)
-    if space.phase:
-        y = y.copy()
-        y[-space.dim :] = rng.standard_normal(space.dim)
-    tangent = reals(space.field(rng.standard_normal(space.dim), y))
+    tangent = space.tangent(rng.standard_normal(space.coordinates), task.point(z))
     return tangent / max(np.linalg.norm(tangent), 1e-300)
 
 
-def _value(task: Task, event: Crossing, t: float, z: np.ndarray) -> float:
+def _value(task: Task, event: Any, t: float, z: np.ndarray) -> float:
     return float(event.function(t, task.point(z), *task.arguments(t)))
 
 
@@ -244,32 +237,18 @@ def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) ->
         other = solve(path.task, kicks, rtol=1e-10)
         if [len(events) for events in other.events] != [len(events) for events in path.events]:
             return np.inf
-        moved = sorted([*path.jumps, *other.jumps, path.end, other.end])
+        moved = list(zip([*path.jumps, path.end], [*other.jumps, other.end], strict=False))
+        changes = [other.last - path.last]
         for t in times:
-            near = any(
-                abs(t - a) <= 100 * abs(a - b) + 1e-9 * abs(end - begin)
-                for a, b in zip(moved[::2], moved[1::2], strict=False)
-            )
-            if not near:
-                largest = max(largest, float(np.abs(other(t) - path(t)).max()) / KICK)
-        largest = max(largest, float(np.abs(other.last - path.last).max()) / KICK)
+            if all(abs(t - a) > 100 * abs(a - b) + 1e-9 * abs(end - begin) for a, b in moved):
+                changes.append(other(t) - path(t))
+        largest = max(largest, *(float(np.abs(change).max()) / KICK for change in changes))
     return largest
 
 
-def tangents(
-    task: Task, tangent: np.ndarray, parameters: np.ndarray | float, times: Sequence[float]
-) -> np.ndarray:
-    """Return the derivatives of the points at times along a tangent and a change of parameters.
-
-    They are differences of order four.
-    """
-    rows = []
-    for step in (1e-4, -1e-4, 2e-4, -2e-4):
-        rest = tuple(value + step * parameters for value in task.rest)
-        start = task.point(reals(task.y0) + step * tangent)
-        path = solve(replace(task, y0=start, rest=rest))
-        rows.append(np.array([path(t) for t in times]))
-    a, b, c, d = rows
+def difference(numbers: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Return the derivative at zero, by a difference of order four."""
+    a, b, c, d = (numbers(step) for step in (1e-4, -1e-4, 2e-4, -2e-4))
     return (8 * (a - b) - (c - d)) / 12e-4
 
 
@@ -278,11 +257,10 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
 
     A is the derivative of y' in the space around, E has the frame's fields as columns.
     """
-    n, dim = reals(task.y0).size, task.space.dim
+    n, units = reals(task.y0).size, np.eye(task.space.coordinates)
 
     def fields(z):
-        y = task.point(z)
-        return np.stack([reals(task.space.field(e, y)) for e in np.eye(dim)], axis=1)
+        return np.stack([task.space.tangent(e, task.point(z)) for e in units], axis=1)
 
     def both(t, state, begin, end):
         t = within(t, begin, end)
@@ -298,6 +276,6 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
     state = np.concatenate([reals(task.y0), (e0 @ initial @ e0.T).reshape(-1)])
     stops = [s for s in {*task.breakpoints, *task.knots} if min(t, end) < s < max(t, end)]
     for stop in [*sorted(stops, reverse=end < t), end]:
-        run = solve_ivp(both, (t, stop), state, args=(t, stop), rtol=1e-9, atol=1e-11)
+        run = solve_ivp(both, (t, stop), state, "DOP853", args=(t, stop), rtol=1e-8, atol=1e-10)
         t, state = stop, run.y[:, -1]
     return state[n:].reshape(n, n)

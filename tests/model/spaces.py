@@ -18,8 +18,9 @@ class Space:
     """A frame: its expression, one point, the number of coefficients, and the derivative of y.
 
     ``field(v, y)`` takes what a right-hand side returns: coefficients, on phase spaces forces.
-    ``brackets``, ``phase`` and ``compiled`` say which methods it has, whether it is a phase space,
-    and whether right-hand sides in C run without Python.
+    ``brackets``, ``phase``, ``compiled`` and ``entries`` say which methods it has, whether it is a
+    phase space, whether right-hand sides in C run without Python, and whether tolerances are those
+    of entries of points. ``along`` takes coordinates of a tangent, where ``field`` takes others.
     """
 
     expression: str
@@ -29,8 +30,19 @@ class Space:
     brackets: bool = True
     phase: bool = False
     compiled: bool = False
+    entries: bool = False
     returned: tuple[int, ...] = (-1,)
     prelude: str = ""
+    along: Field | None = None
+
+    @property
+    def coordinates(self) -> int:
+        """The number of coordinates of a tangent."""
+        return self.dim * (1 + self.phase)
+
+    def tangent(self, xi: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the reals of the tangent with given coordinates."""
+        return reals((self.along or self.field)(xi, y))
 
     def start(self, seed: int) -> np.ndarray:
         """Return a point: that which a random constant v leads to from the base."""
@@ -61,14 +73,6 @@ def skew(n: int) -> np.ndarray:
     return basis
 
 
-def units(n: int) -> np.ndarray:
-    return np.eye(n * n).reshape(n * n, n, n)
-
-
-def combination(basis: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.tensordot(v, basis, 1)
-
-
 def moved_by(basis: np.ndarray, side: str) -> Field:
     """Return the field of matrices that act from a side, or from both."""
     actions: dict[str, Field] = {
@@ -77,7 +81,7 @@ def moved_by(basis: np.ndarray, side: str) -> Field:
         "congruent": lambda omega, y: omega @ y + y @ omega.T,
         "similar": lambda omega, y: omega @ y - y @ omega,
     }
-    return lambda v, y: actions[side](combination(basis, v), y)
+    return lambda v, y: actions[side](np.tensordot(v, basis, 1), y)
 
 
 PAULI = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
@@ -102,8 +106,8 @@ def ambient_stiefel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return x - y @ (y.T @ x + x.T @ y) / 2
 
 
-def joined(*spaces: Space) -> Field:
-    """Return the field of a product, whose points are one flat vector."""
+def product(*spaces: Space) -> Space:
+    """Return the product, whose points are one flat vector."""
 
     def field(v, y):
         parts = []
@@ -114,15 +118,11 @@ def joined(*spaces: Space) -> Field:
             v, y = v[space.dim :], y[size:]
         return np.concatenate(parts)
 
-    return field
-
-
-def product(*spaces: Space) -> Space:
     return Space(
         f"cg.frames.Product({', '.join(space.expression for space in spaces)})",
         np.concatenate([reals(space.base) for space in spaces]),
         sum(space.dim for space in spaces),
-        joined(*spaces),
+        field,
         all(space.brackets for space in spaces),
         compiled=all(space.compiled for space in spaces),
     )
@@ -155,19 +155,21 @@ def phase(space: Space, inertia: list[float], turning: bool) -> Space:
             force = force - q * (q @ force)
         return np.concatenate([space.field(velocity, q).reshape(-1), change + force])
 
+    def along(xi, y):
+        velocity = space.field(xi[: space.dim], y[:size].reshape(space.base.shape))
+        return np.append(velocity, xi[space.dim :])
+
     base = np.concatenate([reals(space.base), np.zeros(space.dim)])
     text = f"cg.frames.PhaseSpace({space.expression}, {inertia if turning else inertia[0]})"
-    return Space(text, base, space.dim, field, phase=True)
+    return Space(text, base, space.dim, field, phase=True, along=along)
 
 
 def matrices(name: str, basis: np.ndarray, side: str, brackets: bool = True) -> Space:
     """Return linear fields of a frame of the user; points are vectors."""
     text = f"cg.frames.{name}({basis.tolist()})"
-    return Space(text, np.eye(basis.shape[-1])[0], len(basis), moved_by(basis, side), brackets)
-
-
-def circle(v: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return v[0] * np.array([-y[1], y[0]])
+    return Space(
+        text, np.eye(basis.shape[-1])[0], len(basis), moved_by(basis, side), brackets, entries=True
+    )
 
 
 CIRCLE = """
@@ -175,7 +177,7 @@ def along(y): return np.array([-y[1], y[0]])
 def flow(v, y): return np.array([[np.cos(v[0]), -np.sin(v[0])], [np.sin(v[0]), np.cos(v[0])]]) @ y
 """
 
-ROTATIONS = skew(3)
+ROTATIONS, UNITS = skew(3), np.eye(4).reshape(4, 2, 2)
 LINE = Space("cg.frames.Euclidean(1)", np.zeros(1), 1, lambda v, y: v, compiled=True)
 PLANE = Space("cg.frames.Euclidean(2)", np.zeros(2), 2, lambda v, y: v, compiled=True)
 BODY = Space("cg.frames.SO3()", np.eye(3), 3, moved_by(ROTATIONS, "right"), compiled=True)
@@ -193,15 +195,17 @@ SPACES = (
     Space("cg.frames.SE3()", np.eye(4), 6, rigid("right"), compiled=True),
     Space("cg.frames.SO(4)", np.eye(4), 6, moved_by(skew(4), "right"), compiled=True),
     Space("cg.frames.SO(2, 'space')", np.eye(2), 1, moved_by(skew(2), "left"), compiled=True),
-    Space("cg.frames.GL(2)", np.eye(2), 4, moved_by(units(2), "left")),
-    Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(units(2), "congruent")),
-    Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 3, moved_by(ROTATIONS, "left")),
-    Space("cg.frames.AmbientStiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False,
+    Space("cg.frames.GL(2)", np.eye(2), 4, moved_by(UNITS, "left")),
+    Space("cg.frames.SPD(2)", np.eye(2), 4, moved_by(UNITS, "congruent"), entries=True),
+    Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 3, moved_by(ROTATIONS, "left"),
+          entries=True),
+    Space("cg.frames.Stiefel(3, 2)", np.eye(3, 2), 6, ambient_stiefel, False, entries=True,
           returned=(3, 2)),
-    Space("cg.frames.Grassmann(3, 1)", np.diag([1.0, 0, 0]), 3, moved_by(ROTATIONS, "similar")),
+    Space("cg.frames.Grassmann(3, 1)", np.diag([1.0, 0, 0]), 3, moved_by(ROTATIONS, "similar"),
+          entries=True),
     Space(
         "cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))", np.diag([-1.0, 0.25, 1.5]), 3,
-        moved_by(ROTATIONS, "similar"), compiled=True,
+        moved_by(ROTATIONS, "similar"), compiled=True, entries=True,
     ),
     Space(
         "cg.frames.Hyperbolic(2)", np.array([0.0, 1.0]), 2,
@@ -214,8 +218,9 @@ SPACES = (
     matrices("LinearAction", np.array([[[0, -1.0, 0], [1.0, 0, 0], [0, 0, 0]],
                                        [[0, 0, 0], [0, 0, -0.5], [0, 0.5, 0]]]), "left", False),
     matrices("MatrixFrame", np.array([[[0, -0.5], [2.0, 0]]]), "left"),
-    Space("cg.frames.FieldFrame([along], flow, point_shape=2)", np.array([1.0, 0.0]), 1, circle,
-          prelude=CIRCLE),
+    Space("cg.frames.FieldFrame([along], flow, point_shape=2)", np.array([1.0, 0.0]), 1,
+          moved_by(skew(2), "left"),
+          entries=True, prelude=CIRCLE),
     product(BODY, PLANE), product(SPIN, LINE, SPHERE), power(SPHERE, 2), power(QUATERNION, 2),
     phase(BODY, [1.0, 1.5, 2.0], True), phase(PLANE, [1.5, 1.5], False),
     phase(SPHERE, [1.5, 1.5, 1.5], False),

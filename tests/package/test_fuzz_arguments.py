@@ -188,15 +188,14 @@ def is_named(call, message, called):
 # Public classes that aren't called: results and errors
 RETURNED = {
     "Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference",
-    "VariationalOutput", "VariationalSolution", "EnsembleVariationalSolution",
-    "Solution", "EnsembleSolution", "AdjointSolution", "Rows", "Structure", "Frame",
+    "Solution", "EnsembleSolution", "Adjoint", "Rows", "Structure", "Frame",
     "HomogeneousSpace", "MatrixGroup", "Method", "MethodError", "MissingQuadsError", "TableauError",
     "CertificationError", "ConvergenceError", "FlowOverflowError", "LiftError",
     "StepTooLongError", "Product",
 }  # fmt: skip
 # Functions of the user, whose own errors are raised unchanged
 FUNCTIONS = {
-    "f", "a", "functions", "jac", "df_dp", "da_dp", "noise", "observe", "events", "progress",
+    "f", "functions", "jac", "df_dp", "noise", "observe", "events", "progress",
     "args",
 }  # fmt: skip
 

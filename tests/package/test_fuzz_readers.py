@@ -5,8 +5,6 @@ The environment variable ``CG_FUZZ`` multiplies the number of examples.
 
 import json
 import os
-import sqlite3
-from contextlib import closing
 
 import pytest
 from hypothesis import example, given, settings
@@ -127,17 +125,15 @@ def test_trees(text):
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory):
-    path = tmp_path_factory.mktemp("store") / "runs.db"
+    path = tmp_path_factory.mktemp("store") / "runs.jsonl"
     cg.search(3, 3, 4, seed=5, store=path)
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     return path.read_bytes()
 
 
 @settings(max_examples=40 * MANY)
 @given(st.data())
 def test_stores(filled, tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("spoilt") / "runs.db"
+    path = tmp_path_factory.mktemp("spoilt") / "runs.jsonl"
     content = bytearray(filled)
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(content) - 1))

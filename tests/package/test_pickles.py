@@ -58,6 +58,8 @@ def examples():
             yield name, result
             if dense:
                 yield f"the output of {name}", result.sol
+            if getattr(result, "adjoint", None):
+                yield f"the adjoint of {name}", result.adjoint
 
 
 EXAMPLES = dict(examples())

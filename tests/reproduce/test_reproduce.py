@@ -279,12 +279,12 @@ def test_damaged_checkpoint_is_named(tmp_path, capsys):
     out = ["--out", str(tmp_path)]
     arguments = ["--only", "search4", "--workers", "1", "--minutes", "0", *out]
     assert main(arguments) == 0
-    (store,) = (tmp_path / "checkpoints").glob("search4-*.db")
-    store.write_bytes(store.read_bytes()[:5000])
+    (store,) = (tmp_path / "checkpoints").glob("search4-*.jsonl")
+    store.write_bytes(b"\0" * 5000)
     capsys.readouterr()
     assert main(arguments) == 2
     message = capsys.readouterr().err.splitlines()[-1]
-    assert message.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
+    assert message.startswith(f"reproduce-paper: error: store {store} isn't a file of runs")
     assert message.endswith("; if you delete that file, its content is computed again")
 
 

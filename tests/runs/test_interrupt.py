@@ -10,18 +10,18 @@ from contextlib import closing
 import numpy as np
 import pytest
 from refusals import refuses
-from stored_runs import stored_numbers
 
 from cg import _core_r64, _core_r128
 from cg.construction.conditions import table_rows
 from cg.construction.construct import construct
 from cg.construction.layouts.layout import Layout
+from cg.construction.runs.store import read_store
 from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.executors import as_finished, execution
-from cg.support import parallel, quads
+from cg.support import executors, parallel, quads
+from cg.support.executors import completed
 from cg.support.parallel import Stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
@@ -61,6 +61,11 @@ def fit_lmdif_quad(stop_flag):
 ENTRIES = {"fast": fit_fast, "lmdif": fit_lmdif, "lmdif in real(16)": fit_lmdif_quad}
 
 
+def run_all(work, items, workers):
+    for _, result in completed(work, items, workers=workers):
+        yield result
+
+
 def called_in_thread(call, *arguments):
     results = []
     thread = threading.Thread(target=lambda: results.append(call(*arguments)), daemon=True)
@@ -92,7 +97,7 @@ class TestFlag:
 class TestThreads:
     def test_closing_run_stops_workers(self):
         work = lambda index: index if index == 0 else stoppable(fit_fast)
-        with closing(as_finished(work, range(10), 2)) as running:
+        with closing(run_all(work, range(10), 2)) as running:
             assert next(running) == 0
         assert not workers()
 
@@ -105,7 +110,7 @@ class TestThreads:
                 raise ArithmeticError("index 0")
             return stoppable(lambda flag: (begun.set(), fit_fast(flag)))
 
-        refuses(ArithmeticError, "index 0", list, as_finished(work, range(2), 2))
+        refuses(ArithmeticError, "index 0", list, run_all(work, range(2), 2))
         assert not workers()
 
     def test_stopped_pieces_give_no_results(self, monkeypatch):
@@ -122,9 +127,9 @@ class TestThreads:
             begun.wait()
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(execution, "wait", interrupted)
+        monkeypatch.setattr(executors, "wait", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            list(as_finished(work, range(1), 1))
+            list(run_all(work, range(1), 1))
         assert ends == ["stopped"]
 
     def test_refinement_stops(self):
@@ -135,7 +140,7 @@ class TestThreads:
             return refine(x, ConditionSystem.tableau(ORDER, STAGES))
 
         with pytest.raises(Stopped):
-            list(as_finished(work, range(1), 1))
+            list(run_all(work, range(1), 1))
 
     def test_stoppable_in_any_thread(self):
         system = ConditionSystem.tableau(5, 9)
@@ -145,18 +150,18 @@ class TestThreads:
         detour = fit_conditions(x0, system, max_iterations=FOREVER)  # too many to stay here
         thread, results = called_in_thread(lambda: fit_conditions(x0, system))
         thread.join(PATIENCE)
-        (pooled,) = as_finished(lambda _: fit_conditions(x0, system), range(1), 1)
+        (pooled,) = run_all(lambda _: fit_conditions(x0, system), range(1), 1)
         for other in (*results, pooled, detour):
             np.testing.assert_array_equal(other.x, here.x)
             assert (other.f, other.iterations) == (here.f, here.iterations)
 
     def test_runs_stop_independently(self):
         def work(index):
-            for _ in as_finished(lambda inner: inner, range(3), 2):
+            for _ in run_all(lambda inner: inner, range(3), 2):
                 pass
             return fit_conditions(np.full(3, 0.4), ConditionSystem.tableau(2, 2)).status
 
-        assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
+        assert list(run_all(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
 
 
 def workers():
@@ -202,6 +207,10 @@ def interrupted_after(call, begun):
     return output.splitlines()[-1]
 
 
+def numbers(path):
+    return sorted(line["index"] for line in read_store(path) if "index" in line)
+
+
 def after_one(process):
     assert process.stdout.readline() == "one\n"
 
@@ -231,6 +240,6 @@ class TestInterrupt:
         name = function.__name__
         call = f"cg.{name}(**{options}, workers=1, store={str(path)!r}, progress=say_and_wait)"
         assert interrupted_after(call, after_one) == "interrupted"
-        assert stored_numbers(path) == [0]
+        assert numbers(path) == [0]
         assert function(**options, store=path) == function(**options)
-        assert stored_numbers(path) == [0, 1, 2]
+        assert numbers(path) == [0, 1, 2]

@@ -1,139 +1,182 @@
-"""Stores of searches: resumed runs, several runs and processes."""
+"""Stores of searches: resumed runs, several runs and processes, damaged files, progress."""
 
-import math
-import sqlite3
+import io
 import subprocess
 import sys
 import threading
-from functools import partial
 
 import pytest
-from stored_runs import starts_of_the_file_alone, stored_numbers
+from refusals import refuses
 
 import cg
-import cg.command
 import cg.construction.search.random_search as search_module
-from cg.construction.runs import Store
+from cg.command import main
+from cg.construction.runs.store import Store, StoreError, read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.start import run_start
 
 SMALL = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
+TREES = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
+COMMAND = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
 
 
-class TestSearch:
-    def counted_runs(self, monkeypatch):
-        runs = []
+def numbers(path):
+    return [line["index"] for line in read_store(path) if "index" in line]
 
-        def counted(settings, index):
-            runs.append(index)
-            return run_start(settings, index)
 
-        monkeypatch.setattr(search_module, "run_start", counted)
-        return runs
+def fail(*_):
+    raise AssertionError
 
-    def test_more_starts_continue_fewer(self, path, monkeypatch):
-        search(**SMALL, starts=3, store=path)
-        runs = self.counted_runs(monkeypatch)
-        more = search(**SMALL, starts=6, store=path, workers=1)
-        assert runs == [3, 4, 5]
-        whole = search(**SMALL, starts=6)
-        assert more == whole
-        assert search(**SMALL, starts=2, store=path).starts == whole.starts[:2]
-        assert (more.methods, more.best, repr(more)) == (whole.methods, whole.best, repr(whole))
 
-    def test_stored_starts_are_sequence(self, tmp_path):
-        stored = search(**SMALL, starts=6, store=tmp_path / "runs.db").starts
-        whole = search(**SMALL, starts=6).starts
-        assert len(stored) == 6
-        assert (stored[2], stored[-1], stored[1:5:2]) == (whole[2], whole[-1], whole[1:5:2])
-        assert whole[3] in stored
-        assert stored != whole[:5]
-        for index in (6, -7):
-            with pytest.raises(IndexError, match=f"start {index} of 6"):
-                stored[index]
+@pytest.fixture
+def runs(monkeypatch):
+    """The numbers of starts that run."""
+    runs = []
 
-    def test_runs_share_a_store(self, path):
-        changes = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
-        changes += [{"rows": "diagonal"}, {"width": 1e200}, {"maxfev": 7}, {"flows": 4}]
-        changes += [{"flows": 4, "embedded": True}, {"tree": cg.methods["CF3"]}]
-        results = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
-        construction = cg.construct(**CONSTRUCT, store=path)
-        for change, result in zip(changes, results, strict=True):
-            assert result == search(**{**SMALL, **change}, starts=2)
-            assert result == search(**{**SMALL, **change}, starts=2, store=path)
-        assert cg.construct(**CONSTRUCT, store=path) == construction
-        with Store(path) as opened:
-            runs = opened.runs()
-        assert [run.kind for run in runs] == ["search"] * len(changes) + ["construct"]
-        assert [run.starts for run in runs] == [2] * len(changes) + [3]
-        assert [run.settings["order"] for run in runs[:2]] == [3, 2]
-        assert all(run.seconds > 0 and not run.running and not run.failed for run in runs)
+    def counted(settings, index):
+        runs.append(index)
+        return run_start(settings, index)
 
-    def test_best_f_is_taken_after_refinement(self, path):
-        starts = search(**SMALL, starts=6, store=path).starts
-        ends = [start.quad.f if start.quad else start.double.f for start in starts]
-        assert min(ends) < min(start.double.f for start in starts)
-        with Store(path) as opened:
-            (run,) = opened.runs()
-            assert run.best == min(ends)
-            assert min(opened.run(1).decades()) == max(-99, math.floor(math.log10(min(ends))))
+    monkeypatch.setattr(search_module, "run_start", counted)
+    return runs
 
-    def test_two_processes_write_at_once(self, path):
-        script = "import cg, sys; cg.search(3, 3, 40, int(sys.argv[2]), store=sys.argv[1])"
-        commands = [[sys.executable, "-c", script, str(path), seed] for seed in ("1", "2")]
-        processes = [subprocess.Popen(command) for command in commands]
-        assert [process.wait(120) for process in processes] == [0, 0]
-        with Store(path) as opened:
-            assert [run.starts for run in opened.runs()] == [40, 40]
-            assert {run.settings["seed"] for run in opened.runs()} == {1, 2}
-        assert starts_of_the_file_alone(path) == [40, 40]
 
-    def test_open_while_another_creates_the_tables(self, path, monkeypatch):
-        others = []
+def test_more_starts_continue_fewer(path, runs):
+    search(**SMALL, starts=3, store=path)
+    more = search(**SMALL, starts=6, store=path, workers=1)
+    assert sorted(runs) == [0, 1, 2, 3, 4, 5]
+    whole = search(**SMALL, starts=6)
+    assert more == whole
+    assert search(**SMALL, starts=2, store=path).starts == whole.starts[:2]
+    assert (more.methods, more.best, repr(more)) == (whole.methods, whole.best, repr(whole))
 
-        class Slow(sqlite3.Connection):
-            def execute(self, statement, *values):
-                if "sqlite_master" in statement and not others:
-                    others.append(threading.Thread(target=lambda: Store(path).close()))
-                    others[0].start()
-                    others[0].join(0.3)
-                return super().execute(statement, *values)
 
-        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Slow))
-        Store(path).close()
-        others[0].join()
-        with Store(path) as opened:
-            assert opened.runs() == ()
+def test_runs_share_a_store(path):
+    changes = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}, {"hold": {"a[2,1]": "1/3"}}]
+    changes += [{"rows": "diagonal"}, {"width": 1e200}, {"maxfev": 7}, {"flows": 4}]
+    changes += [{"flows": 4, "embedded": True}, {"tree": cg.methods["CF3"]}]
+    results = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
+    constructions = [cg.construct(**one, store=path) for one in (CONSTRUCT, TREES)]
+    for change, result in zip(changes, results, strict=True):
+        assert result == search(**{**SMALL, **change}, starts=2)
+        assert result == search(**{**SMALL, **change}, starts=2, store=path)
+    for one, construction in zip((CONSTRUCT, TREES), constructions, strict=True):
+        assert cg.construct(**one) == cg.construct(**one, store=path) == construction
+    begun = [line for line in read_store(path) if "settings" in line]
+    assert [line["kind"] for line in begun] == ["search"] * len(changes) + ["construct"] * 2
+    assert [line["settings"]["order"] for line in begun[:2]] == [3, 2]
+    assert len(numbers(path)) <= 2 * len(changes) + 3 + 2
 
-    def test_interrupt_at_begin_of_transaction(self, path, monkeypatch):
-        begun = []
 
-        class Interrupted(sqlite3.Connection):
-            def execute(self, statement, *values):
-                cursor = super().execute(statement, *values)
-                begun.extend([statement] if statement == "BEGIN IMMEDIATE" else [])
-                if len(begun) == 4 and statement == "BEGIN IMMEDIATE":
-                    raise KeyboardInterrupt
-                return cursor
+@pytest.mark.parametrize("seeds", [("1", "2"), ("1", "1")])
+def test_two_processes_write_at_once(path, seeds):
+    script = "import cg, sys; cg.search(3, 3, 40, int(sys.argv[2]), store=sys.argv[1])"
+    commands = [[sys.executable, "-c", script, str(path), seed] for seed in seeds]
+    processes = [subprocess.Popen(command) for command in commands]
+    assert [process.wait(120) for process in processes] == [0, 0]
+    for seed in set(map(int, seeds)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(search_module, "run_start", fail)  # all are stored
+            result = search(3, 3, 40, seed, store=path)
+        assert result == search(3, 3, 40, seed)
 
-        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Interrupted))
-        with pytest.raises(KeyboardInterrupt):
-            search(**SMALL, starts=5, store=path, workers=1)
-        assert len(begun) > 4  # the run was closed
-        assert len(stored_numbers(path)) < 5
-        assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
 
-    def test_exception_of_progress_keeps_finished_starts(self, path, monkeypatch):
-        def stop(done, _):
-            if done == 2:
-                raise KeyboardInterrupt
+def test_interrupt_keeps_finished_starts(path, runs):
+    def stop(done, _):
+        if done == 2:
+            raise KeyboardInterrupt
 
-        with pytest.raises(KeyboardInterrupt) as caught:
-            search(**SMALL, starts=5, store=path, progress=stop, workers=1)
-        assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
-        del caught
-        assert stored_numbers(path) == [0, 1]
-        runs = self.counted_runs(monkeypatch)
-        search(**SMALL, starts=5, store=path)
-        assert sorted(runs) == [2, 3, 4]
+    with pytest.raises(KeyboardInterrupt):
+        search(**SMALL, starts=5, store=path, progress=stop, workers=1)
+    assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
+    assert numbers(path) == [0, 1]
+    runs.clear()
+    assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
+    assert sorted(runs)[:3] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("damage", [
+    lambda content: content[:-20],  # the process was killed while it wrote
+    lambda content: content[:-20] + b"\n",
+    lambda content: content.replace(b'"nfev": ', b'"nfev": 1'),
+])  # fmt: skip
+def test_damaged_lines_are_ignored(path, damage, runs, caplog):
+    whole = search(**SMALL, starts=4, store=path, workers=1)
+    path.write_bytes(damage(path.read_bytes()))
+    runs.clear()
+    assert search(**SMALL, starts=5, store=path, workers=1).starts[:4] == whole.starts
+    assert runs in ([3, 4], [0, 1, 2, 3, 4])
+    assert "damaged, and ignored" in caplog.text
+    runs.clear()
+    search(**SMALL, starts=5, store=path)
+    assert runs == []
+
+
+@pytest.mark.parametrize("content", [b"notes", b"\xff\xfe\x00\n" * 40, b"\n" * 9000])
+def test_refuses_other_files_unchanged(path, content):
+    path.write_bytes(content)
+    refuses(StoreError, "isn't a file of runs of this package", search, **SMALL, store=path)
+    assert path.read_bytes() == content
+
+
+def test_refuses_runs_of_another_version(path):
+    settings = search(**SMALL, starts=1, store=path).settings
+    store = Store(path, "search", vars(settings))
+    store.append({"index": 1, "residual": 0.0})
+    store.close()
+    refuses(StoreError, "another version of this package", search, **SMALL, store=path)
+
+
+def test_full_disk(path, monkeypatch):
+    store = Store(path, "search", {})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "_file", io.BytesIO())
+        patch.setattr(store._file, "write", lambda data: 3, raising=False)
+        refuses(OSError, "store can't be written", store.append, {"index": 1})
+    store.close()
+
+
+def test_rejects_impossible_paths(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        search(**SMALL, starts=1, store=tmp_path / "none" / "runs.jsonl")
+    with pytest.raises(IsADirectoryError):
+        search(**SMALL, starts=1, store=tmp_path)
+    refuses(ValueError, "store must", search, **SMALL, starts=1, store="/dev/null")
+    refuses(TypeError, "store must", search, **SMALL, starts=1, store=3)
+
+
+def test_progress(path, capsys):
+    calls = []
+    cg.search(**SMALL, starts=12, progress=lambda *now: calls.append(now))
+    assert calls == [(done, 12) for done in range(1, 13)]
+    for call, count in ((cg.search, "starts"), (cg.construct, "tries")):
+        refuses(TypeError, "progress must be callable, got 'yes'; True asks", call, 3, 3, seed=1,
+                progress="yes", **{count: 1})  # fmt: skip
+    pytest.importorskip("tqdm")
+    cg.search(**SMALL, starts=6, store=path)
+    result = cg.search(**SMALL, starts=12, store=path, progress=True)
+    text = capsys.readouterr().err
+    assert "12/12" in text
+    assert f"{result.exact_starts} solved, smallest f" in text
+    assert main([*COMMAND]) == 0
+    assert "12/12" in capsys.readouterr().err
+    assert main([*COMMAND, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_interrupted_command_says_how_to_continue(capsys, monkeypatch, path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(cg.construction.runs.long_run, "completed", interrupted)
+    assert main([*COMMAND, "--store", str(path)]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"crouch-grossman: interrupted; finished results are in {path}; run the same search "
+        "again to continue, on any executor"
+    )
+    assert main([*COMMAND]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "crouch-grossman: interrupted; with --store FILE the same command would continue from here"
+    )

@@ -35,7 +35,7 @@ _KEYS = {
     _POINTS: (_KEYS_OF_POINTS, {"embedded_result", "b_third", "nominal"}),
     _TABLEAU: ({"a", "b"}, {"b_embedded", "nominal"}),
 }
-"""The keys that a file must and may have beside its name and source."""
+"""The keys that a file must and may have beside its name, source and recipe."""
 
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
@@ -50,9 +50,14 @@ def loads(text: str) -> Method:
 
 
 def from_entry(entry: dict[str, Any], name: str = "") -> Method:
-    """Return the method of the keys of a file; ``name``, ``source`` and ``c`` are optional."""
+    """Return the method of the keys of a file; ``name``, ``source`` and ``c`` are optional.
+
+    ``recipe`` says how the method was found, see `research/run_recipe.py`; the method lacks it.
+    """
     entry = {"source": ""} | entry | {"name": entry.get("name") or name}
     c = entry.pop("c", None)
+    if not isinstance(entry.pop("recipe", ""), str | dict):
+        raise TableauError("recipe must be a text or a table with one call")
     method = _from_entry(entry)
     if c is not None:
         for problem in wrong_abscissae(method, read_abscissae(c, method)):

@@ -28,7 +28,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.trees.ordered import forest
-from cg.support.copies import cached
+from cg.support.caches import cached
 
 Matrix = NDArray[np.float64]
 

@@ -34,7 +34,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.frames.dexpinv import bernoulli_terms
-from cg.support.copies import cached
+from cg.support.caches import cached
 from cg.tables import MAX_ANGLE
 
 Vector = NDArray[Any]

@@ -84,7 +84,7 @@ from cg.construction.methods.paths import MethodPaths, paths_of
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import rooted
 from cg.support.arrays import Array
-from cg.support.copies import cached
+from cg.support.caches import cached
 from cg.tables import basis_polynomials, stored_table
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose

@@ -38,7 +38,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
-from cg.support.copies import cached
+from cg.support.caches import cached
 
 _ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 

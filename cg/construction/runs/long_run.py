@@ -1,35 +1,40 @@
-"""Long runs: numbered pieces of work on an executor, with a store and a progress line."""
+"""Long runs: numbered pieces of work on an executor, with a store and a progress bar."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from cg.construction.runs.entries import Failure, StoredStart
-from cg.construction.runs.one_run import StoredRun
-from cg.construction.runs.progress import ProgressLine, Score, Tally
-from cg.construction.runs.store import Store
-from cg.executors import ExecutorLike, check_executor, completed
+from cg.construction.runs.store import Store, StoreError
+from cg.support.executors import ExecutorLike, check_executor, completed
+from cg.support.progress import make_bar
 
 Result = TypeVar("Result")
 
-_NOUNS = {"search": ("search", "starts"), "construct": ("construction", "tries")}
-"""What kinds of runs and their pieces are called in messages."""
+_NOUNS = {"search": ("search", "start"), "construct": ("construction", "try")}
+"""What kinds of runs and their pieces are called."""
+
+
+class Score(NamedTuple):
+    """How good the result of a piece is."""
+
+    f: float  # sum of squared residuals
+    solved: bool
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a long run is carried out, which doesn't change results; `line` shows the progress."""
+    """How a long run is carried out, which doesn't change results."""
 
     workers: int | None
     executor: ExecutorLike
     store: str | os.PathLike[str] | None
     progress: Callable[[int, int], None] | None
-    line: ProgressLine | None
+    bar: bool
 
     @classmethod
     def checked(
@@ -37,108 +42,93 @@ class RunOptions:
         workers: int | None,
         executor: ExecutorLike,
         store: str | os.PathLike[str] | None,
-        progress: Callable[[int, int], None] | ProgressLine | bool | None,
+        progress: Callable[[int, int], None] | bool | None,
     ) -> RunOptions:
         """Return the options of a run, checked, except the store, which is opened later."""
-        line = ProgressLine() if progress is True else None
-        if isinstance(progress, ProgressLine):
-            line = progress
-        elif not (progress is None or isinstance(progress, bool) or callable(progress)):
-            raise TypeError(
-                f"progress must be callable, got {progress!r}; True asks for a line on standard "
-                "error"
-            )
+        if not (progress is None or isinstance(progress, bool) or callable(progress)):
+            raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
         call = progress if callable(progress) else None
-        return cls(*check_executor(executor, workers)[::-1], store, call, line)
+        return cls(*check_executor(executor, workers)[::-1], store, call, progress is True)
 
 
-@dataclass(frozen=True)
-class LongRun(Generic[Result]):
-    """Pieces of work numbered from 0, each a function of the settings and its number."""
+def run_pieces(
+    kind: str,
+    settings: Any,
+    work: Callable[[int], Result],
+    total: int,
+    options: RunOptions,
+    *,
+    read: Callable[[dict[str, Any]], Result],
+    score: Callable[[Result], Score],
+) -> Generator[Result, None, None]:
+    """Yield the results of pieces: those that the store has, then each after it was stored.
 
-    kind: str  # "search" or "construct"
-    settings: Any  # a dataclass of plain data that determines the results
-    work: Callable[[int], Result]  # picklable for executors other than threads
-    to_entry: Callable[[Result, float], StoredStart]  # takes the seconds that the piece took
-    from_entry: Callable[[StoredStart], Result]  # raises ValueError for a wrong entry
-    score: Callable[[Result], Score]
-
-    @contextmanager
-    def running(
-        self, total: int, options: RunOptions
-    ) -> Iterator[tuple[StoredRun | None, Iterator[tuple[int, Result | Failure]]]]:
-        """Open the store and yield its run, and an iterator over numbers and results.
-
-        The iterator yields what the store has, then every piece as it finishes and after storing
-        it.
-        """
-        with ExitStack() as stack:
-            stored = None
-            if options.store is not None:
-                run = stored_run(options.store, self.kind, asdict(self.settings))
-                stored = stack.enter_context(run)
-            results = self._results(total, options, stored)
-            yield stored, stack.enter_context(closing(results))
-
-    def _results(
-        self, total: int, options: RunOptions, stored: StoredRun | None
-    ) -> Generator[tuple[int, Result | Failure], None, None]:
-        tally = Tally(options.line, _NOUNS[self.kind][1], total)
-        known = bytearray(total)
-        for number, result in self._known(stored):
-            if number < total:
-                known[number] = 1
-                tally.count(self._score(result))
-                yield number, result
+    A piece is a function of the `settings`, a dataclass, and of its number. Results are dataclasses
+    with the number as ``index``, which `read` makes of the dict of their fields.
+    """
+    with ExitStack() as stack:
+        store, known = None, {}
+        if options.store is not None:
+            store = Store(options.store, kind, asdict(settings))
+            stack.enter_context(closing(store))
+            known = {k: each for k, each in _known(store, read).items() if k < total}
+        count = stack.enter_context(_counted(options, _NOUNS[kind][1], total, len(known)))
+        for result in known.values():
+            count(score(result), False)
+            yield result
+        stack.enter_context(_how_to_continue(options.store, _NOUNS[kind][0]))
+        numbers = (number for number in range(total) if number not in known)
         running = completed(
-            self.work,
-            (number for number in range(total) if not known[number]),
-            total - sum(known),
-            options.workers,
-            options.executor,
-            finish_on_interrupt=stored is not None,
+            work, numbers, options.executor, options.workers, finish=store is not None
         )
-        with closing(running), tally:
-            for finished in running:
-                failure = Failure(finished.index, str(finished.failure))
-                result = failure if finished.result is None else finished.result
-                if stored is not None:
-                    self._store(stored, result, finished.seconds)
-                tally.report(self._score(result))
-                if options.progress:
-                    options.progress(tally.done, total)
-                yield finished.index, result
+        for done, (_, result) in enumerate(stack.enter_context(closing(running)), len(known) + 1):
+            if store is not None:
+                store.append(asdict(result))  # type: ignore[call-overload]
+            count(score(result), True)
+            if options.progress is not None:
+                options.progress(done, total)
+            yield result
 
-    def _store(self, stored: StoredRun, result: Result | Failure, seconds: float) -> None:
-        if isinstance(result, Failure):
-            stored.fail(result)
-        else:
-            stored.append([self.to_entry(result, seconds)])
 
-    def _score(self, result: Result | Failure) -> Score | None:
-        return None if isinstance(result, Failure) else self.score(result)
-
-    def _known(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
-        """Yield the numbers and results that a store has."""
-        if stored is not None:
-            # the traceback of a wrong entry must not keep the file open
-            with closing(stored.entries()) as entries:
-                for entry in entries:
-                    yield entry.number, self.from_entry(entry)
-            yield from ((failure.index, failure) for failure in stored.failures())
+def _known(store: Store, read: Callable[[dict[str, Any]], Result]) -> dict[int, Result]:
+    """Return the results in a store by their numbers, in order."""
+    try:
+        return {number: read(fields) for number, fields in sorted(store.pieces().items())}
+    except (KeyError, TypeError) as error:
+        raise StoreError(
+            f"store {store.path} was written by another version of this package: {error!r}"
+        ) from error
 
 
 @contextmanager
-def stored_run(
-    path: str | os.PathLike[str], kind: str, settings: Mapping[str, Any]
-) -> Iterator[StoredRun]:
-    """Begin or resume a run of a store; add to errors that end it how to resume it."""
-    with Store(path) as store, closing(store.begin(kind, settings)) as run:
-        try:
-            yield run
-        except (KeyboardInterrupt, BrokenExecutor, OSError) as error:
+def _counted(
+    options: RunOptions, piece: str, total: int, known: int
+) -> Iterator[Callable[[Score, bool], None]]:
+    """Yield a function that counts a result, new or stored, and shows it on the bar."""
+    if not options.bar:
+        yield lambda score, new: None
+        return
+    best, solved = float("inf"), 0
+    with make_bar(total=total, initial=known, unit=piece) as bar:
+
+        def count(score: Score, new: bool) -> None:
+            nonlocal best, solved
+            best, solved = min(best, score.f), solved + score.solved
+            bar.set_postfix_str(f"{solved} solved, smallest f {best:.1e}", refresh=False)
+            bar.update(int(new))
+
+        yield count
+
+
+@contextmanager
+def _how_to_continue(path: str | os.PathLike[str] | None, kind: str) -> Iterator[None]:
+    """Add to errors that end a run how to resume it."""
+    try:
+        yield
+    except (KeyboardInterrupt, BrokenExecutor, OSError) as error:
+        if path is not None:
             error.add_note(
-                f"finished results are in {os.fspath(path)}; run the same {_NOUNS[kind][0]} again "
-                "to continue, on any executor"
+                f"finished results are in {os.fspath(path)}; run the same {kind} again to "
+                "continue, on any executor"
             )
-            raise
+        raise

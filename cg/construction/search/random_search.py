@@ -14,15 +14,15 @@ from operator import attrgetter
 from typing import Any
 
 from cg.construction.conditions import Rows
-from cg.construction.runs import Failure, LongRun, ProgressLine, RunOptions, Score, StoredStart
+from cg.construction.runs.long_run import RunOptions, Score, run_pieces
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
-from cg.construction.search.result import SearchResult, StoredStarts
+from cg.construction.search.result import SearchResult
 from cg.construction.search.settings import SearchSettings
-from cg.construction.search.start import read_start, run_start, start_layout
-from cg.executors import ExecutorLike
+from cg.construction.search.start import run_start
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_flag, check_integer
+from cg.support.executors import ExecutorLike
 
 
 def search(
@@ -40,7 +40,7 @@ def search(
     workers: int | None = None,
     executor: ExecutorLike = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | ProgressLine | bool | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
@@ -90,18 +90,16 @@ def search(
         Number of workers; by default that of `executor`, or of cores. It doesn't change the
         result.
     executor
-        Where starts run: threads of this process by default, ``"processes"``, any
-        `concurrent.futures.Executor`, or a function that makes one. With ``"processes"`` or a
-        function, a start whose worker dies is reported in `SearchResult.failures`, and the search
-        continues. The executor doesn't change the result either, unless other machines have
-        other BLAS kernels: then starts of the default algorithm end at other points.
+        Where starts run: threads of this process by default, ``"processes"``, or any
+        `concurrent.futures.Executor`. It doesn't change the result either, unless other machines
+        have other BLAS kernels: then starts of the default algorithm end at other points.
     store
-        File that stores every finished start (`runs.Store`). Starts with the same settings
-        that it already has aren't run again. Several runs can share a file. After the first
-        interrupt, running starts finish.
+        File to which every finished start is appended, one line each. Starts with the same
+        settings that it already has aren't run again. Several runs and processes can share a
+        file. After the first interrupt, running starts finish.
     progress
-        Called with the numbers of finished and of all starts. True shows a
-        `cg.construction.runs.ProgressLine` on standard error.
+        Called with the numbers of finished and of all starts. True shows a bar of tqdm on
+        standard error.
     force
         Try even if there are fewer unknowns than independent conditions. Methods may still
         exist, symmetric ones in particular. With trees, where many conditions depend on each
@@ -146,7 +144,7 @@ def search(
     ValueError
         If an argument is out of its range, there are too few stages, or `store` isn't a store.
     OSError
-        If the store can't be written, or another process is carrying out the same run.
+        If the store can't be written.
     MissingQuadsError
         If the package was built without quadruple precision.
 
@@ -181,37 +179,9 @@ def search(
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     requirements = Requirements.checked(settings.order, abscissae, bound, minimise)
     options = RunOptions.checked(workers, executor, store, progress)
-    return _run(settings, starts, options, requirements)
-
-
-def _run(
-    settings: SearchSettings, starts: int, options: RunOptions, requirements: Requirements
-) -> SearchResult:
-    """Run all starts that the store doesn't have; without a store, keep them in memory."""
-    drawn = settings.flows is not None
-
-    def to_entry(start: RandomStart, seconds: float) -> StoredStart:
-        layout = start_layout(settings, start.index)
-        return start.entry(layout, drawn=drawn, seconds=seconds)
-
-    run = LongRun(
-        kind="search",
-        settings=settings,
-        work=partial(run_start, settings),
-        to_entry=to_entry,
-        from_entry=partial(read_start, settings),
-        score=lambda start: Score(start.f, start.exact),
-    )
-    finished: list[RandomStart] = []
-    failures: list[Failure] = []
-    with run.running(starts, options) as (stored, results):
-        for _, result in results:
-            if isinstance(result, Failure):
-                failures.append(result)
-            elif stored is None:
-                finished.append(result)
-    index = attrgetter("index")
-    all_starts: Sequence[RandomStart] = tuple(sorted(finished, key=index))
-    if stored is not None:
-        all_starts = StoredStarts(stored.path, stored.number, starts)
-    return SearchResult(settings, all_starts, tuple(sorted(failures, key=index)), requirements)
+    results = run_pieces(
+        "search", settings, partial(run_start, settings), starts, options,
+        read=RandomStart.of_fields, score=lambda start: Score(start.f, start.exact),
+    )  # fmt: skip
+    finished = tuple(sorted(results, key=attrgetter("index")))
+    return SearchResult(settings, finished, requirements)

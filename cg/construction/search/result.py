@@ -1,21 +1,19 @@
 """Result of a search."""
 
 import operator
-import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, overload
 
 import numpy as np
 
 from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
 from cg.construction.layouts.layout import Layout
+from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.packed import make_method
 from cg.construction.methods.tolerance import to_floats
-from cg.construction.runs import Failure, Store
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import SearchSettings
@@ -26,63 +24,12 @@ from cg.support.parallel import single_threads
 _APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved
 
 
-class StoredStarts(Sequence[RandomStart]):
-    """The first starts of a run in a store, read on access from the file, which must stay."""
-
-    def __init__(self, path: str | os.PathLike[str], run: int, starts: int) -> None:
-        self._path, self._run, self._starts = os.path.abspath(path), run, starts
-
-    def __len__(self) -> int:
-        with Store(self._path, read=True) as store:
-            query = "AND number < ?"
-            return sum(1 for _ in store.run(self._run).numbers(query, self._starts))
-
-    def __iter__(self) -> Iterator[RandomStart]:
-        return self._read("AND number < ? ORDER BY number", self._starts)
-
-    @overload
-    def __getitem__(self, index: int) -> RandomStart: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[RandomStart, ...]: ...
-    def __getitem__(self, index: int | slice) -> RandomStart | tuple[RandomStart, ...]:
-        if isinstance(index, slice):
-            return tuple(self)[index]
-        size = len(self)
-        place = operator.index(index)
-        if not -size <= place < size:
-            raise IndexError(f"start {place} of {size}")
-        query = "AND number < ? ORDER BY number LIMIT 1 OFFSET ?"
-        return next(self._read(query, self._starts, place % size))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, StoredStarts | tuple):
-            return NotImplemented
-        return tuple(self) == tuple(other)
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def exact(self) -> Iterator[RandomStart]:
-        """Yield the exact starts."""
-        return self._read("AND number < ? AND solved ORDER BY number", self._starts)
-
-    def smallest(self) -> RandomStart:
-        """Return the start with the smallest residual; of several, the first."""
-        query = "AND number < ? ORDER BY largest_residual, number LIMIT 1"
-        return next(self._read(query, self._starts))
-
-    def _read(self, condition: str, *values: Any) -> Iterator[RandomStart]:
-        with Store(self._path, read=True) as store:
-            for entry in store.run(self._run).entries(condition, *values):
-                yield RandomStart.from_entry(entry)
-
-
 @dataclass(frozen=True, repr=False)
 class SearchResult:
-    """All starts of a search, ordered by index; `StoredStarts` for a search with a store."""
+    """All starts of a search, ordered by index."""
 
     settings: SearchSettings
-    starts: Sequence[RandomStart]
-    failures: tuple[Failure, ...] = ()  # starts whose worker died
+    starts: tuple[RandomStart, ...]
     requirements: Requirements = field(default_factory=Requirements)  # on `methods`
 
     def __repr__(self) -> str:
@@ -133,13 +80,9 @@ class SearchResult:
     @property
     def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
-        if isinstance(self.starts, StoredStarts):
-            return self.starts.smallest()
         return min(self.starts, key=operator.attrgetter("largest_residual"))
 
     def _exact(self) -> Iterable[RandomStart]:
-        if isinstance(self.starts, StoredStarts):
-            return self.starts.exact()
         return (start for start in self.starts if start.exact)
 
     @single_threads()
@@ -161,6 +104,6 @@ class SearchResult:
             source += ", then along the solution set"
             try:
                 method = to_method(improved, name=name, source=source)
-            except NotExactError:
+            except (NotExactError, MethodError):  # the latter if both results of a pair agree
                 return None
         return requirements.key(improved), method

@@ -1,6 +1,5 @@
 """Trees of points for a search: given by their parents and stages, or drawn at random."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -108,9 +107,8 @@ def draw_layout(
     return _with_all_weights(parents, stage_points, results)
 
 
-def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree as the settings and entries of a store have it."""
-    fields = json.loads(text) if isinstance(text, str) else text
+def layout_of_fields(fields: Mapping[str, Any]) -> Layout:
+    """Return the layout of a tree that `dataclasses.asdict` made fields of."""
     return Layout(
         tuple(fields["parents"]),
         tuple(map(tuple, fields["weights"])),

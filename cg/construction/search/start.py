@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import count, table_rows
 from cg.construction.layouts.layout import Layout
-from cg.construction.runs import StoredStart
 from cg.construction.search.random_starts import Phase, RandomStart
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
@@ -18,7 +17,6 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
-from cg.support.checks import MAX_COUNT
 from cg.support.parallel import single_threads, stoppable
 
 EXACT = 1e-31
@@ -49,24 +47,6 @@ def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.floa
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
     """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,)."""
     return start_generator(seed, index).uniform(-width, width, size)
-
-
-def read_start(settings: SearchSettings, entry: StoredStart) -> RandomStart:
-    """Return the start of an entry; ValueError if the residual isn't that of its coefficients."""
-    start = RandomStart.from_entry(entry)
-    where = f"not the entry of a start: start {start.index}"
-    if not 0 <= start.index <= MAX_COUNT:
-        raise ValueError(f"{where}: the number is out of range")
-    system = settings.system(start_layout(settings, start.index))
-    if len(entry.quads) != system.size:
-        raise ValueError(f"{where} has {len(entry.quads)} coefficients, not {system.size}")
-    largest, exact = _accuracy(system, entry.quads)
-    if (largest, exact) != (start.largest_residual, start.exact):
-        raise ValueError(
-            f"{where} has largest residual {start.largest_residual!r}, exact: {start.exact}; its "
-            f"coefficients give {largest!r}, exact: {exact}"
-        )
-    return start
 
 
 def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:

@@ -148,16 +148,17 @@ def call_field(
     """
     import cg._core_r64 as core
 
-    shape = shape or (frame.rhs_dim,)
+    dtype = np.dtype(np.float64) if shape else frame.rhs_dtype
+    shape = shape or frame.rhs_shape
     points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
-    values = np.empty((len(y), math.prod(shape)))
+    values = np.empty((len(y), math.prod(shape)), dtype).view(np.float64)
     rows = points.reshape(len(y), -1).view(np.float64)
     place = table.ctypes.data if len(table) else 0
     done, code = core.call_field(address, data, 0, place, len(table), t, rows.T, values.T)
     if code:
         time = float(np.ravel(t)[done if np.ndim(t) else 0])
         raise RuntimeError(f"{rhs.failed_name} returned the error code {code} at t = {time:.17g}")
-    return values.reshape(len(y), *shape)
+    return values.view(dtype).reshape(len(y), *shape)
 
 
 def _restored(
@@ -176,7 +177,7 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     ``int (double t, const double *y, double *f, void *user_data)``.
     """
     if isinstance(f, TimeFunction):
-        f = f.a
+        f = f.function
     return f if isinstance(f, CompiledRhs) else _compiled(f, name, SIGNATURE)
 
 

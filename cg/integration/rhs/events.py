@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Points
 from cg.support.copies import filled
 from cg.support.shared_records import EVENT
@@ -51,13 +51,17 @@ class Event:
     jump
         ``jump(t, y, *args)`` returns the point from which the solution continues, shape
         ``frame.point_shape``.
+    period
+        Period of a function that is known up to its multiples, such as ``2 * np.pi`` of an angle:
+        the event is at all multiples, and where the value wraps there is none. Between two
+        comparisons of signs the function must change by less than half a period.
 
     Raises
     ------
     TypeError
         If ``function`` or ``jump`` isn't callable.
     ValueError
-        If ``terminal`` or ``direction`` has an impossible value.
+        If ``terminal``, ``direction`` or ``period`` has an impossible value.
 
     Examples
     --------
@@ -80,6 +84,7 @@ class Event:
     terminal: bool | int = False
     direction: float = 0.0
     jump: Callable[..., Any] | None = None
+    period: float | None = None
 
     def __post_init__(self) -> None:
         self._check("event", "function")
@@ -94,9 +99,9 @@ class Event:
         terminal = self.terminal
         # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            most = 1 if terminal else _UNLIMITED
+            limit = 1 if terminal else _UNLIMITED
         elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
-            most = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
+            limit = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
@@ -107,7 +112,14 @@ class Event:
             direction = math.nan
         if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
-        return most, (direction > 0.0) - (direction < 0.0)
+        period = self.period
+        if period is not None and not (_is_real(period) and 0.0 < period < math.inf):
+            raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
+        return limit, (direction > 0.0) - (direction < 0.0)
+
+
+def _is_real(number: object) -> bool:
+    return isinstance(number, int | float | np.integer | np.floating) and number is not True
 
 
 def _is_count(number: float | np.integer[Any]) -> bool:
@@ -121,7 +133,7 @@ class EventTable:
     functions don't get its data.
 
     ``rows`` is the table that compiled code reads: of each event the addresses of the function and
-    of its data, the sign of its direction, its limit, and whether it jumps.
+    of its data, the sign of its direction, its limit, whether it jumps, and the bits of its period.
     """
 
     def __init__(
@@ -140,13 +152,14 @@ class EventTable:
         self.compiled = [compiled_event(event.function) for event in self.events]
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
-            most, sign = event._check(f"events[{i}]")
+            limit, sign = event._check(f"events[{i}]")
             row = {
                 "function": 0 if source is None else source.address,
                 "data": 0 if source is None else source.user_data or -in_python,
                 "direction": sign,
-                "most": most,
+                "limit": limit,
                 "jumps": event.jump is not None,
+                "period": np.float64(event.period or 0.0).view(np.int64),
             }
             rows.append([row[name] for name in EVENT])
         if inputs:
@@ -182,9 +195,14 @@ class EventTable:
         """Return the value of an event's function in Python, after checking it."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
-        if isinstance(raw, float) and math.isfinite(raw):
-            return raw
-        return float(read_finite(raw, f"events[{index}]", (), t, number=True))
+        if not (isinstance(raw, float) and math.isfinite(raw)):
+            raw = float(read_finite(raw, f"events[{index}]", (), t, number=True))
+        return self.wrapped(index, raw)
+
+    def wrapped(self, index: int, value: float) -> float:
+        """Return a value of an event's function, next to zero if it has a period."""
+        period = self.events[index].period
+        return value if period is None else math.remainder(value, period)
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump, after checking it."""
@@ -209,6 +227,6 @@ def _with_input(event: Event) -> Event:
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    defaults = {"terminal": False, "direction": 0, "jump": None}
+    defaults = {"terminal": False, "direction": 0, "jump": None, "period": None}
     given = {name: getattr(event, name, value) for name, value in defaults.items()}
     return filled(Event, {"function": event, **given})  # checked later, with its index in messages

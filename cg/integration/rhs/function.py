@@ -97,20 +97,15 @@ Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
 
 
 class TimeFunction:
-    """A function ``a(t, *args)`` of time as a right-hand side, which gets a point as well.
+    """A function ``f(t, *args)`` of time as a right-hand side, which gets a point as well."""
 
-    If ``vectorized`` it takes times of shape ``(k,)`` and returns shape ``(k, dim)``. It is a
-    `CompiledRhs` that doesn't read its point if it is compiled.
-    """
-
-    def __init__(self, a: Callable[..., Any], vectorized: bool = False) -> None:
-        self.a = a
-        self.vectorized = vectorized
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
 
     def __call__(self, t: float, y: Any, *args: Any) -> Any:
         """Return the coefficients at a time."""
-        return self.a(t, *args)
+        return self.function(t, *args)
 
     def with_input(self) -> TimeFunction:
         """Return the function that gets a `Reader` first, for one in Python that gets inputs."""
-        return TimeFunction(TimeWithInput(self.a), self.vectorized)
+        return TimeFunction(TimeWithInput(self.function))

@@ -239,6 +239,13 @@ class TimeWithInput(WithInput):
         return self.function(t, reader(t), *rest)
 
 
+def members_with_data(inputs: Inputs | None, parameters: Array | None) -> int | None:
+    """Return how many members have data of their own, None if all share theirs."""
+    if parameters is not None:
+        return len(parameters)
+    return None if inputs is None else inputs.members
+
+
 def arguments_of(
     inputs: Inputs | None, args: tuple[Any, ...], parameters: Array | None, member: Any
 ) -> tuple[Any, ...]:

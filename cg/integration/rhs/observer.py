@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import read_finite
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.inputs import WithInput
+from cg.integration.rhs.inputs import WithInput, members_with_data
 from cg.integration.rhs.python import Contexts, PythonRhs
-from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Array, Points
 
 STORED = "all", "observed"
@@ -44,8 +44,7 @@ class Observer:
             table = EventTable(self.function, self.frame).rows
             entries = {"observers": len(table), "observer_table": table.ctypes.data}
             return entries | {"observer_data": data, "observer_stride": stride}, table
-        count = None if rhs.inputs is None else rhs.inputs.members
-        count = count if rhs.parameters is None else len(rhs.parameters)
+        count = members_with_data(rhs.inputs, rhs.parameters)
         rest = self.frame, self.shape, self.check
         contexts = Contexts(self.function, rhs.arguments, count, *rest)
         names = "observer", "observer_data", "observer_stride"

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.integration.rhs.checks import Check
+from cg.integration.rhs.compiled import call_field
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
-from cg.integration.rhs.values import Check
+from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of, members_with_data
 from cg.support.arrays import Array, Points
 
 Coefficients = Callable[..., ArrayLike]
@@ -29,6 +30,8 @@ class PythonRhs:
     ``first`` is the place of the first member in the ensemble for error messages.
     """
 
+    failed_name = "f"  # in error messages
+
     def __init__(
         self,
         f: Coefficients,
@@ -42,12 +45,10 @@ class PythonRhs:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
         self.vectorized, self.first, self.inputs = vectorized, first, inputs
         self.check = Check(f, frame, vectorized)
-        self.name = self.failed_name = self.check.name
-        function = f.a if isinstance(f, TimeFunction) else f
-        own = None if inputs is None else inputs.members
-        own = own if parameters is None else len(parameters)
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time
-        self._contexts = Contexts(function, self.arguments, None if vectorized else own, *rest)
+        function = f.function if isinstance(f, TimeFunction) else f
+        members = None if vectorized else members_with_data(inputs, parameters)
+        rest = frame, frame.rhs_shape, self.check, self.check.of_time, frame.rhs_dtype
+        self._contexts = Contexts(function, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
@@ -78,44 +79,50 @@ class PythonRhs:
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
+        where, u = f"at t = {t:.17g}", "u, " * (self.inputs is not None)
+        if not self.vectorized and self.first is not None:
+            where += f" in member {self.first + member}"
         count = len(self.args) + (self.parameters is not None)
-        extra = f", and {count} further arguments" if count else ""
-        which, shape = "", str(self.frame.point_shape)
+        further = f"and {count} further arguments" if count else ""
+        if self.check.of_time:
+            return f"{where}; f is given (t, {u}...) {further}".rstrip()
+        shape, comma = str(self.frame.point_shape), ", " * bool(count)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        elif self.first is not None:
-            which = f" in member {self.first + member}"
-        u = "" if self.inputs is None else "u, "
-        if self.check.of_time:
-            return f"at t = {t:.17g}{which}; a is given (t, {u}...){extra[1:]}"
+        text = f"{where}; f is given (t, y, {u}...) with y of shape {shape}{comma}{further}"
         of_time = self.takes(1 + count) and not self.takes(2 + count)
-        hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
-        given = f"f is given (t, y, {u}...) with y of shape {shape}"
-        return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
+        return text + "; for an f of time alone see cg.solve_linear" * bool(of_time)
 
     def check_call(self) -> None:
         """Raise TypeError unless ``f`` takes the further arguments."""
-        count = len(self.args) + (self.parameters is not None)
-        if self.takes(2 + count) is not False:
-            return
-        function, u = (self.f.function, ["u"]) if isinstance(self.f, WithInput) else (self.f, [])
-        names = ["t", "y", *u, *(f"args[{k}]" for k in range(len(self.args)))]
+        of_time, has_inputs = self.check.of_time, self.inputs is not None
+        names = ["t", *["y"] * (not of_time), *(f"args[{k}]" for k in range(len(self.args)))]
         names += ["parameters"] * (self.parameters is not None)
+        if self.takes(len(names)) is not False:
+            return
+        names[2 - of_time : 2 - of_time] = ["u"] * has_inputs
+        hint = "; coefficients that depend on the point need cg.solve_ivp without linear=True"
         raise TypeError(
-            f"f must be callable as f({', '.join(names)}){' with inputs u' * len(u)}, got a "
-            f"function of {inspect.signature(function, follow_wrapped=False)}"
+            f"f must be callable as f({', '.join(names)}){' with inputs u' * has_inputs}, got a "
+            f"function of {inspect.signature(self._given, follow_wrapped=False)}{hint * of_time}"
         )
+
+    @property
+    def _given(self) -> Any:
+        """What the user gave."""
+        f: Any = self.f
+        while isinstance(f, TimeFunction | WithInput):
+            f = f.function
+        return f
 
     def takes(self, count: int) -> bool | None:
         """Return whether ``f`` takes a number of arguments beside inputs, None if unknown."""
-        with_input = isinstance(self.f, WithInput)
         try:
-            function = self.f.function if isinstance(self.f, WithInput) else self.f
-            signature = inspect.signature(function, follow_wrapped=False)
+            signature = inspect.signature(self._given, follow_wrapped=False)
         except (TypeError, ValueError):  # it has none
             return None
         try:
-            signature.bind(*range(count + with_input))
+            signature.bind(*range(count + (self.inputs is not None)))
         except TypeError:
             return False
         return True
@@ -143,6 +150,12 @@ class PythonRhs:
             error.add_note(self.note(float(t[0])))
             raise
         return self.check(value, t)
+
+    def at_times(self, times: Array, y: Points) -> Array:
+        """Return the coefficients of a single member at times and points, of a linear equation."""
+        if self.vectorized:
+            return self.at_members(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
+        return call_field(self, *self.addresses()[:2], self.frame, times, y)
 
 
 class Contexts:
@@ -178,11 +191,11 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    of_time: bool = False,
+    of_time: bool = False, dtype: Any = np.float64,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
-    rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
-    return function, args, *rest
+    rest = check, [None], of_time, with_input, np.dtype(dtype).num
+    return function, args, frame.point_shape, frame.dtype.num, shape, *rest

@@ -1,0 +1,1 @@
+"""Derivatives of solutions: forward with them, or backward by the adjoint equation."""

@@ -1,0 +1,208 @@
+r"""Gradients of costs of solutions by the adjoint equation.
+
+Derivatives of a solution satisfy :math:`\xi' = A \xi + B` for each parameter. The derivative of a
+cost with respect to the point at time t is a covector :math:`\lambda`, which satisfies
+:math:`\lambda' = -A^H \lambda` between output times and goes backward from the end. Its value at
+the start is the gradient with respect to the initial point, and :math:`\int \lambda^H B\,dt` that
+with respect to the parameters.
+
+The intervals of `cg.integration.derivatives.adjoint_equation` are the steps of the integration,
+divided at output times and at those of samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.integration.derivatives.adjoint_equation import Equation, Gradient, Intervals, solve
+from cg.integration.output.dense import DenseOutput
+from cg.integration.output.results import EnsembleSolution
+from cg.integration.problem import Problem
+from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
+
+_FIXED_STEPS = 1e-11  # tolerance where the integration had none
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Adjoint:
+    """Gradients of costs of a solution with ``derivatives="adjoint"``, which has these methods.
+
+    Examples
+    --------
+    The derivative of the first coordinate of an oscillator after one second, with respect to its
+    initial point and its stiffness:
+
+    >>> import crouch_grossman as cg
+    >>> solution = cg.solve_variational(
+    ...     lambda t, y, p: [y[1], -p[0] * y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
+    ...     parameters=[1.0], derivatives="adjoint", rtol=1e-10, atol=1e-10,
+    ... )
+    >>> gradient = solution.gradient([1.0, 0.0])
+    >>> gradient.y0.round(6), gradient.parameters.round(6)
+    (array([0.540302, 0.841471]), array([-0.420735]))
+    """
+
+    _equation: Equation
+    _output: DenseOutput
+    _times: Array  # of the output
+
+    def __repr__(self) -> str:
+        return f"Adjoint(times={len(self._times)}, shape={self._equation.shape})"
+
+    def gradient(self, cotangent: ArrayLike) -> Gradient:
+        """Return the derivatives of a cost by the initial point, parameters and inputs.
+
+        Parameters
+        ----------
+        cotangent
+            Derivatives of the cost with respect to the last point along the frame's fields, shape
+            ``(dim,)``, or with respect to all ``y``, shape ``(len(t), dim)``. On
+            `cg.frames.LinearAction` they are with respect to entries of points, shape
+            ``frame.point_shape`` in place of ``(dim,)``: c if the cost changes by the real part of
+            ``vdot(c, dy)``.
+
+        Returns
+        -------
+        Gradient
+            ``y0``, ``parameters`` and ``inputs``.
+
+        Raises
+        ------
+        ValueError
+            If the cotangent has another shape or isn't finite; or if the equation is stiff, or
+            jumps where there is no breakpoint, so that too many intervals would be needed.
+
+        Notes
+        -----
+        The first call evaluates f and its derivatives at five points of each step, and solves for
+        the covectors; others take little time.
+        """
+        given, equation = self._read(cotangent), self._equation
+        parts, sign = self._parts, self._output._direction
+        starts = sign * np.concatenate([part.start for part in parts])
+        order = np.argsort(starts)
+        steps = np.concatenate([part.maps[:, 0] for part in parts])[order]
+        count = len(starts)
+        covector = np.zeros_like(given[0])
+        ends = np.empty((count, *covector.shape), given.dtype)
+        at = np.searchsorted(starts[order], sign * self._times).tolist()
+        for i in range(count, -1, -1):
+            while at and at[-1] == i:
+                covector = covector + given[len(at) - 1]
+                at.pop()
+            if i:
+                ends[order[i - 1]] = covector
+                covector = steps[i - 1] @ covector
+        return equation.gradient(covector, parts, ends)
+
+    def jacobian(self) -> Gradient:
+        """Return the derivatives of the last point by the initial point, parameters and inputs.
+
+        Returns
+        -------
+        Gradient
+            The gradients of all coordinates along a first axis: ``y0`` has the shape ``(dim,
+            dim)``, ``parameters`` ``(dim, k)`` and ``inputs`` ``(dim, *values.shape)``. On
+            `cg.frames.LinearAction` they are derivatives of entries, complex if these are, with
+            the axes of ``frame.point_shape`` in place of ``dim``.
+
+        Examples
+        --------
+        >>> import crouch_grossman as cg
+        >>> solution = cg.solve_variational(
+        ...     lambda t, y, u: [y[1], u], (0, 2), [1.0, 0.0], frame=cg.frames.Euclidean(2),
+        ...     inputs=cg.Samples([0.0, 1.0], [0.5, -0.5]), derivatives="adjoint",
+        ... )
+        >>> solution.jacobian().inputs.round(6)
+        array([[1.5, 0.5],
+               [1. , 1. ]])
+        """
+        shape = self._equation.shape
+        units = np.eye(math.prod(shape)).reshape(-1, *shape)
+
+        def stacked(*rows: Points) -> Points:
+            return np.reshape(rows, (*shape, *rows[0].shape))
+
+        real = _each_array(stacked, *map(self.gradient, units))
+        if not self._is_complex:
+            return Gradient(*real)
+        imaginary = _each_array(stacked, *map(self.gradient, 1j * units))
+        both = Gradient(*_each_array(lambda a, b: a + 1j * b, real, imaginary))
+        return both._replace(y0=real[0].conj())
+
+    def _read(self, cotangent: ArrayLike) -> Points:
+        """Return the cotangents at all times, shape ``(times, n, columns)``."""
+        shape, times = self._equation.shape, len(self._times)
+        array: Points = (complex_array if self._is_complex else real_array)(cotangent, "cotangent")
+        check_finite(array, "cotangent")
+        if array.shape not in (shape, (times, *shape)):
+            raise ValueError(
+                f"cotangent must have shape {shape} or {(times, *shape)}, got {array.shape}"
+            )
+        given = np.zeros((times, *shape), array.dtype)
+        given[... if array.ndim > len(shape) else -1] = array
+        return given.reshape(times, shape[0], -1)
+
+    @property
+    def _is_complex(self) -> bool:
+        generators = self._equation.generators
+        return generators is not None and generators.dtype.kind == "c"
+
+    @cached_property
+    def _parts(self) -> list[Intervals]:
+        """The solved intervals from the first point to the last one that is stored."""
+        curves = () if self._equation.inputs is None else self._equation.inputs.curves
+        edges = np.concatenate([self._output.ts, self._times, *(curve.times for curve in curves)])
+        sign = self._output._direction
+        edges = np.unique(sign * edges)
+        first, last = sign * self._output.ts[0], sign * self._times[-1]
+        edges = edges[(edges >= first) & (edges <= last)]
+        if first == last:
+            edges = np.repeat(edges, 2)
+        return solve(self._equation, sign * edges)
+
+
+def _each_array(function: Callable[..., Points], *results: Any) -> Any:
+    """Return results of a function of arrays, which tuples hold in the same places, or None."""
+    if isinstance(results[0], tuple):
+        return tuple(_each_array(function, *parts) for parts in zip(*results, strict=True))
+    return None if results[0] is None else function(*results)
+
+
+def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation]) -> Problem:
+    """Return the problem whose solution has gradients, after checking that it can have them."""
+    if problem.events is not None:
+        raise ValueError(
+            "events must be None with derivatives='adjoint', which doesn't go through their jumps "
+            "and ends"
+        )
+    if problem.t_eval is not None and not len(problem.t_eval):
+        raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")
+
+    def finish(_: Problem, joint: EnsembleSolution) -> Any:
+        """Return a list of the solution of the only member."""
+        one = joint[0]
+        assert one.sol is not None
+        adjoint = Adjoint(equation_of(one.sol), one.sol, one.t)
+        return [replace(one, sol=one.sol if problem.dense else None, adjoint=adjoint)]
+
+    return replace(problem, dense=True, finish=finish)
+
+
+def tolerance_of(problem: Problem) -> float:
+    """Return the tolerance of estimates, which were three times the errors or more where measured.
+
+    With ten times that of the integration the errors of its steps are larger in most problems, but
+    not where steps are as long as those of linear equations.
+    """
+    tolerance = problem.control.tolerance
+    if tolerance is None:
+        return _FIXED_STEPS
+    return tolerance if problem.of_time else 10.0 * tolerance

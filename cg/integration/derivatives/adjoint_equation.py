@@ -1,0 +1,222 @@
+r"""The adjoint equation along a solution, solved on many intervals at a time.
+
+Covectors satisfy :math:`\lambda' = -A^H \lambda`. On each interval the equation is solved by
+collocation at Gauss's nodes, of order ten, from unit covectors; intervals are bisected until
+estimates of the errors are small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import Legendre
+
+from cg.integration.output.dense import DenseOutput
+from cg.integration.rhs.inputs import Inputs
+from cg.support.arrays import Array, Points
+
+_COUNT = 5
+_X, _W = np.polynomial.legendre.leggauss(_COUNT)
+_NODES, _WEIGHTS = (_X + 1) / 2, _W / 2
+# of values at the nodes to coefficients of Legendre polynomials
+_TO_LEGENDRE = np.array([(2 * k + 1) * _WEIGHTS * Legendre.basis(k)(_X) for k in range(_COUNT)])
+# entry [j, l]: the integral of the l-th Lagrange polynomial from node j to 1
+_INTEGRALS = (
+    np.stack([1 - _NODES ** (k + 1) for k in range(_COUNT)], axis=1) / np.arange(1, _COUNT + 1)
+) @ np.linalg.inv(np.vander(_NODES, increasing=True))
+_BISECTIONS = 20
+_MIXED = 8
+_LARGEST_NORM = 1e5  # the number of intervals is proportional to it
+_MANY = 8  # intervals that aren't resolved, for each of the first ones
+_SHORT = 64  # units of rounding of time, in an interval that can't be bisected
+_ENTRIES = 1 << 22  # of the matrices that are solved at a time
+
+
+class Gradient(NamedTuple):
+    """The derivatives of a cost, or of several numbers along first axes.
+
+    Attributes
+    ----------
+    y0
+        With respect to the coordinates of the initial point, shape ``(dim,)``; on
+        `cg.frames.LinearAction` with respect to its entries, shape ``frame.point_shape``.
+    parameters
+        With respect to the parameters, shape ``(k,)``, or None without any.
+    inputs
+        With respect to the values of ``inputs``, in their shape, or a tuple of these as ``inputs``
+        are; None without any.
+    """
+
+    y0: Points
+    parameters: Array | None
+    inputs: Array | tuple[Array, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Equation:
+    """The equation of derivatives of a solution, and of covectors."""
+
+    # A and B at times, shapes (times, n, n) and (times, m, k); B is None without parameters and
+    # inputs, which are the last of the k
+    at: Callable[[Array], tuple[Points, Array | None]]
+    shape: tuple[int, ...]  # of a covector
+    tolerance: float
+    parameters: int | None = None  # their number, None without any
+    inputs: Inputs | None = None
+    # of a linear equation y' = A y: A = sum_m a_m G_m, where B are the derivatives of the a_m
+    generators: Points | None = None
+    skew: bool = False  # whether its matrices are skew-Hermitian
+    output: DenseOutput | None = None  # its solution
+
+    def gradient(self, start: Points, parts: list[Intervals], ends: Points) -> Gradient:
+        """Return the gradient from covectors at the first point and at the ends of intervals."""
+        y0, inputs = start.reshape(self.shape), self.inputs
+        if self.parameters is None and inputs is None:
+            return Gradient(y0, None)
+        last = np.cumsum([len(part.start) for part in parts])
+        each = zip(parts, np.split(ends, last[:-1]), strict=True)
+        own, by_inputs = zip(*(self._integrals(*pair) for pair in each), strict=True)
+        total = None if self.parameters is None else np.sum(own, axis=0)
+        if inputs is None:
+            return Gradient(y0, total)
+        times = np.concatenate([part.times.ravel() for part in parts])
+        return Gradient(y0, total, inputs.by_values(times, np.concatenate(by_inputs)))
+
+    def _integrals(self, part: Intervals, ends: Points) -> tuple[Array, Array]:
+        """Return integrals of derivatives by the parameters, and terms of those by the inputs.
+
+        The terms belong to nodes, shape (intervals * nodes, width).
+        """
+        paired = part.maps[:, 1:] @ ends[:, None]
+        if self.generators is not None:
+            moved = self.generators @ part.points[:, :, None]
+            paired = np.sum(paired[:, :, None].conj() * moved, axis=-2).real.sum(-1)
+        m, k = part.by_parameters.shape[-2:]
+        count, b = self.parameters or 0, part.by_parameters.reshape(-1, m, k)
+        weighted = (part.size[:, None] * _WEIGHTS)[..., None] * paired.reshape(*paired.shape[:2], m)
+        weighted = weighted.reshape(-1, m)
+        own = weighted.ravel() @ b[..., :count].reshape(len(b) * m, count)
+        return own, np.einsum("im,imk->ik", weighted, b[..., count:])
+
+
+class Intervals(NamedTuple):
+    """Solved intervals."""
+
+    start: Array
+    size: Array  # signed
+    maps: Points  # from the covector at the end to those at the start and the nodes
+    by_parameters: Array  # B at the nodes, shape (intervals, nodes, m, k)
+    points: Points  # of a linear equation at the nodes, shape (intervals, nodes, n, columns)
+
+    @property
+    def times(self) -> Array:
+        """The times of the nodes, shape (intervals, nodes)."""
+        return self.start[:, None] + self.size[:, None] * _NODES
+
+
+def _collocate(matrix: Points, size: Array) -> tuple[Points, Array]:
+    """Return maps of covectors from the end of intervals, and estimates of the errors at starts.
+
+    The matrices have the shape ``(intervals, nodes, n, n)``, the maps ``(intervals, 1 + nodes, n,
+    n)``; the first one is that to the start.
+    """
+    count, n = len(matrix), matrix.shape[-1]
+    adjoint = size[:, None, None, None] * matrix.conj().mT
+    system: Points = np.empty((count, _COUNT, n, _COUNT, n), adjoint.dtype)
+    np.multiply(-_INTEGRALS[:, None, :, None], adjoint.swapaxes(1, 2)[:, None], out=system)
+    system = system.reshape(count, _COUNT * n, _COUNT * n)
+    system.reshape(count, -1)[:, :: _COUNT * n + 1] += 1.0
+    units = np.tile(np.eye(n), (_COUNT, 1))
+    at_nodes = np.linalg.solve(system, np.broadcast_to(units, (count, *units.shape)))
+    at_nodes = at_nodes.reshape(count, _COUNT, n, n)
+    slopes = adjoint @ at_nodes
+    start = np.eye(n) + np.tensordot(_WEIGHTS, slopes, (0, 1))
+    return np.concatenate([start[:, None], at_nodes], axis=1), _unresolved(slopes) ** 2
+
+
+def _unresolved(values: Points) -> Array:
+    """Return an estimate of the first coefficient that polynomials through the nodes leave out.
+
+    Values have the shape ``(intervals, nodes, ...)``. The error of collocation is about its square,
+    since it is multiplied by that of the solution.
+    """
+    size = np.abs(np.tensordot(_TO_LEGENDRE, values, (1, 1))).max(axis=(2, 3))
+    low, high = size[-4:-2].max(axis=0), size[-2:].max(axis=0)
+    estimate: Array = high * np.minimum(high / np.maximum(low, np.finfo(float).tiny), 1.0)
+    return estimate
+
+
+def solve(equation: Equation, edges: Array) -> list[Intervals]:
+    """Return the intervals between times, bisected until the estimates are below the tolerance.
+
+    They aren't sorted. ValueError is raised if bisection doesn't lead there.
+    """
+    start, size = edges[:-1], np.diff(edges)
+    span = abs(edges[-1] - edges[0])
+    parts: list[Intervals] = []
+    each = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
+    for _ in range(_BISECTIONS + 1):
+        again: list[Array] = []
+        for first in range(0, len(start), each):
+            chunk = slice(first, first + each)
+            part, errors = _at(equation, start[chunk], size[chunk], span)
+            good = errors <= equation.tolerance
+            parts.append(part if good.all() else Intervals(*(a[good] for a in part)))
+            again.append(np.stack([start[chunk][~good], size[chunk][~good]]))
+        start, size = np.concatenate(again, axis=1)
+        if not start.size:
+            return parts
+        if start.size > max(_LARGEST_NORM, _MANY * len(edges)):
+            break
+        if (np.abs(size) < _SHORT * np.spacing(np.abs(start))).any():
+            break
+        size = np.tile(size / 2, 2)
+        start = np.concatenate([start, start + size[: len(start)]])
+    raise ValueError(
+        "f must be smooth between breakpoints with derivatives='adjoint': its derivatives aren't "
+        f"resolved at t = {start[0]:.17g} by intervals of {abs(size[0]):.2g}; name known times of "
+        "jumps as breakpoints; gradients don't go through jumps at points of the solution"
+    )
+
+
+def _at(equation: Equation, start: Array, size: Array, span: float) -> tuple[Intervals, Array]:
+    """Return intervals with estimates of the errors of all, if there are many like each.
+
+    Errors of maps add up over the span of all intervals, and integrals are over parts of it.
+    """
+    times = start[:, None] + size[:, None] * _NODES
+    matrix, b = equation.at(times.ravel())
+    matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
+    norms = np.abs(size[:, None] * np.abs(matrix).sum(axis=-1).max(axis=-1)).max(axis=1)
+    if not norms.sum() <= _LARGEST_NORM:
+        raise ValueError(
+            "derivatives must not be 'adjoint' for an equation that is this stiff: the integral of "
+            f"the norm of its Jacobian is {norms.sum():.2g}, more than {_LARGEST_NORM:.0g}"
+        )
+    maps, errors = _collocate(matrix, size)
+    errors = errors * (span / np.maximum(np.abs(size), np.finfo(float).tiny))
+    points = np.empty((len(start), 0))
+    if b is None:
+        return Intervals(start, size, maps, points, points), errors
+    b = b.reshape(*times.shape, *b.shape[1:])
+    mixed = b @ _mixture(b.shape[-1])
+    largest = max(np.abs(mixed).max(), np.finfo(float).tiny)
+    errors = np.maximum(errors, (_unresolved(mixed) / largest) ** 2)
+    if equation.output is not None:
+        output = equation.output
+        own = maps if equation.skew else _collocate(-matrix.conj().mT, size)[0]
+        ends = output(np.clip(start + size, output.t_min, output.t_max))
+        points = own[:, 1:] @ ends.reshape(len(start), 1, matrix.shape[-1], -1)
+    return Intervals(start, size, maps, b, points), errors
+
+
+@cache
+def _mixture(count: int) -> Array:
+    """Return random combinations of the parameters, whose errors stand for those of all."""
+    if count <= _MIXED:
+        return np.eye(count)
+    return np.random.default_rng(0).standard_normal((count, _MIXED))

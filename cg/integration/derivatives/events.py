@@ -1,0 +1,182 @@
+"""Derivatives of event times and of jumps: saltation matrices."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cg.integration.derivatives.field import VariationalField, parameter_steps
+from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.inputs import data_at
+from cg.support.arrays import Array, Points
+
+_STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
+# weights of the central difference of order four
+_STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
+_WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+# a derivative that is smaller than this, relative to slopes between values, is rounding
+_ROUNDING = 1e-8
+
+_EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
+
+
+class VariationalEvents(EventTable):
+    r"""The events of a solution with its derivatives.
+
+    Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
+    and :math:`\xi` the coordinates of a derivative of y just before. The time of the event has
+    the derivative :math:`\delta t = -(\partial g\,\xi + \partial_p g) / \dot g`, and behind a jump
+    :math:`y^+ = J(t, y)`
+
+    .. math:: \xi^+ = \partial J\,\xi + \partial_p J + (\dot J - f^+)\,\delta t,
+
+    where :math:`\dot J` are the coordinates of the derivative of J along the solution before, and
+    :math:`f^+` the coefficients after it [1]_. Derivatives of g and J are central differences of
+    order four.
+
+    References
+    ----------
+    .. [1] N. J. Kong, J. J. Payne, J. Zhu, A. M. Johnson, "Saltation matrices: the essential tool
+       for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
+    """
+
+    def __init__(self, table: EventTable, field: VariationalField) -> None:
+        self.table, self.field, self.inputs = table, field, table.inputs
+        self.frame, self.width = table.frame, table.width
+        self.events, self.compiled = table.events, table.compiled
+        self.rows = table.rows.copy()
+        if not field.count and isinstance(field.f, CompiledRhs):
+            self.rows[self.rows[:, 1] == 0, 1] = field.f.user_data
+        self._callable = [
+            None if source is None else _EVENT(source.address) for source in self.compiled
+        ]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return VariationalEvents, (self.table, self.field)
+
+    def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
+        """Return the value of a function at a point with derivatives."""
+        return super().value(index, t, self.field.split(y)[0], arguments)
+
+    def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
+        """Return the point after a jump with its derivatives."""
+        field, jump = self.field, self.table.jump
+        before, x = field.split(y)
+        after = jump(index, t, before, arguments)
+        rate, delta = self._time_derivative(index, t, before, x, arguments)
+        if not np.isfinite(delta).all():
+            raise ValueError(
+                f"events[{index}] must change its sign where it jumps, for the solution to have "
+                f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
+            )
+
+        n, k = self.frame.dim, field.count
+
+        def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
+            return self.frame.local_coordinates(after, jump(index, time, point, extra))
+
+        by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
+        jump_of_rate = along - self._coefficients(t, after, arguments)
+        moved = by_fields.T @ x
+        moved[:, n : n + k] += by_parameters.T
+        moved += np.outer(jump_of_rate, delta)
+        if field.noise is not None:
+            # the saltation matrix from both sides
+            unit = np.eye(n, field.columns)
+            local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
+            matrix = by_fields.T + np.outer(jump_of_rate, local)
+            moved[:, n + k :] = matrix @ x[:, n + k :] @ matrix.T
+        return field.product.join(after, moved.ravel())
+
+    def time_derivatives(
+        self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
+    ) -> Array:
+        """Return derivatives of an event's times, shape ``(times, dim + k)``; z are points before.
+
+        They aren't finite where the solution touches the event without crossing it.
+        """
+        derivatives = np.empty((len(times), self.frame.dim + self.field.count))
+        for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
+            y, x = self.field.split(point)
+            row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
+        return derivatives
+
+    def _time_derivative(
+        self, index: int, t: float, y: Points, x: Array, arguments: tuple[Any, ...]
+    ) -> tuple[float, Array]:
+        """Return the derivative of a function along the solution, and those of its zero's time."""
+
+        def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
+            return np.array([self._value_of(index, time, point, extra)])
+
+        by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
+        rate = float(along[0]) if abs(along[0]) > _ROUNDING * largest else 0.0
+        gradient = by_fields[:, 0] @ x
+        n = self.frame.dim
+        gradient[n : n + self.field.count] += by_parameters[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return rate, -gradient / np.float64(rate)
+
+    def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
+        function = self._callable[index]
+        if function is None:
+            return self.table.value(index, t, y, arguments)
+        point = np.ascontiguousarray(y)
+        numbers = data_at(t, arguments, self.field.count > 0)
+        data = max(int(self.rows[index, 1]), 0) or (
+            None if numbers is None else numbers.ctypes.data
+        )
+        return self.wrapped(index, float(function(t, point.ctypes.data, data)))
+
+    def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
+        """Return the coefficients of one member."""
+        field = self.field
+        if not field.vectorized:
+            return field.coefficients(t, y, arguments)
+        if field.count:
+            arguments = (*arguments[:-1], arguments[-1][None])
+        row: Array = field.coefficients(np.array([t]), y[None], arguments)[0]
+        return row
+
+    def _derivatives(
+        self,
+        function: Callable[[float, Points, tuple[Any, ...]], Array],
+        t: float,
+        y: Points,
+        arguments: tuple[Any, ...],
+    ) -> tuple[Array, Array, Array, float]:
+        """Return derivatives of ``function(t, y, arguments)``, which has m values.
+
+        They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,
+        then the largest slope between any two values along the solution.
+        """
+        frame, n = self.frame, self.frame.dim
+        sizes = np.maximum(frame.coordinate_sizes(y), 1.0)
+        slope = self._coefficients(t, y, arguments)
+        # in a unit of this time the solution moves by the sizes of its coordinates
+        unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
+        unit = min(unit, max(abs(t), 1.0))
+
+        def values_along(v: Array, time: float = 0.0) -> Array:
+            return np.array(
+                [
+                    function(t + s * _STEP * time, frame.flow(s * _STEP * v, y), arguments)
+                    for s in _STEPS
+                ]
+            )
+
+        by_fields = [
+            _WEIGHTS @ values_along(size * e) / (_STEP * size)
+            for size, e in zip(sizes, np.eye(n), strict=True)
+        ]
+        by_parameters = np.empty((self.field.count, len(by_fields[0])))
+        if self.field.count:
+            for i, (moved, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
+                values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
+                by_parameters[i] = _WEIGHTS @ np.array(values) / size
+        ahead = values_along(unit * slope, unit) / (_STEP * unit)
+        return np.array(by_fields), _WEIGHTS @ ahead, by_parameters, float(np.ptp(ahead))

@@ -1,0 +1,173 @@
+"""Problems of points with their derivatives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cg.frames.base import Frame
+from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint
+from cg.integration.derivatives.adjoint_equation import Equation
+from cg.integration.derivatives.compiled import compiled_variation
+from cg.integration.derivatives.events import VariationalEvents
+from cg.integration.derivatives.field import VariationalField
+from cg.integration.derivatives.linear_adjoint import with_linear_adjoint
+from cg.integration.derivatives.noise import check_covariance, noise_of
+from cg.integration.derivatives.split import Derivatives
+from cg.integration.options import Options
+from cg.integration.output.dense import DenseOutput
+from cg.integration.plan.plan import has_brackets, plan_of
+from cg.integration.problem import ADJOINT, Problem, Rhs
+from cg.integration.rhs.given_derivatives import derivative_of
+from cg.integration.rhs.python import PythonRhs
+from cg.support.arrays import Array, Points, check_finite
+from cg.tables import Kind
+
+_LOOSE = 10.0
+"""Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
+hardly shorter, and are not too long for derivatives where the solution itself is simple."""
+
+
+_ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
+
+
+def with_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem whose solution has the derivatives that options ask for."""
+    if problem.of_time:
+        return with_linear_adjoint(problem, options["df_dp"])
+    joint = _add_derivatives(problem, options)
+    if options["derivatives"] == ADJOINT:
+        return with_adjoint(problem, partial(_equation_along, joint))
+    return joint
+
+
+def _add_derivatives(problem: Problem, options: Options) -> Problem:
+    """Return the problem of points with derivatives, after checking the options.
+
+    For the adjoint equation the values of inputs are parameters as well.
+    """
+    frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
+    controlled, by_inputs = options["control_derivatives"], options["derivatives"] == ADJOINT
+    _check_problem(problem)
+    noise = noise_of(options["noise"], problem)
+    field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)
+    joint: Rhs
+    if rhs.vectorized:
+        data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
+        joint = PythonRhs(field, field.product, *data)
+    else:
+        plan = problem.plan
+        if not plan.compiled:  # f gives coefficients there
+            plan = plan_of(plan.given, plan.method)
+        joint = compiled_variation(field, plan, rhs.args, rhs.parameters, rhs.inputs)
+    if control.h is None:
+        absolute = _tolerances(problem, field, controlled, "atol")
+        relative = _tolerances(problem, field, controlled, "rtol")
+        control = control._replace(rtol=relative, atol=absolute)
+    members = len(problem.points) if problem.many else None
+    covariance = check_covariance(options["P0"], frame.dim, members)
+    return replace(
+        problem,
+        plan=plan_of(field.product, problem.plan.method),
+        rhs=joint,
+        points=field.start(problem.points),
+        control=control,
+        events=None if events is None else VariationalEvents(events, field),
+        finish=Derivatives(field, covariance).finish,
+    )
+
+
+def _check_problem(problem: Problem) -> None:
+    """Raise ValueError if derivatives can't move along the solution."""
+    frame = problem.plan.frame
+    if problem.plan.method.kind is Kind.SPLITTING:
+        raise ValueError(
+            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
+            "derivatives"
+        )
+    if not has_brackets(frame):
+        raise ValueError(
+            "frame must know the bracket of its fields, by which derivatives move, got "
+            f"{frame!r}, whose fields are no Lie algebra or none that it knows"
+        )
+    if not problem.keeps_points:
+        raise ValueError(
+            'store must be "all" where solutions have derivatives, which belong to points, got '
+            '"observed"'
+        )
+
+
+def _make_field(
+    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, noise: Any, by_inputs: bool
+) -> VariationalField:
+    """Return the coefficients of points with derivatives, after checking functions."""
+    n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
+    width = inputs.width if by_inputs and inputs is not None else 0
+    if df_dp is not None and numbers is None and not width:
+        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
+    if numbers is not None:
+        check_finite(numbers, "parameters")
+    count = width + (0 if numbers is None else numbers.shape[-1])
+    return VariationalField(
+        frame,
+        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        derivative_of(jac, "jac", frame, (n, n), vectorized, inputs),
+        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
+        count,
+        vectorized,
+        width,
+        noise,
+    )
+
+
+def _tolerances(
+    problem: Problem, field: VariationalField, control_derivatives: bool, name: str
+) -> Array:
+    """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
+    plan, given, is_absolute = problem.plan, getattr(problem.control, name), name == "atol"
+    n = field.frame.dim
+    shape = (n,) if problem.in_coordinates else field.frame.point_shape
+    own = np.broadcast_to(np.asarray(given), shape).ravel()
+    rows = own if problem.in_coordinates else np.full(n, own.min())
+    if not problem.in_coordinates and not is_absolute:
+        own = np.repeat(own, plan.parts)
+    elif not problem.in_coordinates:
+        # the norm is that of numbers here, and that of complex entries there
+        own = np.repeat(own, plan.parts) / np.sqrt(plan.parts)
+    if control_derivatives and not rows.min() > 0.0:
+        raise ValueError(
+            "atol must be positive with control_derivatives, since derivatives are zero at first, "
+            f"got {given}"
+        )
+    elif not control_derivatives:  # derivatives are of size one at first, also with atol = 0
+        rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
+    others = np.repeat(rows, field.columns)
+    # the square of the norm of the joint error is then the sum of those of both parts
+    shares = np.sqrt(np.array([own.size, others.size]) / (own.size + others.size))
+    return np.concatenate([shares[0] * own, shares[1] * others])
+
+
+def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
+    """Return the equation of the problem with derivatives, along a solution without them."""
+    rhs: Any = joint.rhs
+    if tolerance_of(joint) >= _ONE_SIDED:
+        for record in rhs.records:
+            record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
+    count = None if rhs.parameters is None else rhs.parameters.shape[-1]
+    shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
+    return Equation(along, shape, tolerance_of(joint), count, rhs.inputs)
+
+
+def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+    """Return A and B along a solution, from derivatives that are unit vectors."""
+    variational = rhs.variational
+    n = variational.frame.dim
+    values = rhs.at_times(times, variational.start(sol(times)))
+    if not np.isfinite(values).all():
+        raise ValueError("f and its derivatives must return finite numbers")
+    slopes = values[:, n:].reshape(len(times), n, -1)
+    return slopes[..., :n], slopes[..., n:] if variational.count else None

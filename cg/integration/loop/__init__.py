@@ -1,1 +1,0 @@
-"""Runs of compiled code over steps, and what they leave."""

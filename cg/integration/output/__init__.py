@@ -1,0 +1,1 @@
+"""Solutions as they are stored, and as functions of time."""

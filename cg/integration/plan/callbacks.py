@@ -1,0 +1,138 @@
+"""Callbacks from compiled code: flows in Python, Jacobians, events and jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cg.frames.base import FlowOverflowError
+from cg.integration.plan.blocks import Dexpinv, dexpinv_of
+from cg.integration.plan.jacobian import Jacobian
+from cg.integration.plan.plan import Plan
+from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.python import PythonRhs
+from cg.support.arrays import Array, Points
+from cg.support.shared_numbers import Operation
+
+
+class Callbacks:
+    """The functions of Python that one run may call, by `cg.support.shared_numbers.Operation`.
+
+    Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles; the result is
+    a vector.
+
+    ``last_error`` is the last exception that compiled code treats as a step that is too long;
+    ``failed_event`` the name of an event's function that raised an exception, its time and member.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        rhs: CompiledRhs | PythonRhs | None = None,
+        events: EventTable | None = None,
+        jacobian: Jacobian | None = None,
+    ) -> None:
+        self.plan, self.frame = plan, plan.frame
+        self.rhs, self.events, self.jacobian = rhs, events, jacobian
+        self.last_error: Exception | None = None
+        self.failed_event: tuple[str, float, int] | None = None
+
+    @cached_property
+    def _dexpinv(self) -> Dexpinv:
+        return dexpinv_of(self.frame, self.plan.table.output.series)
+
+    def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
+        """Return the result of an operation on two vectors, as a vector of doubles or a float."""
+        answer = _HANDLERS[operation](self, a, b)
+        if isinstance(answer, float):
+            return answer
+        answer = np.ascontiguousarray(answer)
+        return answer.reshape(-1).view(np.float64) if answer.dtype.kind == "c" else answer.ravel()
+
+    def _point(self, y: Array) -> Points:
+        return y.view(self.frame.dtype).reshape(self.frame.point_shape)
+
+    def _flow(self, v: Array, y: Array) -> Points:
+        point = self._point(y)
+        try:
+            for coefficients in v.reshape(-1, self.frame.dim):
+                point = self.frame.flow(coefficients, point)
+            return point
+        except FlowOverflowError as error:
+            # an adaptive step is tried again with a smaller size
+            self.last_error = error
+            return np.full(self.frame.point_shape, np.nan, dtype=self.frame.dtype)
+
+    def _coordinates(self, x: Array, y: Array) -> Array:
+        v = self.frame.exp_coordinates(self._point(x), self._point(y))
+        return np.full(self.frame.dim, np.nan) if v is None else v
+
+    def _nearby(self, x: Array, y: Array, nearest: bool = False) -> Array:
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            return np.full(self.frame.dim, np.nan)
+        frame = self.frame
+        coordinates = frame._nearest_coordinates if nearest else frame.local_coordinates
+        return coordinates(self._point(x), self._point(y))
+
+    def _coefficients(self, y: Array, dy: Array) -> Array:
+        if not (np.isfinite(y).all() and np.isfinite(dy).all()):
+            return np.full(self.frame.dim + 1, np.nan)
+        v, dropped = self.frame._coefficients(self._point(y), self._point(dy))
+        return np.append(v, dropped * np.linalg.norm(dy))
+
+    def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
+        assert self.jacobian is not None
+        assert self.rhs is not None
+        t, member = a[:2].tolist()
+        return self.jacobian.evaluate(self.rhs, int(member), t, self._point(y.copy()), a[2:])
+
+    def _factor(self, a: Array, _: Array) -> Array:
+        assert self.jacobian is not None
+        member, gamma, real, imaginary = a.tolist()
+        return self.jacobian.factor(int(member), (gamma, complex(real, imaginary)))
+
+    def _solve(self, a: Array, b: Array) -> Array:
+        assert self.jacobian is not None
+        return self.jacobian.solve(int(a[0]), b)
+
+    def _evaluate(self, a: Array, y: Array) -> Array:
+        assert isinstance(self.rhs, PythonRhs)
+        t, members = a.reshape(2, -1)
+        points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
+        return self.rhs.at_members(t, members.astype(np.intp), points)
+
+    def _call_event(self, a: Array, y: Array, is_jump: bool) -> Any:
+        assert self.rhs is not None
+        assert self.events is not None
+        t, member, event = a.tolist()
+        member, event = int(member), int(event)
+        function = self.events.jump if is_jump else self.events.value
+        try:
+            return function(event, t, self._point(y), self.rhs.arguments(member))
+        except Exception:
+            self.failed_event = f"events[{event}]{'.jump' * is_jump}", t, member
+            raise
+
+
+_HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
+    Operation.FLOW: Callbacks._flow,
+    Operation.COORDINATES: Callbacks._coordinates,
+    Operation.NEARBY: Callbacks._nearby,
+    Operation.NEAREST: lambda self, x, y: self._nearby(x, y, nearest=True),
+    Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
+    Operation.COEFFICIENTS: Callbacks._coefficients,
+    Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
+    Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
+    Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
+    Operation.BRACKET: lambda self, u, v: self.frame.bracket(u, v),
+    Operation.FIELDS: Callbacks._evaluate,
+    Operation.EVENT: lambda self, a, y: self._call_event(a, y, False),
+    Operation.JUMP: lambda self, a, y: self._call_event(a, y, True),
+    Operation.JACOBIAN: Callbacks._evaluate_jacobian,
+    Operation.FACTOR: Callbacks._factor,
+    Operation.SOLVE: Callbacks._solve,
+}

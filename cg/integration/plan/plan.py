@@ -1,0 +1,162 @@
+"""Plans: descriptions of a frame and a method in compiled code, for any number of runs."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from typing import Any
+
+import numpy as np
+
+from cg.frames.base import Frame
+from cg.frames.linear_action import LinearAction
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.phase_space import PhaseSpace
+from cg.integration.plan.blocks import (
+    block_constants,
+    describe_blocks,
+    has_compiled_difference,
+    is_compiled,
+)
+from cg.support.arrays import Array, Points
+from cg.support.caches import cached_by_value
+from cg.support.capsules import provide_lapack
+from cg.support.shared_numbers import BlockKind, BlockOption
+from cg.tables import MethodTable
+
+
+class Plan:
+    """A frame and a method in compiled code.
+
+    A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
+    that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
+    interpolant. ``table`` is the table that compiled code reads: that of ``method``, or on a
+    `LinearAction` that of one flow along a polynomial.
+    """
+
+    def __init__(self, frame: Frame, method: MethodTable) -> None:
+        import cg._core_r64 as core
+
+        self.core, self.frame, self.method = core, frame, method
+        self.given = frame._given or frame  # that of the user, `frame` if f returns coefficients
+        along = method.polynomial if isinstance(frame, LinearAction) else None
+        self.table = table = method if along is None else along
+        self.compiled = is_compiled(frame)
+        self._measures = has_compiled_difference(frame) if self.compiled else None
+        self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
+        self.parts = 2 if self.dtype == np.complex128 else 1
+        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
+        self.columns = table.output.columns
+        if self.compiled:
+            blocks = describe_blocks(frame)
+        else:
+            blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
+        if table.is_polynomial or not table.explicit:
+            provide_lapack()
+        if table.is_polynomial:
+            blocks[2] |= BlockOption.POLYNOMIAL
+        self.address: int = core.plan_open(
+            blocks, block_constants(frame), ctypes.addressof(table.record)
+        )
+        if frame._given is not None:
+            core.plan_take_derivatives(self.address)
+        if isinstance(frame, PhaseSpace):
+            core.plan_set_bodies(self.address, *frame.compiled_bodies())
+        weakref.finalize(self, core.plan_close, self.address)
+        self._make_interpolants()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a method is sent by its name, so that each process has one instance with its cached data
+        return plan_of, (self.frame, self.method)
+
+    def _make_interpolants(self) -> None:
+        output = self.table.output
+        padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty
+        self.core.plan_set_scheme(
+            self.address, output.columns, self.table.on_algebra, output.final, output.series,
+            np.append(output.theta, 0.0), padded.T, output.basis.T, self.table.is_polynomial,
+            np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
+            output.flow_weights.T,
+        )  # fmt: skip
+
+    def in_coordinates(self, point: Points) -> bool:
+        """Return whether differences of points are measured in coordinates, not in entries.
+
+        The answer is the same at all points.
+        """
+        if self._measures is not None:
+            return self._measures
+        return self.frame.exp_coordinates(point, point) is not None
+
+    def unique_flows(self, point: Points) -> bool:
+        """Return whether the fields act freely: small coefficients that differ move points apart.
+
+        Then the ends of a step determine its coordinates. Any point of a frame whose differences
+        are measured in coordinates serves as ``point``.
+        """
+        frame = self.frame
+        if self.compiled:
+            blocks = frame.compiled_blocks() or ()
+            return all(block[0] != BlockKind.SPHERE for block in blocks)
+        if frame.dim > _MAX_FIELDS or not has_brackets(frame):
+            return False
+        fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
+        rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
+        return bool(rank == frame.dim)
+
+    def surely_on_manifold(self, points: Points) -> bool:
+        """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
+        if not self.compiled:
+            return False
+        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
+        return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
+
+    def doubles(self, points: Points) -> Array:
+        """Return points as rows of doubles, shape ``(n, width)``."""
+        rows = np.ascontiguousarray(points)
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(np.float64)
+        return rows.reshape(-1, self.width)
+
+    def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
+        """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(self.dtype)
+        return rows.reshape(*lead, *self.point_shape)
+
+
+_MAX_PLANS = 64  # of a frame that are kept
+_MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
+
+
+def plan_of(frame: Frame, method: MethodTable) -> Plan:
+    """Return the plan of a frame and a method, which is cached."""
+    plans = _plans_on(frame)
+    key = id(method), frame._given is None
+    plan = plans.get(key)
+    if plan is None:
+        if len(plans) == _MAX_PLANS:
+            plans.pop(next(iter(plans)), None)
+        plan = plans[key] = Plan(frame, method)  # which keeps the method alive
+    return plan
+
+
+@cached_by_value
+def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
+    return {}
+
+
+@cached_by_value
+def for_derivatives(frame: Frame) -> Frame:
+    """Return `Frame.for_derivatives`, which is cached."""
+    return frame.for_derivatives()
+
+
+@cached_by_value
+def has_brackets(frame: Frame) -> bool:
+    """Return whether a frame has brackets of its fields."""
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""Runs of the compiled loop, from its record to what it reports."""

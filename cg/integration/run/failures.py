@@ -1,0 +1,171 @@
+"""Why trajectories ended before their final time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.integration.plan.plan import has_brackets
+from cg.integration.plan.stage_solver import STAGE_SOLVERS, ConvergenceError
+from cg.integration.run.messages import DERIVATIVES, StepTooLongError
+from cg.integration.run.run import Run
+from cg.integration.run.stiffness import find_difficulty
+from cg.support.shared_numbers import Stop
+from cg.support.shared_records import COUNTS
+from cg.tables import Kind
+
+_REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
+_SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
+_MAX_DIM = 1000  # larger frames would need much memory for the check of the length of steps
+_LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
+
+
+def explain_failure(run: Run, member: int) -> Exception | str | None:
+    """Return why a member ended early: an exception, or a message.
+
+    There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
+    """
+    stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.flag[member])
+    match stop:
+        case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
+            return None
+        case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
+            return _explain_step_failure(run, member, t)
+        case Stop.TOO_MANY_STEPS:
+            return _explain_number_of_steps(run, member, t)
+        case Stop.JUMPS_WITHOUT_PROGRESS:
+            return f"jumps of events follow each other without progress at t = {t:.17g}"
+        case Stop.RESTING_CONTACT:
+            return (
+                f"the jump of events[{flag - 1}] leaves its function at zero at t = {t:.17g}, and "
+                "f doesn't move it off, as where a contact rests: continue from there with f of "
+                "the contact; if the solution shall pass, let the jump move it past the zero"
+            )
+    error = _exception(run, stop, member, t, flag)
+    return str(error) if stop is Stop.FIELD_NOT_FINITE and t != run.t0 else error
+
+
+def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
+    """Return the exception for an integration that failed at time ``t``."""
+    where, name = f"at t = {t:.17g}", run.rhs.failed_name
+    error: Exception = MemoryError(
+        "there is not enough memory for the stages, or the events, of one step"
+    )
+    match stop:
+        case Stop.STAGES_NOT_SOLVED:
+            slow = run.plan.table.kind is not Kind.COLLOCATION and flag in STAGE_SOLVERS.values()
+            residual = math.nan if run.plan.table.kind is Kind.COLLOCATION else run.record.residual
+            reason = "it is too slow" if slow else "it diverges"
+            error = ConvergenceError(reason, flag, residual, t, run.record.step_size)
+        case Stop.SLOPE_NOT_FINITE:
+            point = run.plan.points(run.end[member], ())
+            slope = run.rhs.at_member(member, t, point)
+            error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
+            if not run.control.atol.all() and np.abs(slope).max() < _LARGE:
+                error = ValueError(
+                    f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, "
+                    f"y = {point}"
+                )
+        case Stop.STOPPED_BY_FIELD:
+            error = RuntimeError(f"{name} returned the error code {flag} {where}")
+        case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
+            error = OverflowError(f"{name} exceed the range of floating point {where}")
+        case Stop.FIELD_NOT_FINITE:
+            error = ValueError(f"{_not_finite(run)} {where}")
+        case Stop.STAGE_NOT_FINITE:
+            reason = f"a stage is no longer finite {where}"
+            error = OverflowError(str(run.callbacks.last_error or reason))
+        case Stop.STEP_TOO_LONG | Stop.STEP_TOO_LONG_FOR_EVENTS:
+            error = StepTooLongError(t, stop is Stop.STEP_TOO_LONG_FOR_EVENTS)
+        case Stop.SOLUTION_NOT_FINITE:
+            error = OverflowError(f"the solution is no longer finite {where}")
+    return error
+
+
+def _not_finite(run: Run) -> str:
+    return f"{run.rhs.failed_name} must return finite numbers, and all of them,"
+
+
+def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
+    limit, rejected = run.control.max_steps, int(run.counts[member, COUNTS.index("nrejected")])
+    reason = f"; {rejected} of them were rejected" if 2 * rejected > limit // 10 else ""
+    if difficulty := find_difficulty(run, member, t):
+        reason += f"; {difficulty}"
+    return f"max_steps = {limit} steps, rejected ones included, led only to t = {t:.17g}{reason}"
+
+
+def _explain_step_failure(run: Run, member: int, t: float) -> str:
+    """Return the message for a step size that became too small, or leads beyond all numbers."""
+    if run.status[member] == Stop.TIME_NOT_FINITE:
+        return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
+    frame, smallest = run.plan.frame, 10.0 * math.ulp(t)
+    direction = run.problem.t1 - run.problem.t0
+    point = run.plan.points(run.end[member].copy(), ())
+    try:
+        slope, ahead = run.rhs.at_member(member, t, point), math.copysign(8.0 * smallest, direction)
+        moved = frame.flow(ahead * slope, point)
+        is_finite = bool(np.isfinite(moved).all())
+        if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
+            return f"{_not_finite(run)} next to t = {t:.17g}, however small the step"
+    except (ValueError, ArithmeticError, RuntimeError):
+        is_finite = True
+    if is_finite:
+        return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+    return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
+
+
+def find_mistakes(run: Run) -> list[str]:
+    """Return warnings that a finished run gives rise to."""
+    plan, h, texts = run.plan, run.control.h, []
+    if not run.problem.many:
+        *_, steps, rejected = run.counts[0].tolist()
+        many = rejected >= _REJECTIONS and 2 * rejected > steps
+        if many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
+            texts.append(
+                f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
+                "jumps at known times, name them as breakpoints"
+            )
+        if h is not None and steps and takes_long_steps(run):
+            texts.append(
+                f"h = {h:.6g} is far too long a step: between the stages of the last step h f "
+                "changes by more than the radius of dexp⁻¹, for rotations a full turn; take a "
+                "smaller h"
+            )
+    if run.record.dropped:
+        texts.append(
+            f"f returns derivatives with a part that the fields of {plan.given!r} don't have, "
+            f"which is dropped: up to {run.record.dropped:.3g} of their length, at "
+            f"t = {run.record.dropped_at:.17g}"
+        )
+    if not plan.surely_on_manifold(run.end):
+        points = plan.points(np.ascontiguousarray(run.end), (run.members,))
+        points = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
+        distances = plan.frame.relative_error(points) if len(points) else np.zeros(0)
+        # regular matrices without accurate digits are infinitely far
+        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
+        if distance > MEMBERSHIP_TOLERANCE:
+            texts.append(
+                f"the solution has left the manifold: its relative distance at the end is "
+                f"{distance:.3g}, more than {MEMBERSHIP_TOLERANCE:.3g}; a restore of the frame "
+                "would keep it there, and cg.frames.check(frame) tells whether its flows do"
+            )
+    return texts
+
+
+def takes_long_steps(run: Run) -> bool:
+    """Return whether the last step of a single trajectory was far too long.
+
+    Then coefficients differ between its stages by more than the radius of dexp⁻¹. For rotations
+    the radius is a full turn. Coefficients that commute have none, and those that the stages have
+    in common don't matter: flows along them are exact.
+    """
+    frame = run.plan.frame
+    if frame.dim > _MAX_DIM:
+        return False
+    stages = run.last_stages()
+    change = stages - stages[0]
+    if not np.square(change).sum(axis=1).max() > _SHORT or not has_brackets(frame):
+        return False
+    return not np.isfinite(frame.dexpinv(change, stages)).all()

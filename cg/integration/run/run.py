@@ -1,0 +1,411 @@
+"""Runs: trajectories of any number of members, advanced by compiled code.
+
+Python allocates all output and passes its addresses in one record (`RECORD` of
+`cg.support.shared_records`). A call of compiled code returns when all members have ended, the
+budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.integration.output.dense import Steps
+from cg.integration.plan.callbacks import Callbacks
+from cg.integration.problem import Problem, Rhs
+from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.python import PythonRhs
+from cg.support.arrays import Array, Points
+from cg.support.memory import reserved
+from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
+from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
+from cg.tables import Kind
+
+_MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
+_MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
+_LANES = 1024  # members integrated at the same time by a vectorized function
+
+
+class Record(ctypes.Structure):
+    """The record that compiled code reads and writes."""
+
+    _fields_ = fields_of(RECORD)
+
+
+class Run:
+    """Trajectories that start at the same time, and their output.
+
+    Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
+    observed into ``observed``, shape ``(times, members, count)``; there is room
+    for ``capacity`` steps if their number is known. With ``keep_last`` the interpolant of the last
+    step may be requested. By default one member at a time is integrated, or up to 1024 by a
+    vectorized function.
+
+    ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
+    times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
+    when it failed; ``counts`` has the shape ``(members, 6)``, see `COUNTS`; ``kept`` is the number
+    of vectors of coefficients that a member keeps between steps.
+    """
+
+    address = 0  # of the run in compiled code
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        y: Array | None = None,
+        observed: Array | None = None,
+        capacity: int = 0,
+        keep_last: bool = False,
+        lanes: int | None = None,
+    ) -> None:
+        self.problem, self.rhs = problem, problem.rhs
+        self.plan = plan = problem.plan
+        self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
+        self.members = members = len(problem.points)
+        if lanes is None:
+            lanes = members if problem.common else _LANES if self.rhs.vectorized else 1
+        self._lanes = min(lanes, members)
+        events, jacobian = problem.events, problem.jacobian
+        self._functions = 0 if events is None else len(events)
+        if jacobian is not None:
+            jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
+        self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
+        self.record = self._make_record(keep_last)
+        self.kept = plan.table.kept + plan.table.kept_nodes
+        if not plan.table.explicit:
+            self.kept += self._choose_stage_solver()
+        self._buffers: dict[str, Any] = {}
+        self._dense: list[list[Array]] = []
+        self._steps: list[list[Array]] = []
+        self._events: list[list[Array]] = []
+        self._share_members(plan.doubles(problem.points))
+        if problem.t_eval is not None or problem.observer is not None:
+            self._share_output(y, observed)
+        self._capacity = capacity or _MIN_BUFFER
+        self._make_buffers(self._capacity)
+        self._share("stops", problem.stops)
+        if problem.limits.size:
+            self.share_limits(problem.limits)
+        self._share_inputs()
+        self._share("rtols", self.control.rtol.ravel())
+        self._share("atol", self.control.atol.ravel())
+        if events is not None and self._functions:
+            self._share("event_table", events.rows)
+        self._open()
+
+    def _make_record(self, keep_last: bool) -> Record:
+        plan, problem, control = self.plan, self.problem, self.control
+        in_coordinates = control.h is not None or problem.in_coordinates
+        function, data, stride = self.rhs.addresses()
+        rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
+        return Record(
+            members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
+            t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
+            function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
+            of_time=problem.of_time, event_functions=self._functions,
+            event_width=problem.events.width if problem.events is not None else 0,
+            h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
+            in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
+            exponent=plan.table.exponent, max_step=control.max_step,
+            first_step=control.first_step or 0.0, max_steps=control.max_steps,
+            every=max(problem.every, 1), dense=problem.dense,
+        )  # fmt: skip
+
+    def _choose_stage_solver(self) -> int:
+        """Set how implicit stages are solved; return how many vectors are kept for it."""
+        plan, problem, stages = self.plan, self.problem, self.plan.method.stages
+        jacobian = problem.jacobian
+        if jacobian is not None:
+            self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
+        elif problem.stage_solver == "fixed-point" and plan.table.kind is not Kind.COLLOCATION:
+            self.record.jacobian = JacobianKind.SPARSE
+        factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
+        if plan.table.kind is Kind.COLLOCATION:
+            return stages - 1 + factors
+        blocks = plan.table.blocks
+        return factors * stages**2 // blocks + stages if factors and blocks else 0
+
+    def _open(self) -> None:
+        """Open the run in compiled code, which allocates memory for the members in its lanes."""
+        plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
+        within = problem.dense or record.outputs or self._functions
+        if (within or record.keep_last) and problem.in_coordinates:
+            record.unique_flows = plan.unique_flows(problem.points[0])
+        rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
+        rows += 2 * plan.columns if within else 0
+        needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
+        self.address = self._reserving(
+            needed, self._core.loop_open, plan.address, ctypes.addressof(record)
+        )
+        if not self.address:
+            raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
+
+    def _reserving(self, needed: int, function: Any, *arguments: int) -> Any:
+        if self._lanes == 1 and needed <= _MUCH:
+            return function(*arguments)
+        with reserved(needed, f"{self._lanes} trajectories of {self.plan.width} numbers"):
+            return function(*arguments)
+
+    def __del__(self) -> None:
+        if self.address:
+            self._core.loop_close(self.address)
+
+    def _share_members(self, doubles: Array) -> None:
+        """Share arrays for the state and the counts of each member."""
+        members, width = doubles.shape
+        states = self._share("states", np.empty((members, width + 2)))
+        self.counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
+        self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
+        rows = self.counters
+        self.status, self.flag, self.counts = rows[:, 0], rows[:, 1], rows[:, 2:]
+        self.end[...] = doubles
+
+    def _share(self, name: str, array: Any) -> Any:
+        """Put the address of an array into the record, and keep the array alive."""
+        self._buffers[name] = array
+        if array.size:  # much faster than array.ctypes
+            setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
+        return array
+
+    def _share_output(self, y: Array | None, observed: Array | None) -> None:
+        """Share the arrays for output at given times, and the functions that are observed."""
+        for name, array in (("y", y), ("observed", observed)):
+            if array is not None and len(array):
+                self.record.outputs = len(array)
+                self._share("times", np.array(self.problem.t_eval))
+                self._share(name, array)
+        if self.problem.observer is not None:
+            self.record.observations = self.problem.observer.count
+            fields, self._observing = self.problem.observer.fields(self.rhs)
+            for name, value in fields.items():
+                setattr(self.record, name, value)
+
+    def _share_inputs(self) -> None:
+        """Share the table of the inputs of compiled functions."""
+        inputs, rhs = self.rhs.inputs, self.rhs
+        if inputs is not None and isinstance(rhs, CompiledRhs):
+            self.record.curves = len(self._share("inputs", inputs.table(rhs.parameters)))
+
+    def share_limits(self, limits: Array) -> None:
+        """Share how long steps may be where; compiled code reads it when it opens or restarts."""
+        self.record.limited = len(self._share("limits", limits))
+
+    def _make_buffers(self, capacity: int) -> None:
+        """Share arrays for the output of some number of steps."""
+        problem, width = self.problem, self.plan.width
+        if problem.every:
+            self.record.step_capacity = capacity
+            self._step_names = ["step_t"]
+            stored = width if problem.keeps_points else 0
+            block = self._share("step_t", np.empty(capacity * (1 + stored)))
+            if stored:
+                self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
+                self.record.step_y = self.record.step_t + 8 * capacity
+                self._step_names.append("step_y")
+            if problem.observer is not None:
+                self._share("step_observed", np.empty((capacity, problem.observer.count)))
+                self._step_names.append("step_observed")
+        spare = min(capacity, _MAX_BUFFER)
+        if self._functions:
+            self.record.event_capacity = self._functions * self._lanes + spare
+            events = self.record.event_capacity
+            self._share("event_of", np.empty((events, 2), dtype=np.int64))
+            self._share("event_t", np.empty(events))
+            self._share("event_y", np.empty((events, 2, width)))
+        if problem.dense:
+            self.allocate_interpolants(self._lanes + spare)
+
+    def allocate_interpolants(self, capacity: int) -> None:
+        """Allocate memory for `capacity` interpolants."""
+        plan = self.plan
+        self.record.dense_capacity = capacity
+        self._share("dense_member", np.empty(capacity, dtype=np.int64))
+        self._share("dense_t", np.empty((capacity, 4)))
+        self._share("dense_y", np.empty((capacity, 2, plan.width)))
+        self._share("dense_field", np.empty((capacity, plan.columns * plan.dim)))
+
+    def call(self) -> None:
+        """Call compiled code once and collect its output."""
+        try:
+            needed = 32 * self._lanes * (self.plan.width + self.plan.dim + 2)
+            self._reserving(needed, self._core.loop_drive, self.address)
+        except Exception as error:
+            self._add_note(error)
+            raise
+        record, jacobian = self.record, self.problem.jacobian
+        if jacobian is not None and jacobian.constant:
+            self.counts[:, COUNTS.index("njev")] = 0
+        if record.raised:
+            name = "observe" if (self.flag == FieldFlag.OBSERVER_FAILED).any() else "events"
+            raise ValueError(
+                f"{name} must return finite numbers, got another one at "
+                f"t = {float(self.failed_at.max()):.17g}"
+            )
+        if record.steps:
+            self._collect(self._steps, record.steps, *self._step_names)
+        if record.interpolants:
+            parts = ("dense_member", "dense_t", "dense_y", "dense_field")
+            self._collect(self._dense, record.interpolants, *parts)
+        if record.events:
+            self._collect(self._events, record.events, "event_of", "event_t", "event_y")
+        if record.ended < self.members and (
+            record.steps == record.step_capacity > 0
+            or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
+            or record.events + self._functions * self._lanes > record.event_capacity
+        ):
+            self._capacity = min(4 * self._capacity, _MAX_BUFFER)
+            self._make_buffers(self._capacity)
+            self._core.loop_set_output(self.address)
+
+    def _add_note(self, error: Exception) -> None:
+        """Add to an exception of a function of the user when it happened, and in which member."""
+        raised = np.flatnonzero(self.status == Stop.RAISED)
+        unobserved = np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED).tolist()
+        failed, self.callbacks.failed_event = self.callbacks.failed_event, None
+        if failed is None and unobserved:
+            failed = "observe", float(self.failed_at[unobserved[0]]), unobserved[0]
+        if failed is not None:
+            name, t, member = failed
+            first = getattr(self.rhs, "first", None)
+            u = "" if self.rhs.inputs is None else "u, "
+            which = "" if first is None else f" in member {first + member}"
+            error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
+        elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
+            member = int(raised[0])
+            error.add_note(self.rhs.note(float(self.failed_at[member]), member))
+
+    def _collect(self, taken: list[list[Array]], count: int, *names: str) -> None:
+        """Collect the used parts of buffers, as copies if the buffers are used again."""
+        parts = [self._buffers[name][:count] for name in names]
+        if self.record.ended < self.members or 2 * count < self._capacity:  # or little is used
+            parts = [part.copy() for part in parts]
+        taken.append(parts)
+
+    def steps(self) -> tuple[Array, Array | None, Array | None]:
+        """Return times, points as doubles and observations of the start and all stored steps."""
+        stored = dict(zip(self._step_names, _joined(self._steps), strict=True))
+        return stored["step_t"], stored.get("step_y"), stored.get("step_observed")
+
+    def interpolants(self) -> Steps:
+        """Return the stored interpolants in the order of the members."""
+        if not self._dense:
+            return Steps.none(self.plan)
+        member, *arrays = _joined(self._dense)
+        if self.members > 1 and (np.diff(member) < 0).any():
+            order = np.argsort(member, kind="stable")
+            member, arrays = member[order], [array[order] for array in arrays]
+        return Steps(self.plan, member - 1, *arrays)
+
+    def last_interpolants(self) -> Steps:
+        """Return the interpolants of the last step, which ``keep_last`` keeps."""
+        self.allocate_interpolants(self.members)
+        self._core.loop_set_output(self.address)
+        self._core.loop_interpolate(self.address)
+        self.record.budget = 0
+        try:
+            self.call()
+            return self.interpolants()
+        finally:
+            self._dense.clear()
+            self.record.dense_capacity = 0
+
+    def restart(self, t: float, rows: Array, first_step: float | None) -> None:
+        """Start all trajectories anew at a time, from points as doubles."""
+        data = self.rhs.data_address
+        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data)
+        if rows is not self.end:
+            self.end[...] = rows
+        self.reached[...] = t
+        self.clear_ends()
+
+    def resume(self, stops: Array) -> None:
+        """Continue all trajectories with other ends of segments."""
+        self._core.loop_continue(self.address, stops)
+        self.clear_ends()
+
+    def clear_ends(self) -> None:
+        """Forget that trajectories have ended."""
+        self.record.ended = self.record.failed = self.record.raised = 0
+
+    def saved(self) -> dict[str, Any]:
+        """Return what another run of the same problem needs to go on."""
+        jacobian = self.callbacks.jacobian
+        kept = {} if jacobian is None else jacobian.kept
+        return {
+            "states": self._buffers["states"].copy(),
+            "counters": self.counters.copy(),
+            "trajectories": self.state(),
+            "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from what another run has saved."""
+        reals, integers, points, slopes = saved["trajectories"]
+        if (jacobian := self.callbacks.jacobian) is not None:
+            jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
+        self._core.loop_state(
+            self.address, True, reals.T, integers.T, points.transpose(2, 1, 0),
+            slopes.transpose(2, 1, 0),
+        )  # fmt: skip
+        self._buffers["states"][...] = saved["states"]
+        self.counters[...] = saved["counters"]
+
+    def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
+        """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
+        lanes = self._lanes
+        reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
+        integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
+        points = np.empty((lanes, 2, self.plan.width))
+        slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
+        self._core.loop_state(
+            self.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
+            slopes.transpose(2, 1, 0),
+        )  # fmt: skip
+        return reals, integers, points, slopes
+
+    def last_stages(self) -> Array:
+        """Return the coefficients at the stages of the last step of a single trajectory.
+
+        Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
+        """
+        reals, _, _, slopes = self.state()
+        return np.asarray(
+            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.table.kept, self.plan.table.stages)]
+        )
+
+    def replace_rhs(self, rhs: Rhs) -> None:
+        """Replace the right-hand side by another one of the same kind."""
+        self.rhs = self.callbacks.rhs = rhs
+        self._share_inputs()
+        if self.callbacks.jacobian is not None:
+            self.callbacks.jacobian.kept.clear()
+
+    def events(self) -> tuple[NDArray[np.int64], Array, Points]:
+        """Return all events: member and event ``(n, 2)``, times ``(n,)``, and points.
+
+        The points before and after each have the shape ``(n, 2, *point_shape)``.
+        """
+        plan = self.plan
+        if not self._events:
+            empty = plan.points(np.empty((0, plan.width)), (0, 2))
+            return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
+        of, t, y = _joined(self._events)
+        return of - 1, t, plan.points(y, (len(t), 2))
+
+    def take_events(self) -> tuple[NDArray[np.int64], Array, Points]:
+        """Return all events, and forget them."""
+        events = self.events()
+        self._events.clear()
+        return events
+
+
+def _joined(parts: list[list[Any]]) -> list[Any]:
+    """Return arrays that were collected in parts."""
+    return (
+        parts[0] if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts, strict=True)]
+    )

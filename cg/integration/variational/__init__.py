@@ -1,1 +1,0 @@
-"""Derivatives of solutions with respect to initial points and parameters."""

@@ -1,0 +1,50 @@
+"""Values of functions that are kept, by the identity of the argument or by its value."""
+
+import weakref
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from typing import Any, TypeVar
+
+Keyed = TypeVar("Keyed")
+Result = TypeVar("Result")
+
+_MAX_VALUES = 64
+
+
+def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
+    """Return a function that computes its value once for each object.
+
+    The key is the identity, since to hash all coefficients of a method takes longer than most
+    computations. The cache keeps no object alive.
+    """
+    values: dict[int, Result] = {}
+
+    @wraps(compute)
+    def recall(one: Keyed) -> Result:
+        key = id(one)
+        if key not in values:
+            values[key] = compute(one)
+            weakref.finalize(one, values.pop, key, None)
+        return values[key]
+
+    return recall
+
+
+def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
+    """Return a function that keeps its last results, of what can be hashed."""
+    results = lru_cache(maxsize=_MAX_VALUES)(compute)
+    last: Any = None, None
+
+    @wraps(compute)
+    def recall(one: Keyed) -> Result:
+        nonlocal last
+        known, result = last
+        if known is not one:
+            try:
+                result = results(one)
+            except TypeError:
+                return compute(one)
+            last = one, result
+        return result  # type: ignore[no-any-return]
+
+    return recall

@@ -1,0 +1,211 @@
+! Coefficients of derivatives of points, for right-hand sides that return these: the inverse of the
+! fields, without isotropy. Frame.coefficients has the formulas. What no field has is dropped.
+module derivatives_m
+  use kinds, only: wp
+  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients
+  use blocks_m, only: block_t
+  use frames_m, only: frame_t
+  use isospectral_m, only: isospectral_coefficients
+  use orthogonal_m, only: multiply
+  use rotations_m, only: get_quaternion, set_quaternion
+  use shared_numbers
+  use stiefel_m, only: make_intrinsic, stiefel_tangent
+  use unitary_m, only: multiply_unitary => multiply
+  use vectors_m, only: cross
+  implicit none
+  private
+  public :: coefficients_of
+
+  ! largest parts that are dropped without a report, those of cg/frames/base.py
+  real(wp), parameter :: relative = 1e-8_wp, absolute = 1e-12_wp
+
+contains
+
+  ! Computes the coefficients of a derivative at a point, and reports the largest part dropped.
+  subroutine coefficients_of(frame, t, y, slope, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: t
+    real(wp), intent(in) :: y(frame%point_size), slope(frame%point_size)
+    real(wp), intent(out) :: v(frame%dimension)
+    real(wp) :: dropped
+    integer :: i
+
+    if (frame%python_derivatives) then
+      call by_python(frame, t, y, slope, v)
+      return
+    end if
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%points + 1, &
+                 last => frame%blocks(i)%points + frame%blocks(i)%point_size, &
+                 k => frame%blocks(i)%vectors)
+        select case (block%kind)
+        case (euclidean_block)
+          v(k + 1:k + block%n) = slope(first:last)
+          cycle
+        case (so3_block, se3_block)
+          call in_motion(block, y(first), slope(first), v(k + 1), dropped)
+        case (quaternion_block)
+          call in_quaternion(block, y(first), slope(first), v(k + 1), dropped)
+        case (so_block)
+          call in_rotation(block, y(first), slope(first), v(k + 1), dropped)
+        case (stiefel_block)
+          call in_columns(block, y(first), slope(first), v(k + 1), dropped)
+        case default
+          call in_block(frame, block, y(first:last), slope(first:last), &
+                        v(k + 1:k + block%dimension), dropped)
+        end select
+        if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
+      end associate
+    end do
+  end subroutine coefficients_of
+
+  ! Reports a part of a derivative, by squares of lengths.
+  subroutine report(frame, t, part, whole)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: t, part, whole
+
+    if (.not. (associated(frame%dropped) .and. part > relative**2 * whole)) return
+    if (.not. part > frame%dropped**2 * whole) return
+    frame%dropped = sqrt(part / whole)
+    frame%dropped_at = t
+  end subroutine report
+
+  ! The coefficients on a frame that compiled code doesn't know
+  subroutine by_python(frame, t, y, slope, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:), slope(:)
+    real(wp), contiguous, intent(out) :: v(:)
+    real(wp) :: answer(size(v) + 1)
+
+    call frame%callback%apply(coefficients_operation, y, slope, answer)
+    v = answer(:size(v))
+    if (answer(size(answer)) > absolute) call report(frame, t, answer(size(answer))**2, sum(slope**2))
+  end subroutine by_python
+
+  ! The coefficients in one block, and the square of the length of what is dropped
+  subroutine in_block(frame, block, y, slope, v, dropped)
+    type(frame_t), intent(in) :: frame
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, intent(in) :: y(:), slope(:) ! (point_size)
+    real(wp), contiguous, intent(out) :: v(:)          ! (dimension)
+    real(wp), intent(out) :: dropped
+    real(wp) :: q(4), matrix(8)
+
+    select case (block%kind)
+    case (su2_block)
+      q = get_quaternion(block, slope)
+      call in_quaternion(block, get_quaternion(block, y), q, v, dropped)
+      call set_quaternion(q, matrix)
+      dropped = dropped + sum((slope - matrix)**2)
+    case (sphere_block)
+      v = cross(y, slope)
+      dropped = dot_product(y, slope)**2
+    case (isospectral_block)
+      call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y, slope, v, &
+                                    dropped)
+    case default
+      call in_unitary(block, y, slope, v, dropped)
+    end select
+  end subroutine in_block
+
+  ! Of a quaternion p with the derivative q: twice the vector part of p^-1 q, or of q p^-1
+  pure subroutine in_quaternion(block, p, q, v, dropped)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: p(4), q(4)
+    real(wp), intent(out) :: v(3), dropped
+    real(wp) :: side
+    integer :: x, y, z, w                      ! the places of their entries
+
+    x = merge(2, 1, block%scalar_first)
+    y = x + 1
+    z = x + 2
+    w = merge(1, 4, block%scalar_first)
+    side = merge(2.0_wp, -2.0_wp, block%space)
+    v(1) = 2 * (p(w) * q(x) - q(w) * p(x)) + side * (p(y) * q(z) - p(z) * q(y))
+    v(2) = 2 * (p(w) * q(y) - q(w) * p(y)) + side * (p(z) * q(x) - p(x) * q(z))
+    v(3) = 2 * (p(w) * q(z) - q(w) * p(z)) + side * (p(x) * q(y) - p(y) * q(x))
+    dropped = (p(x) * q(x) + p(y) * q(y) + p(z) * q(z) + p(w) * q(w))**2
+  end subroutine in_quaternion
+
+  ! Of rotations of space, with translations or without them. Matrices are stored by rows.
+  pure subroutine in_motion(block, y, slope, v, dropped)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)
+    real(wp), intent(out) :: v(3, 1 + block%k), dropped
+    real(wp) :: r(3, 3), s(3, 3), x(3, 3)      ! the transposes of R and R', and R^T R' or R' R^T
+    integer :: i, j
+
+    r = y(1:3, 1:3)
+    s = slope(1:3, 1:3)
+    do j = 1, 3
+      if (block%space) then
+        x(:, j) = [(dot_product(s(:, i), r(:, j)), i=1, 3)]
+      else
+        x(:, j) = s(j, 1) * r(:, 1) + s(j, 2) * r(:, 2) + s(j, 3) * r(:, 3)
+      end if
+    end do
+    v(:, 1) = [x(3, 2) - x(2, 3), x(1, 3) - x(3, 1), x(2, 1) - x(1, 2)] / 2
+    dropped = x(1, 1)**2 + x(2, 2)**2 + x(3, 3)**2 &
+              + ((x(3, 2) + x(2, 3))**2 + (x(1, 3) + x(3, 1))**2 + (x(2, 1) + x(1, 2))**2) / 2
+    do j = 1, block%k
+      if (block%space) then
+        v(:, 1 + j) = slope(3 + j, 1:3) - cross(v(:, 1), y(3 + j, 1:3))
+      else
+        v(:, 1 + j) = matmul(r, slope(3 + j, 1:3))
+      end if
+      dropped = dropped + sum(slope(:, 3 + j)**2)
+    end do
+  end subroutine in_motion
+
+  ! Of rotation matrices of any size
+  subroutine in_rotation(block, y, slope, v, dropped)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: y(block%n, block%n), slope(block%n, block%n)
+    real(wp), intent(out) :: v(block%dimension), dropped
+    real(wp), dimension(block%n, block%n) :: x
+
+    if (block%space) then
+      call multiply(block%n, transpose(y), slope, x)   ! the transpose of y' y^T
+      x = transpose(x)
+    else
+      call multiply(block%n, y, transpose(slope), x)
+    end if
+    call skew_coefficients(block%n, (x - transpose(x)) / 2, v)
+    dropped = sum((x + transpose(x))**2) / 4
+  end subroutine in_rotation
+
+  ! Of unitary matrices
+  subroutine in_unitary(block, y, slope, v, dropped)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, target, intent(in) :: y(:), slope(:)
+    real(wp), intent(out) :: v(:), dropped
+    complex(wp), dimension(block%n, block%n) :: x, change, element
+    complex(wp), pointer, contiguous :: start(:, :)
+
+    start => as_complex(block%n, y)
+    change = transpose(as_complex(block%n, slope))
+    if (block%space) then
+      call multiply_unitary(block%n, change, conjg(start), x)
+    else
+      call multiply_unitary(block%n, conjg(start), change, x)
+    end if
+    call algebra_coefficients(block%kind, block%n, x, v)
+    call algebra_matrix(block%kind, block%n, v, element)
+    dropped = sum(real(x - element, wp)**2 + aimag(x - element)**2)
+  end subroutine in_unitary
+
+  ! Of orthonormal columns
+  subroutine in_columns(block, y, slope, v, dropped)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: y(block%k, block%n), slope(block%k, block%n)
+    real(wp), intent(out) :: v(block%k, block%n), dropped
+    real(wp) :: x(block%k, block%n)
+
+    v = slope
+    call make_intrinsic(block%k, block%n, y, v)
+    call stiefel_tangent(block%k, block%n, v, y, x)
+    dropped = sum((slope - x)**2)
+  end subroutine in_columns
+
+end module derivatives_m

@@ -1,0 +1,67 @@
+! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0.
+module explicit_m
+  use kinds, only: wp
+  use algebra_m, only: dexpinv
+  use method_m, only: kind_algebra
+  use paths_m, only: combine_coordinates, follow_paths
+  use phases_m
+  use requests_m, only: reject_stage, request
+  use trajectory_m, only: trajectory_t
+  use shared_numbers, only: step_too_long
+  implicit none
+  private
+  public :: request_explicit, start_explicit, store_explicit
+
+contains
+
+  ! Takes the coefficients at the start for those of the first stage.
+  pure subroutine start_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%f(:, 1) = x%slope
+    x%stage = 2
+  end subroutine start_explicit
+
+  ! Moves to the point of a stage and requests the coefficients there. Functions of time need no
+  ! points.
+  subroutine request_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+    integer :: path
+
+    associate (method => x%problem%method)
+      path = merge(0, method%stage_path(x%stage), x%problem%of_time)
+      call follow_paths(x, path)
+      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
+                   x%f(:, x%stage), method%goes_on(path))
+    end associate
+  end subroutine request_explicit
+
+  ! Stores the coefficients at a stage.
+  subroutine store_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+    logical :: exists
+
+    associate (method => x%problem%method)
+      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
+      if (x%stage == method%final_stage .or. (x%problem%of_time .and. &
+                                              .not. abs(method%c(x%stage) - 1) > 0)) then
+        x%end_slope(:) = x%f(:, x%stage)
+        x%end_known = .true.
+      end if
+      if (method%kind == kind_algebra .and. method%stage_path(x%stage) > 0) then
+        if (x%path_of_u /= method%stage_path(x%stage)) then
+          call combine_coordinates(method, method%stage_path(x%stage), x)
+        end if
+        call dexpinv(x%problem%frame, method%series, x%u, x%f(:, x%stage), exists)
+        if (.not. exists) then
+          call reject_stage(x, step_too_long, x%t)
+          return
+        end if
+      end if
+      x%stage = x%stage + 1
+      x%phase = phase_next_stage
+    end associate
+  end subroutine store_explicit
+
+end module explicit_m

@@ -1,0 +1,88 @@
+! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by flows
+! of the frame. On a path the flow of the lowest stage comes first. How a path is followed depends on
+! the kind of the method.
+module paths_m
+  use kinds, only: wp
+  use algebra_m, only: bracket
+  use blocks_m, only: combine_flows
+  use frames_m, only: apply_flows, restore
+  use free_motion_m, only: move_by_kicks
+  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t
+  use trajectory_m, only: trajectory_t
+  use vectors_m, only: copy
+  use iso_fortran_env, only: int64
+  implicit none
+  private
+  public :: add_brackets, combine_coordinates, follow_paths
+
+contains
+
+  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results only,
+  ! since it doesn't accumulate in stages.
+  subroutine follow_paths(x, last)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: last
+    integer :: i, begin, end
+
+    associate (method => x%problem%method, frame => x%problem%frame)
+      do i = x%paths + 1, last
+        if (x%problem%of_time .and. .not. method%leads(i)) cycle
+        begin = method%path_first(i)
+        end = method%path_first(i + 1)
+        call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
+        select case (method%kind)
+        case (kind_algebra, kind_collocation)
+          call combine_coordinates(method, i, x)
+          call apply_flows(frame, 1, x%u, x%y(:, i))
+        case (kind_splitting)
+          call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
+                             x%f, x%y(:, i))
+        case (kind_polynomial)
+          call combine_flows(method%flows, x%weight, begin, end - 1, frame%dimension, x%f, x%v)
+          frame%blocks%action%granted = abs(x%h) / max(abs(x%h), x%problem%duration)
+          call apply_flows(frame, end - begin, x%v, x%y(:, i))
+          frame%blocks%action%granted = 0.0_wp
+          end = begin + 1                    ! they are one flow
+        case default
+          call combine_flows(method%flows, x%weight, begin, end - 1, frame%dimension, x%f, x%v)
+          call apply_flows(frame, end - begin, x%v, x%y(:, i))
+        end select
+        if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
+        x%counts%nexp = x%counts%nexp + int(end - begin, int64)
+      end do
+      x%paths = max(x%paths, last)
+    end associate
+  end subroutine follow_paths
+
+  ! Computes the coordinates of the end of a path that has one flow.
+  subroutine combine_coordinates(method, path, x)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: path
+    type(trajectory_t), intent(inout) :: x
+
+    x%path_of_u = path
+    associate (flow => method%path_first(path))
+      call combine_flows(method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
+    end associate
+  end subroutine combine_coordinates
+
+  ! Computes the brackets of the fields at the stages, times the step size.
+  subroutine add_brackets(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), dimension(x%problem%frame%dimension) :: u, v
+    integer :: j, k
+
+    associate (problem => x%problem, weight => x%problem%method%bracket)
+      do j = 1, size(weight, 3)
+        u = 0.0_wp
+        v = 0.0_wp
+        do k = 1, size(problem%method%c) + j - 1
+          u = u + (x%h * weight(k, 1, j)) * x%f(:, k)
+          v = v + weight(k, 2, j) * x%f(:, k)
+        end do
+        call bracket(problem%frame, u, v, x%f(:, size(problem%method%c) + j))
+      end do
+    end associate
+  end subroutine add_brackets
+
+end module paths_m

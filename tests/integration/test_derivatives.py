@@ -1,0 +1,271 @@
+"""Right-hand sides that return derivatives of points, rhs="derivative"."""
+
+import copy
+
+import numpy as np
+import pytest
+from frame_examples import FRAMES
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import cg
+from cg.frames import Product, Stiefel, check
+from cg.frames.stiefel import LowRankStiefel
+from cg.problems.convergence import observed_order
+
+SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
+H = np.array([1 / 8, 1 / 16, 1 / 32])
+FINE = {"rtol": 1e-10, "atol": 1e-10, "rhs": "derivative"}
+
+
+class Family:
+    """Derivatives S(t, y) y of columns with a random skew matrix S, which turn them too."""
+
+    def __init__(self, n, k, seed):
+        rng = np.random.default_rng((n, k, seed))
+        self.frame = Stiefel(n, k)
+        self.skew, self.driven = (x - x.T for x in rng.standard_normal((2, n, n)) / np.sqrt(n))
+        self.metric = rng.standard_normal((n, n)) / np.sqrt(n)
+        self.y0 = self.frame.random_point(rng)
+
+    def generator(self, t, y):
+        """Return S."""
+        product = self.metric @ y @ y.mT
+        return self.skew + np.cos(t) * self.driven + product - product.mT
+
+    def __call__(self, t, y):
+        """Return the derivative."""
+        return self.generator(t, y) @ y
+
+    def exact(self, end):
+        """Return the solution of the equation of the entries."""
+
+        f = lambda t, y: self(t, y.reshape(self.y0.shape)).ravel()
+        run = solve_ivp(f, (0, end), self.y0.ravel(), method="DOP853", rtol=1e-13, atol=1e-13)
+        return run.y[:, -1].reshape(self.y0.shape)
+
+
+@pytest.mark.parametrize(("n", "k"), SIZES)
+def test_axioms_and_solutions(n, k):
+    for seed in range(3):
+        problem = Family(n, k, seed)
+        check(LowRankStiefel(n, k), rng=np.random.default_rng(seed))
+        y = cg.solve_ivp(problem, (0, 2), problem.y0, frame=problem.frame, **FINE)
+        assert y.frame == problem.frame
+        assert problem.frame.membership_error(y.y).max() < 1e-15 * n
+        np.testing.assert_allclose(y.y[-1], problem.exact(2.0), rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1e-9, 1.0, 5.0])
+@pytest.mark.parametrize(("n", "k"), [*SIZES, (20, 5)])
+def test_flows_are_linear_fractional(n, k, size):
+    frame, rng = LowRankStiefel(n, k), np.random.default_rng((n, k))
+    v, y = frame.random_vector(rng, 4), frame.random_point(rng, 4)
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = frame.flow(v, y)
+    for matrix, start, end in zip(v.reshape(4, n, k), y, moved, strict=True):
+        generator = np.block([[np.zeros((n, n)), matrix], [matrix.T, np.zeros((k, k))]])
+        pair = expm(generator) @ np.concatenate([start, np.eye(k)])
+        expected = np.linalg.solve(pair[n:].T, pair[:n].T).T
+        np.testing.assert_allclose(end, expected, rtol=0, atol=1e-14 * np.exp(2.0 * size))
+    assert frame.membership_error(moved).max() < 2e-15
+
+
+@pytest.mark.parametrize("key", ["CG3", "CF4", "CG4a", "CF5(4)", "DOP853"])
+@pytest.mark.parametrize(("n", "k"), [(4, 2), (6, 3)])
+def test_orders(n, k, key):
+    method, problem = cg.methods[key], Family(n, k, 7)
+    steps = H if method.order < 8 else 4 * H
+    exact = problem.exact(1.0)
+    ends = [
+        cg.integrate(
+            problem, (0, 1), problem.y0, frame=problem.frame, method=key, h=h, rhs="derivative"
+        ).y[-1]
+        for h in steps
+    ]
+    errors = [np.linalg.norm(end - exact) for end in ends]
+    assert observed_order(steps, errors) > method.order - 0.3
+
+
+def test_only_the_projection_onto_tangents_counts():
+    rng = np.random.default_rng(5)
+    frame, gradient = Stiefel(7, 3), rng.standard_normal((7, 3))
+    y = frame.random_point(rng)
+    symmetric = y.T @ gradient + gradient.T @ y
+    with pytest.warns(UserWarning, match="a part that the fields"):
+        tangent = frame.field(frame.coefficients(y, gradient), y)
+    np.testing.assert_allclose(tangent, gradient - 0.5 * y @ symmetric, rtol=0, atol=1e-14)
+    with pytest.warns(UserWarning, match="of their length, at t = ") as caught:
+        run = cg.solve_ivp(lambda t, y: gradient, (0, 60), y, frame=frame, **FINE)
+    assert len(caught) == 1
+    left, _, right = np.linalg.svd(gradient, full_matrices=False)
+    np.testing.assert_allclose(run.y[-1], left @ right, rtol=0, atol=1e-9)  # the polar factor
+
+
+def test_what_it_refuses():
+    frame = Stiefel(4, 2)
+    y0 = np.eye(4, 2)
+    with pytest.raises(ValueError, match=r"f must return an array of shape \(4, 2\), got shape"):
+        cg.solve_ivp(lambda t, y: np.zeros(8), (0, 1), y0, frame=frame, rhs="derivative")
+    with pytest.raises(ValueError, match='rhs="derivative" takes derivatives of y'):
+        cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame)
+    with pytest.raises(OverflowError, match="can't be computed in double precision"):
+        LowRankStiefel(4, 2).flow(np.full(8, 1e4), y0)
+    with pytest.raises(ValueError, match="rhs must be 'coefficients' or 'derivative', got None"):
+        cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame, rhs=None)
+    space = cg.frames.PhaseSpace(cg.frames.SO3())
+    with pytest.raises(ValueError, match="rhs must be 'coefficients' on a phase space"):
+        cg.solve_ivp(lambda t, y: y, (0, 1), np.zeros(12), frame=space, rhs="derivative")
+    options = {"frame": cg.frames.SO3(), "linear": True, "rhs": "derivative"}
+    with pytest.raises(ValueError, match="rhs must be 'coefficients' with linear=True"):
+        cg.solve_ivp(lambda t: np.zeros(3), (0, 1), np.eye(3), **options)
+
+
+@pytest.mark.parametrize("method", ["auto", "CF4(3)"])
+def test_factors_get_derivatives_too(method):
+    rng = np.random.default_rng(8)
+    single, skew = Stiefel(5, 2), rng.standard_normal((5, 5))
+    skew -= skew.T
+    y0 = single.random_point(rng)
+    options = {"method": method, "rhs": "derivative", "rtol": 1e-9, "atol": 1e-9}
+    alone = cg.solve_ivp(lambda t, y: skew @ y, (0, 1), y0, frame=single, **options).y[-1]
+
+    each = lambda t, y: skew @ y
+    for n in (1, 3):
+        frame = cg.frames.Power(single, n)
+        end = cg.solve_ivp(each, (0, 1), np.stack([y0] * n), frame=frame, **options).y[-1]
+        np.testing.assert_allclose(end, np.stack([alone] * n), rtol=0, atol=1e-8)
+    frame = cg.frames.Product(single, cg.frames.Power(single, 1))
+
+    def joined(t, y):
+        return np.concatenate([(skew @ part.reshape(5, 2)).ravel() for part in np.split(y, 2)])
+
+    end = cg.solve_ivp(joined, (0, 1), np.tile(y0.ravel(), 2), frame=frame, **options).y[-1]
+    np.testing.assert_allclose(end, np.tile(alone.ravel(), 2), rtol=0, atol=1e-8)
+    frame = cg.frames.Product(single, cg.frames.Euclidean(1))
+    f = lambda t, y: np.append((skew @ y[:10].reshape(5, 2)).ravel(), 1.0)
+    end = cg.solve_ivp(f, (0, 1), np.append(y0.ravel(), 2.0), frame=frame, **options).y[-1]
+    np.testing.assert_allclose(end, np.append(alone.ravel(), 3.0), rtol=0, atol=1e-8)
+
+
+def test_powers_meet_events_breakpoints_ensembles_copies_and_backward_steps():
+    rng = np.random.default_rng(3)
+    single, skew = Stiefel(4, 2), rng.standard_normal((4, 4))
+    skew -= skew.T
+    frame = cg.frames.Power(single, 2)
+    y0 = np.stack([single.random_point(rng), single.random_point(rng)])
+    options = {"frame": frame, **FINE}
+
+    f = lambda t, y: skew @ y
+    exact = lambda t, start=y0: expm(skew * t) @ start
+    back = cg.solve_ivp(f, (0, -1), y0, **options).y[-1]
+    np.testing.assert_allclose(back, exact(-1.0), rtol=0, atol=1e-8)
+    level = exact(0.6)[0, 0, 0]
+    run = cg.solve_ivp(
+        f, (0, 1), y0, breakpoints=[0.3], events=lambda t, y: y[0, 0, 0] - level, **options
+    )
+    assert np.abs(run.t_events[0] - 0.6).min() < 1e-8
+    starts = np.stack([y0, y0[::-1]])
+    for vectorized in (False, True):
+        together = cg.solve_ensemble(
+            f, (0, 1), starts, t_eval=[1.0], vectorized=vectorized, **options
+        )
+        np.testing.assert_allclose(together.y[0], exact(1.0, starts), rtol=0, atol=1e-8)
+    stepper = cg.Stepper(f, 0, y0, 1.0, method="CF5(4)", **options)
+    stepper.step()
+    stepper = copy.copy(stepper)
+    while stepper.status == "running":
+        stepper.step()
+    np.testing.assert_allclose(stepper.y, exact(1.0), rtol=0, atol=1e-8)
+
+
+def coefficients(t, y, u=0.0, p=(0.0, 0.0)):
+    """Return coefficients of a quaternion and a vector that depend on all arguments."""
+    return np.array([y[4], u + y[5], y[6] + p[0], y[0] * p[1], np.cos(t), -y[1] * y[4]])
+
+
+BODY = Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+Y0 = np.array([0.0, 0.6, 0.0, 0.8, 1.0, 2.0, -0.5])
+
+
+def derivative(t, y, *rest):
+    """Return the derivative that has these coefficients."""
+    return BODY.field(coefficients(t, y, *rest), y)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_every_frame_takes_derivatives(frame):
+    rng = np.random.default_rng(4)
+    y0 = frame.random_point(rng)
+    numbers = lambda y: np.ascontiguousarray(y).reshape(-1).view(float)
+    along = 0.3 * rng.standard_normal((frame.dim, numbers(y0).size)) / np.square(y0.size)
+    f = lambda t, y: np.cos(t) * np.arange(1.0, frame.dim + 1) / frame.dim + along @ numbers(y)
+    f_of_derivative = lambda t, y: frame.field(f(t, y), y).tolist()
+    options = {"frame": frame, "method": "CF5(4)", "h": 0.02}
+    v = rng.standard_normal(frame.dim)
+    is_unique = np.allclose(frame.coefficients(y0, frame.field(v, y0)), v)
+    # with isotropy points move along other flows
+    bound = (1e-13 if is_unique else 1e-7) * max(1.0, np.abs(y0).max())
+    for span in ((0, 0.2), (0.2, -0.1), (1, 1)):
+        expected = cg.solve_ivp(f, span, y0, **options)
+        found = cg.solve_ivp(f_of_derivative, span, y0, rhs="derivative", **options)
+        assert found.nfev == expected.nfev
+        np.testing.assert_allclose(found.y, expected.y, rtol=0, atol=bound)
+    if frame.dtype.kind == "c":
+        with pytest.raises(ValueError, match="f must return "):
+            cg.solve_ivp(lambda t, y: ["a"], (0, 1), y0, rhs="derivative", frame=frame)
+
+
+def test_options_meet_derivatives():
+    curve = cg.Samples([0.0, 1.0, 2.0], [0.5, -0.5, 1.0])
+    options = {"frame": BODY, "inputs": curve, "parameters": [0.2, 0.3], "rtol": 1e-8}
+    options |= {"atol": 1e-8, "t_eval": [0.5, 1.5], "observe": lambda t, y, u, p: y[4] + u}
+    options |= {"events": lambda t, y, u, p: y[4] - 0.9, "dense_output": True}
+    one = cg.solve_ivp(coefficients, (0, 2), Y0, **options)
+    two = cg.solve_ivp(derivative, (0, 2), Y0, rhs="derivative", **options)
+    for name in ("y", "observed"):
+        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(two.t_events[0], one.t_events[0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(two.sol(0.7), one.sol(0.7), rtol=0, atol=1e-13)
+    del options["events"], options["observe"], options["dense_output"]
+    for kind in ("forward", "adjoint"):
+        one = cg.solve_ivp(coefficients, (0, 2), Y0, **options, derivatives=kind)
+        two = cg.solve_ivp(derivative, (0, 2), Y0, rhs="derivative", **options, derivatives=kind)
+        a, b = (
+            run.sensitivity if kind == "forward" else run.adjoint.jacobian().parameters
+            for run in (one, two)
+        )
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-7)
+    stiff = {"frame": BODY, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
+    one, two = (
+        cg.solve_ivp(f, (0, 2), Y0, rhs=rhs, **stiff).y[-1]
+        for f, rhs in ((coefficients, "coefficients"), (derivative, "derivative"))
+    )
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-9)
+    space = cg.frames.FieldFrame(
+        [lambda y: np.array([y[0]])], lambda v, y: y * np.exp(v), point_shape=1
+    )
+    run = cg.solve_ivp(
+        lambda t, y, p: -p * y,
+        (0, 1),
+        [1.0],
+        frame=space,
+        parameters=[2.0],
+        rhs="derivative",
+        derivatives="forward",
+    )
+    np.testing.assert_allclose(run.sensitivity[-1], [[-1.0]], rtol=0, atol=1e-6)
+
+
+def test_values_that_are_not_finite_reject_steps_and_end_equal_ones():
+    f = lambda t, y: derivative(t, y) * (1.0 if t < 0.5 else np.nan)
+    run = cg.solve_ivp(f, (0, 1), Y0, frame=BODY, rhs="derivative")
+    assert run.status == -1
+    assert 0.49 < run.t[-1] <= 0.5
+    pull = lambda t, y: derivative(t, y) + np.append(0.1 * y[:4], np.zeros(3))
+    with pytest.warns(UserWarning, match="which is dropped: up to 0.") as caught:
+        drawn = cg.solve_ensemble(pull, (0, 1), [Y0, Y0], frame=BODY, rhs="derivative")
+    assert len(caught) == 1
+    np.testing.assert_allclose(
+        drawn.y[-1, 0], cg.solve_ivp(coefficients, (0, 1), Y0, frame=BODY).y[-1], atol=1e-12
+    )
