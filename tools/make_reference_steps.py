@@ -24,7 +24,7 @@ from cg.construction.methods.splitting import Splitting
 from cg.support.balls import to_ball as ball
 from cg.support.quads import to_decimal
 
-FILE = Path(__file__).parent.parent / "cg" / "catalogue" / "reference_steps.json"
+FILE = Path(__file__).parent.parent / "cg/construction/catalogue/reference_steps.json"
 BITS = 512
 DIGITS = 30
 STEP = Fraction(1, 4)

@@ -23,7 +23,7 @@ from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
 from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
 ROOT = Path(__file__).parent.parent
-CERTIFICATES = ROOT / "cg" / "catalogue" / "certificates"
+CERTIFICATES = ROOT / "cg" / "construction" / "catalogue" / "certificates"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 
 
@@ -49,7 +49,7 @@ def main() -> int:
     shown = markdown(table(compute(Context(Settings(), Path()))))
     replace_between(ROOT / "docs" / "catalogue.md", BEGIN, END, shown)
     replace_between(ROOT / "docs" / "reproduction.md", BEGIN, END, claims())
-    write_summaries(ROOT / "cg" / "catalogue" / "summaries.json")
+    write_summaries(ROOT / "cg" / "construction" / "catalogue" / "summaries.json")
     print(f"{len(whole)} methods are proved; in part {_listed(partly)}; not {_listed(without)}")
     return 1 if failed else 0
 

@@ -55,7 +55,7 @@ class _Value(click.ParamType):  # type: ignore[type-arg]
 
 _SPECIAL: dict[str, dict[str, Any]] = {
     "abscissae": {"type": float, "nargs": 2, "metavar": "LOWER UPPER"},
-    "algorithm": {"type": click.Choice(ALGORITHMS)},
+    "algorithm": {"type": click.Choice(ALGORITHMS), "help": "How starts are solved."},
     "hold": {"type": _Value(), "multiple": True,
              "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
     "minimise": {"type": click.Choice(OBJECTIVES)},

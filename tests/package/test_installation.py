@@ -40,25 +40,9 @@ def test_crouch_grossman_is_cg():
     assert cg.frames.so3.__spec__.name == "cg.frames.so3"
     with pytest.raises(ModuleNotFoundError, match=r"crouch_grossman\.nothing"):
         importlib.import_module("crouch_grossman.nothing")
-
-
-def test_python_m_crouch_grossman():
-    run = subprocess.run(
-        [sys.executable, "-m", "crouch_grossman", "--help"], capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert "Usage" in run.stdout
-
-
-def test_the_command_shows_its_help_without_flint():
-    code = (
-        "import sys; sys.modules['flint'] = None; from crouch_grossman.command import main; main()"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False
-    )
-    assert "Usage" in run.stdout, run.stderr
+    code = "from crouch_grossman.command import main; main()"
+    command = [sys.executable, "-c", code, "--help"]
+    assert b"Usage" in subprocess.run(command, capture_output=True, check=True).stdout
 
 
 @pytest.mark.parametrize(
@@ -75,11 +59,8 @@ def test_other_distribution_is_reported(tmp_path, left, version):
     assert f"version {version}" in str(error.value)
 
 
-@pytest.mark.parametrize("files", [{"__init__.py": "__title__ = 'cg'"}, {"py.typed": ""}])
-def test_replaced_modules_are_reported(tmp_path, files):
+def test_replaced_modules_are_reported(tmp_path):
     (tmp_path / "cg").mkdir()
-    for name, text in files.items():
-        (tmp_path / "cg" / name).write_text(text)
     shutil.copytree(ALIAS, tmp_path / "crouch_grossman")
     run = python("import crouch_grossman", tmp_path)
     assert run.returncode == 1
