@@ -61,34 +61,6 @@ def test_gradients_are_those_of_forward_derivatives(frame, exact, options, span)
         np.testing.assert_allclose(gradient.parameters, by_parameters, rtol=0, atol=tolerance)
 
 
-def test_the_integration_is_that_without_derivatives():
-    wave = Wave(SO3(), seed=2)
-    alone = wave.solve(dense_output=True)
-    adjoint = wave.derivatives(derivatives="adjoint", dense_output=True)
-    np.testing.assert_array_equal(adjoint.y, alone.y)
-    np.testing.assert_array_equal(adjoint.sol(0.3), alone.sol(0.3))
-    assert adjoint.nfev == alone.nfev
-
-
-def test_compiled_functions(function):
-    frame = Product(SO3(), Euclidean(3))
-    y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
-    given = {"jac": function("top_jac"), "df_dp": function("top_df_dp")}
-    options = {"frame": frame, "parameters": [0.8, 0.9, 0.4, 2.0]}
-    c = np.arange(1.0, 7.0)
-    forward = cg.solve_variational(
-        function("top"), (0, 2), y0, control_derivatives=True, **options, **given, **TIGHT
-    )
-    for derivatives in (given, {}):
-        run = cg.solve_variational(
-            function("top"), (0, 2), y0, derivatives="adjoint", rtol=1e-9, atol=1e-9, **options,
-            **derivatives,
-        )  # fmt: skip
-        by_y0, by_parameters, _ = run.gradient(c)
-        np.testing.assert_allclose(by_y0, c @ forward.transition[-1], rtol=1e-7)
-        np.testing.assert_allclose(by_parameters, c @ forward.sensitivity[-1], rtol=1e-7)
-
-
 def test_a_stiff_equation_is_refused_before_it_takes_long():
     calls = []
 
@@ -136,14 +108,6 @@ def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long(monkeypatch)
         frame=Euclidean(1), parameters=[2.0], derivatives="adjoint", method="CF4", h=0.1,
     )  # fmt: skip
     refuses(ValueError, r"aren't resolved at .* by intervals of 0\.0", run.gradient, [1.0])
-
-
-def test_output_at_the_start_alone():
-    wave = Wave(SO3(), seed=2)
-    run = wave.derivatives(derivatives="adjoint", t_eval=[0.1])
-    by_y0, by_parameters, _ = run.gradient([1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(by_y0, [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(by_parameters, [0.0, 0.0])
 
 
 def test_long_steps_are_divided():
@@ -218,23 +182,6 @@ class TestLinear:
         last = np.zeros_like(c)
         last[-1] = c[-1]
         np.testing.assert_array_equal(run.gradient(c[-1]).y0, run.gradient(last).y0)
-
-    @pytest.mark.parametrize("frame", [SO3(), SU(2), UnitQuaternion()], ids=repr)
-    def test_groups(self, frame):
-        p, y0, c = np.array([1.2, 0.7]), frame.random_point(self.RNG), np.array([1.0, -0.5, 2.0])
-        options = {"frame": frame, "parameters": p}
-        forward = cg.solve_variational(
-            lambda t, y, p: self.a(t, p), (0, 3), y0, control_derivatives=True, **options, **TIGHT
-        )
-        run = cg.solve_linear(
-            self.a, (0, 3), y0, derivatives="adjoint", df_dp=self.da_dp, rtol=1e-9, atol=1e-9,
-            **options,
-        )  # fmt: skip
-        gradient = run.gradient(c)
-        np.testing.assert_allclose(gradient.y0, forward.transition[-1].T @ c, rtol=0, atol=1e-7)
-        np.testing.assert_allclose(
-            gradient.parameters, forward.sensitivity[-1].T @ c, rtol=0, atol=1e-7
-        )
 
     def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials(self):
         from scipy.linalg import expm_frechet

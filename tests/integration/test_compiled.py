@@ -16,15 +16,6 @@ from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.run.drive import StepBudget
 
 
-@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
-def test_rounding_off_the_manifold_does_not_add_up(name, affine):
-    problem = PROBLEMS[name]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": "CG2", "h": 1 / 16384}
-    end = integrate(f, (0.0, 1.0), problem.y0, save_every=16384, **options).y[-1]
-    assert problem.frame.membership_error(end) < 1e-15  # of all steps it would be 1e-14
-
-
 @pytest.mark.parametrize("every", [1, 2, 3, 5, 7, 100])
 @pytest.mark.parametrize("compiled", [False, True])
 def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):

@@ -216,47 +216,6 @@ def test_every_frame_takes_derivatives(frame):
             cg.solve_ivp(lambda t, y: ["a"], (0, 1), y0, rhs="derivative", frame=frame)
 
 
-def test_options_meet_derivatives():
-    curve = cg.Samples([0.0, 1.0, 2.0], [0.5, -0.5, 1.0])
-    options = {"frame": BODY, "inputs": curve, "parameters": [0.2, 0.3], "rtol": 1e-8}
-    options |= {"atol": 1e-8, "t_eval": [0.5, 1.5], "observe": lambda t, y, u, p: y[4] + u}
-    options |= {"events": lambda t, y, u, p: y[4] - 0.9, "dense_output": True}
-    one = cg.solve_ivp(coefficients, (0, 2), Y0, **options)
-    two = cg.solve_ivp(derivative, (0, 2), Y0, rhs="derivative", **options)
-    for name in ("y", "observed"):
-        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(two.t_events[0], one.t_events[0], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(two.sol(0.7), one.sol(0.7), rtol=0, atol=1e-13)
-    del options["events"], options["observe"], options["dense_output"]
-    for kind in ("forward", "adjoint"):
-        one = cg.solve_ivp(coefficients, (0, 2), Y0, **options, derivatives=kind)
-        two = cg.solve_ivp(derivative, (0, 2), Y0, rhs="derivative", **options, derivatives=kind)
-        a, b = (
-            run.sensitivity if kind == "forward" else run.adjoint.jacobian().parameters
-            for run in (one, two)
-        )
-        np.testing.assert_allclose(b, a, rtol=0, atol=1e-7)
-    stiff = {"frame": BODY, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
-    one, two = (
-        cg.solve_ivp(f, (0, 2), Y0, rhs=rhs, **stiff).y[-1]
-        for f, rhs in ((coefficients, "coefficients"), (derivative, "derivative"))
-    )
-    np.testing.assert_allclose(two, one, rtol=0, atol=1e-9)
-    space = cg.frames.FieldFrame(
-        [lambda y: np.array([y[0]])], lambda v, y: y * np.exp(v), point_shape=1
-    )
-    run = cg.solve_ivp(
-        lambda t, y, p: -p * y,
-        (0, 1),
-        [1.0],
-        frame=space,
-        parameters=[2.0],
-        rhs="derivative",
-        derivatives="forward",
-    )
-    np.testing.assert_allclose(run.sensitivity[-1], [[-1.0]], rtol=0, atol=1e-6)
-
-
 def test_values_that_are_not_finite_reject_steps_and_end_equal_ones():
     f = lambda t, y: derivative(t, y) * (1.0 if t < 0.5 else np.nan)
     run = cg.solve_ivp(f, (0, 1), Y0, frame=BODY, rhs="derivative")

@@ -108,16 +108,6 @@ def test_derivatives():
     assert abs(solution.gradient([1.0]).y0[0] - 0.05) < 1e-6
 
 
-@pytest.mark.parametrize("kind", [{}, {"vectorized": True}], ids=str)
-@pytest.mark.filterwarnings("ignore:Failure of 1 of 3")
-def test_derivatives_of_members(kind):
-    solution = cg.solve_variational_ensemble(
-        clock, (0, 5), np.zeros((3, 1)), parameters=[[0.0], [1.0], [0.0]], **kind, **LINE
-    )
-    assert solution.status.tolist() == [0, -1, 0]
-    assert "f must return finite numbers" in solution.messages[1]
-
-
 @pytest.mark.parametrize("vectorized", [False, True])
 @pytest.mark.parametrize("method", ["auto", "Magnus8(4)", "CF5(4)"])
 def test_linear(method, vectorized):

@@ -9,7 +9,7 @@ from frame_examples import HEISENBERG
 
 import cg
 from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
-from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
 
 ROOT = Path(__file__).parents[2]
@@ -235,40 +235,6 @@ class TestTimeAlone:
         )  # fmt: skip
         exact = SU(2).flow([0, 0, np.sin(46) / 20], np.eye(2))
         assert np.abs(run.y[-1] - exact).max() < 10 * tolerance
-
-
-class TestLongSteps:
-    METHODS = ("CF5(4)", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)")
-
-    @pytest.mark.parametrize(
-        "frame", [SO3(), UnitQuaternion(), SU(3), SO(4), Sphere(2), SE3()], ids=repr
-    )
-    @pytest.mark.parametrize("method", METHODS)
-    def test_constant_rotations_take_few(self, frame, method):
-        velocity = np.random.default_rng(1).normal(size=frame.dim) * 10
-        run = cg.solve_ivp(
-            lambda t, y: velocity, (0, 100), frame.random_point(np.random.default_rng(2)),
-            frame=frame, method=method, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert run.steps + run.nrejected < 20
-
-    @pytest.mark.parametrize("method", METHODS)
-    @pytest.mark.parametrize("drift", [1e-3, 1e-2])
-    def test_a_drift_shortens_them(self, method, drift):
-        """Steps are at most 20 radians long where coefficients change."""
-        run = cg.solve_ivp(
-            lambda t, y: [drift * np.sin(0.3 * t), 0, 50.0], (0, 20), np.eye(3), frame=SO3(),
-            method=method, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert 49 < run.steps < 1000
-        assert 50 * np.diff(run.t).max() <= 20
-
-    def test_common_steps(self):
-        run = cg.solve_ensemble(
-            lambda t, y, p: [p[0] * np.sin(0.3 * t), 0, 50.0], (0, 20), np.eye(3), frame=SO3(),
-            method="CF5(4)", parameters=[[0.0], [1e-3]], common_steps=True, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert run.steps[0] == run.steps[1] > 49
 
 
 @pytest.fixture(scope="module")

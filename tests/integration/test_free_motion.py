@@ -9,7 +9,7 @@ from mechanics import INERTIA, MATRIX
 from scipy import LowLevelCallable
 
 import cg
-from cg.frames import SO3, PhaseSpace, UnitQuaternion
+from cg.frames import SO3, PhaseSpace
 from cg.support.balls import working_precision
 
 EPSILON = np.finfo(np.float64).eps
@@ -146,23 +146,6 @@ def test_the_error_is_rounding(regime):
         assert np.abs(q - attitude).max() <= allowed, (seed, inertia, momentum, time)
         error = np.abs(after - exact).max() / np.linalg.norm(momentum)
         assert error <= allowed, (seed, inertia, momentum, time)
-
-
-@pytest.mark.parametrize("momentum", [[0.3, 0.9, 0.1], [0.0, 1.0, 0.0], [2.0, 1e-3, -1e-3]])
-def test_a_quaternion_turns_continuously(momentum):
-    for time in (1.0, 7.0, 20.0, 100.0):
-        one, _ = drift(momentum, time, INERTIA, UnitQuaternion())
-        many, _ = drift(momentum, time, INERTIA, UnitQuaternion(), steps=500)
-        assert np.abs(one - many).max() < 1e-12
-
-
-def test_principal_axes_may_be_any():
-    momentum, time = [0.3, 0.9, -0.4], 5.0
-    moments, axes = np.linalg.eigh(MATRIX)
-    q, after = drift(momentum, time, MATRIX)
-    principal, in_axes = drift(axes.T @ momentum, time, moments)
-    assert np.abs(q - axes @ principal @ axes.T).max() < 1e-14
-    assert np.abs(after - axes @ in_axes).max() < 1e-14
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e-20, 1e200])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven_bodies import FRAME, GUST, LINE, START, TIGHT, TIMES, driven
+from driven_bodies import FRAME, GUST, START, TIGHT, TIMES, driven
 
 import cg
 
@@ -44,34 +44,6 @@ def test_members_have_inputs_of_their_own(workers, kind, library):
         expected = alone(k, t_eval=[0.0, 1.1, 2.4]).y
         atol = 0.0 if kind == "python" else 1e-13
         np.testing.assert_allclose(run.y[:, k], expected, rtol=0, atol=atol)
-
-
-def test_members_without_parameters_and_those_that_fail():
-    held = cg.Samples([0.0, 1.0], [[0.5, 0.5], [0.5, -1.0], [0.5, 9.0]], members=True)
-    f = lambda t, y, u: [u * y[0] ** 2]
-    with pytest.warns(UserWarning, match="1 of 3 trajectories"):
-        run = cg.solve_ensemble(
-            f, (0, 1.5), np.ones((3, 1)), frame=LINE, inputs=held, t_eval=[1.0, 1.5], **TIGHT
-        )
-    assert run.status.tolist() == [0, 0, -1]
-    np.testing.assert_allclose(run.y[0], 2.0, rtol=1e-7)
-    np.testing.assert_allclose(run.y[1, :2, 0], [4.0, 1.0], rtol=1e-7)
-    events = lambda t, y, u: u
-    signs = cg.solve_ensemble(
-        f, (0, 1.5), np.ones((2, 1)), frame=LINE, events=events, workers=2,
-        inputs=cg.Samples([0.0, 1.0], [[0.1, 0.2], [0.1, -1.0]], members=True),
-    )  # fmt: skip
-    assert [len(t) for t in signs.t_events[0]] == [0, 1]
-    assert signs.t_events[0][1][0] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_vectorized_members_with_common_steps():
-    held = cg.Samples([0.0, 1.0], np.random.default_rng(5).standard_normal((4, 2)), members=True)
-    run = cg.solve_ensemble(
-        lambda t, y, u: u[:, None] * y, (0, 2), np.ones((4, 1)), frame=LINE, inputs=held,
-        vectorized=True, common_steps=True, **TIGHT,
-    )  # fmt: skip
-    np.testing.assert_allclose(run.y[-1, :, 0], np.exp(held.values.sum(axis=1)), rtol=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])

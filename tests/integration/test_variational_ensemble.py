@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from waves import TIGHT
 
 import cg
-from cg.frames import SO3, Euclidean, Product
+from cg.frames import Euclidean
 
-BODY = Product(SO3(), Euclidean(3))
 MEMBERS = 4
 RNG = np.random.default_rng(7)
-INERTIA = np.array([1.0, 2.0, 3.0])
 
 
 def swing(t, y, p):
@@ -23,18 +20,6 @@ def swing_jac(t, y, p):
 
 def swing_dp(t, y, p):
     return [[y[1]], [0.0]]
-
-
-def swings(t, y, p):
-    return np.stack([y[:, 1] * p[:, 0], -np.sin(y[:, 0])], axis=-1)
-
-
-def swings_jac(t, y, p):
-    return np.array([swing_jac(0.0, *each) for each in zip(y, p, strict=True)])
-
-
-def swings_dp(t, y, p):
-    return np.array([swing_dp(0.0, *each) for each in zip(y, p, strict=True)])
 
 
 def low(t, y, p):
@@ -79,47 +64,6 @@ def test_members_are_those_of_single_calls():
     assert solution.sol.transition([0.5, 0.7]).shape == (2, MEMBERS, 2, 2)
     np.testing.assert_array_equal(solution.sol.covariance(0.7)[2], solution[2].sol.covariance(0.7))
     assert repr(solution).startswith("EnsembleSolution(")
-
-
-@pytest.mark.parametrize("exact", [True, False])
-@pytest.mark.parametrize(("common", "events"), [(True, None), (False, None), (False, FLOOR)])
-def test_functions_of_many_points(exact, common, events):
-    alone = members(events=events)
-    derivatives = {"jac": swings_jac, "df_dp": swings_dp} if exact else {"jac": None, "df_dp": None}
-    solution = cg.solve_variational_ensemble(
-        swings, (0, 4), Y0, parameters=P, vectorized=True, common_steps=common, events=events,
-        **(GIVEN | derivatives),
-    )  # fmt: skip
-    tolerance = {"rtol": 1e-6, "atol": 1e-6} if common else {"rtol": 1e-9, "atol": 1e-9}
-    for name in ("transition", "sensitivity"):
-        np.testing.assert_allclose(getattr(solution, name), getattr(alone, name), **tolerance)
-    if events is not None:
-        for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
-            np.testing.assert_allclose(rows, others, **tolerance)
-
-
-def test_rotations_and_a_common_covariance():
-    def f(t, y):
-        attitude, rate = BODY.split(y)
-        return np.concatenate([rate, np.cross(INERTIA * rate, rate) / INERTIA - attitude[2] / 5])
-
-    start = [BODY.join(SO3().random_point(RNG), RNG.standard_normal(3)) for _ in range(3)]
-    p0 = np.diag(np.arange(1.0, 7.0))
-    solution = cg.solve_variational_ensemble(f, (0, 1), start, frame=BODY, P0=p0, **TIGHT)
-    expected = solution.transition @ p0 @ solution.transition.mT
-    np.testing.assert_allclose(solution.covariance, expected, rtol=1e-13, atol=1e-13)
-    alone = cg.solve_variational(f, (0, 1), start[1], frame=BODY, **TIGHT)
-    np.testing.assert_array_equal(solution.transition[-1, 1], alone.transition[-1])
-
-
-@pytest.mark.parametrize("executor", [None, "processes"])
-def test_executors(executor):
-    alone = members(events=FLOOR, dense_output=True)
-    solution = members(events=FLOOR, dense_output=True, executor=executor, workers=1)
-    np.testing.assert_array_equal(solution.transition, alone.transition)
-    np.testing.assert_array_equal(solution.sensitivity, alone.sensitivity)
-    for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
-        np.testing.assert_array_equal(rows, others)
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
