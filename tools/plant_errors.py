@@ -355,6 +355,7 @@ def main() -> int:
     elif options.part == "see":
         watcher = Watcher(*map(int, options.share.split("/")))
         arguments = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *options.tests]
+        arguments += ["--continue-on-collection-errors"]
         return int(pytest.main(arguments, plugins=[watcher]))
     else:
         show()

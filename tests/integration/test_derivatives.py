@@ -1,7 +1,5 @@
 """Right-hand sides that return derivatives of points, rhs="derivative"."""
 
-import copy
-
 import numpy as np
 import pytest
 from frame_examples import FRAMES
@@ -119,64 +117,6 @@ def test_what_it_refuses():
     options = {"frame": cg.frames.SO3(), "linear": True, "rhs": "derivative"}
     with pytest.raises(ValueError, match="rhs must be 'coefficients' with linear=True"):
         cg.solve_ivp(lambda t: np.zeros(3), (0, 1), np.eye(3), **options)
-
-
-@pytest.mark.parametrize("method", ["auto", "CF4(3)"])
-def test_factors_get_derivatives_too(method):
-    rng = np.random.default_rng(8)
-    single, skew = Stiefel(5, 2), rng.standard_normal((5, 5))
-    skew -= skew.T
-    y0 = single.random_point(rng)
-    options = {"method": method, "rhs": "derivative", "rtol": 1e-9, "atol": 1e-9}
-    alone = cg.solve_ivp(lambda t, y: skew @ y, (0, 1), y0, frame=single, **options).y[-1]
-
-    each = lambda t, y: skew @ y
-    for n in (1, 3):
-        frame = cg.frames.Power(single, n)
-        end = cg.solve_ivp(each, (0, 1), np.stack([y0] * n), frame=frame, **options).y[-1]
-        np.testing.assert_allclose(end, np.stack([alone] * n), rtol=0, atol=1e-8)
-    frame = cg.frames.Product(single, cg.frames.Power(single, 1))
-
-    def joined(t, y):
-        return np.concatenate([(skew @ part.reshape(5, 2)).ravel() for part in np.split(y, 2)])
-
-    end = cg.solve_ivp(joined, (0, 1), np.tile(y0.ravel(), 2), frame=frame, **options).y[-1]
-    np.testing.assert_allclose(end, np.tile(alone.ravel(), 2), rtol=0, atol=1e-8)
-    frame = cg.frames.Product(single, cg.frames.Euclidean(1))
-    f = lambda t, y: np.append((skew @ y[:10].reshape(5, 2)).ravel(), 1.0)
-    end = cg.solve_ivp(f, (0, 1), np.append(y0.ravel(), 2.0), frame=frame, **options).y[-1]
-    np.testing.assert_allclose(end, np.append(alone.ravel(), 3.0), rtol=0, atol=1e-8)
-
-
-def test_powers_meet_events_breakpoints_ensembles_copies_and_backward_steps():
-    rng = np.random.default_rng(3)
-    single, skew = Stiefel(4, 2), rng.standard_normal((4, 4))
-    skew -= skew.T
-    frame = cg.frames.Power(single, 2)
-    y0 = np.stack([single.random_point(rng), single.random_point(rng)])
-    options = {"frame": frame, **FINE}
-
-    f = lambda t, y: skew @ y
-    exact = lambda t, start=y0: expm(skew * t) @ start
-    back = cg.solve_ivp(f, (0, -1), y0, **options).y[-1]
-    np.testing.assert_allclose(back, exact(-1.0), rtol=0, atol=1e-8)
-    level = exact(0.6)[0, 0, 0]
-    run = cg.solve_ivp(
-        f, (0, 1), y0, breakpoints=[0.3], events=lambda t, y: y[0, 0, 0] - level, **options
-    )
-    assert np.abs(run.t_events[0] - 0.6).min() < 1e-8
-    starts = np.stack([y0, y0[::-1]])
-    for vectorized in (False, True):
-        together = cg.solve_ensemble(
-            f, (0, 1), starts, t_eval=[1.0], vectorized=vectorized, **options
-        )
-        np.testing.assert_allclose(together.y[0], exact(1.0, starts), rtol=0, atol=1e-8)
-    stepper = cg.Stepper(f, 0, y0, 1.0, method="CF5(4)", **options)
-    stepper.step()
-    stepper = copy.copy(stepper)
-    while stepper.status == "running":
-        stepper.step()
-    np.testing.assert_allclose(stepper.y, exact(1.0), rtol=0, atol=1e-8)
 
 
 def coefficients(t, y, u=0.0, p=(0.0, 0.0)):

@@ -11,7 +11,7 @@ from compiled_examples import DOUBLES
 from members import check, members_alone
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Stiefel
+from cg.frames import Euclidean
 from cg.integration.run import drive
 
 LINE = {"frame": Euclidean(1)}
@@ -96,36 +96,6 @@ def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
     assert all(a <= b for a, b in itertools.pairwise(done))
     assert done[-1] == 10.0
     assert len({x for x in done if 0 < x < 4}) > 3
-
-
-class TestCommonSteps:
-    """All members take the steps that the one with the largest error calls for."""
-
-    @pytest.mark.parametrize("frame", [SO3(), SU(2), Stiefel(3, 1)], ids=repr)
-    @pytest.mark.parametrize("vectorized", [False, True])
-    def test_steps(self, frame, vectorized):
-        rng = np.random.default_rng(5)
-        y0 = frame.random_point(rng, 6)
-        weights = rng.standard_normal((frame.dim, y0[0].view(float).size))
-
-        def f(t, y):
-            many = np.ndim(t) == 1
-            flat = np.ascontiguousarray(y).reshape(len(t) if many else 1, -1).view(float)
-            actual = np.cos(flat @ weights.T + np.reshape(t, (-1, 1)))
-            return actual if many else actual[0]
-
-        options = {"frame": frame, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-        actual = cg.solve_ensemble(
-            f, (0, 1), y0, vectorized=vectorized, common_steps=True, t_eval=[0.15, 1], **options
-        )
-        assert len(set(actual.steps.tolist())) == 1
-        alone = members_alone(f, (0, 1), y0, **{**options, "t_eval": [0.15, 1]})
-        most = max(run.steps for run in alone)
-        assert most <= actual.steps[0] <= 1.3 * most
-        for i, run in enumerate(alone):
-            np.testing.assert_array_equal(actual.sol[i].ts, actual.sol.ts)
-            assert frame.distance(actual.y[:, i], run.y).max() < 2e-5
-        assert frame.membership_error(actual.y).max() < 1e-13
 
 
 def test_a_compiled_function_that_writes_into_its_point(function):

@@ -277,23 +277,6 @@ class TestPeriod:
             )  # fmt: skip
             assert len(run.t_events[0]) == count - (middle == 0)
 
-    def test_callers(self):
-        third = 2.0 + 4 * np.pi
-        run = self.turn((0, 60), terminal=3)
-        np.testing.assert_allclose(run.t[-1], third, rtol=1e-10)
-        back = self.turn((0, 59.5), jump=lambda t, y: SO3().flow([0.0, 0.0, -1.0], y))
-        np.testing.assert_allclose(back.t_events[0], 2.0 + np.arange(58), rtol=1e-10)
-        stepper = cg.Stepper(lambda t, y: [0.0, 0.0, 1.0], 0.0, np.eye(3), 60.0, frame=SO3(),
-                             events=cg.Event(azimuth, terminal=3, period=2 * np.pi))  # fmt: skip
-        assert stepper.advance(60.0)
-        np.testing.assert_allclose(stepper.t, third, rtol=1e-10)
-        runs = cg.solve_ensemble(
-            lambda t, y, row: [0.0, 0.0, row[0]], (0, 9), np.eye(3), parameters=[[1.0], [2.0]],
-            frame=SO3(), events=cg.Event(azimuth, period=2 * np.pi), common_steps=True,
-        )  # fmt: skip
-        for times, rate in zip(runs.t_events[0], (1, 2), strict=True):
-            np.testing.assert_allclose(times, (2 + 2 * np.pi * np.arange(rate + 1)) / rate)
-
     @pytest.mark.parametrize("angle", [lambda t, y: azimuth(t, y) % (2 * np.pi), compiled_azimuth])
     def test_derivatives_of_times(self, angle):
         run = self.turn((0, 9), cg.solve_variational, angle)

@@ -98,18 +98,6 @@ def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options
     assert rest.y[:, 0].min() > -1e-13
 
 
-@pytest.mark.parametrize("method", ["DP5(4)", "RKMK5(4)"])
-def test_bounces_end_where_a_ball_returns_to_the_rounding_of_its_height(method):
-    """Also where equal steps end there, each of which would give the ball the same speed."""
-    floor = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
-    rest = cg.solve_ivp(
-        lambda t, y: [y[1], -350.0], (0.0, 9.0), [1.0, 0.0], frame=Euclidean(2), events=floor,
-        method=method, max_steps=2000,
-    )  # fmt: skip
-    assert "events[0] leaves its function at zero" in rest.message
-    assert rest.t[-1] == pytest.approx(np.sqrt(2.0 / 350.0) * 1.7 / 0.3, abs=1e-10)
-
-
 @pytest.mark.parametrize("start", np.linspace(0.9, 1.1, 5))
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.5}])
 def test_noise_of_a_function_after_a_jump_is_no_event(start, options):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import scipy.integrate
-from bracket_examples import WITH
-from frame_examples import HEISENBERG, MAX_SCALE, generic, name
+from frame_examples import HEISENBERG, generic, name
 from kinds import MUNTHE_KAAS
 from python_steps import Step
 
@@ -22,27 +21,6 @@ from cg.frames import (
     Product,
     Sphere,
 )
-
-STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
-
-
-@pytest.mark.parametrize("frame", WITH, ids=name)
-def test_order_on_all_frames_with_brackets(frame):
-    f, y0 = generic(frame)
-    first = 0.06 if frame in MAX_SCALE else 0.125  # flows that grow
-
-    def solution(key, steps):
-        options = {"frame": frame, "method": key, "h": first / steps, "save_every": steps}
-        return cg.integrate(f, (0, 4 * first), y0, **options).y[1:]
-
-    fine = solution("RKMK8(5,3)", 4)
-    for key, counts in STEPS.items():
-        errors = [frame.distance(solution(key, n), fine).max() for n in counts]
-        if min(errors) > 2e-12:
-            assert np.log2(errors[0] / errors[1]) / 2 > MUNTHE_KAAS[key].order - 0.5
-        else:
-            assert max(errors) < 1e-8  # next to exact: one field, or flows that commute
-    assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
 
 
 def test_reuse_of_the_last_stage():

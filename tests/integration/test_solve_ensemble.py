@@ -17,7 +17,6 @@ from cg.integration.run import run as run_module
 from cg.tables import table_of
 
 LINE = {"frame": Euclidean(1)}
-RATES = np.array([-1.0, -2.0, 0.5, 0.0])
 
 
 def growth(t, y, rate):
@@ -30,18 +29,6 @@ def grown(t, y, rates):
 
 def rotated(t, y):
     return np.stack([np.cos(t), y[..., 0, 0], y[..., 1, 2]], axis=-1)
-
-
-def test_one_point_serves_all_rows_of_parameters():
-    solution = cg.solve_ensemble(
-        growth, (0, 1), [2.0], parameters=RATES[:, None], rtol=1e-9, **LINE
-    )
-    assert solution.y.shape == (2, 4, 1)
-    np.testing.assert_allclose(solution.y[-1, :, 0], 2.0 * np.exp(RATES), rtol=1e-7)
-    alone = cg.solve_ivp(growth, (0, 1), [2.0], parameters=RATES[:1], rtol=1e-9, **LINE)
-    np.testing.assert_array_equal(solution[0].y[-1], alone.y[-1])
-    one = cg.solve_ensemble(lambda t, y: -y, (0, 1), [2.0], **LINE)
-    assert (len(one), one.y.shape) == (1, (2, 1, 1))
 
 
 def test_indices_and_copies():

@@ -53,20 +53,6 @@ def test_a_function_that_cannot_be_pickled_is_named():
         pickle.dumps(stepper)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_solution_within_a_step(method):
-    stepper = cg.Stepper(turning, 0, np.eye(3), 2.0, frame=SO3(), method=method, **OPTIONS)
-    other = copy.copy(stepper)
-    for _ in range(3):
-        stepper.step()
-        other.step()
-        within = stepper.dense_output()
-        assert_array_equal(within(stepper.t), stepper.y)
-        assert_array_equal(stepper.y, other.y)  # it changes nothing of the steps
-    with pytest.raises(RuntimeError, match="after a step"):
-        cg.Stepper(turning, 0, np.eye(3), frame=SO3()).dense_output()
-
-
 def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
     without = cg.Stepper(turning, 0, np.eye(3), 9.0, frame=SO3(), method="CF5(4)", **OPTIONS)
     for _ in range(6):

@@ -73,33 +73,6 @@ def test_a_first_step_beyond_all_numbers_ends():
     assert not run.success
 
 
-def test_functions_get_their_arguments():
-    """Arguments come first, parameters last, and points can't be written to."""
-    factors = []
-
-    def f(t, y, a, p):
-        assert not y.flags.writeable
-        factors.append(a)
-        return a * p[0] * y
-
-    def jac(t, y, a, p):
-        assert not y.flags.writeable
-        assert a == 2.0
-        return a * p * np.eye(1)
-
-    def df_dp(t, y, a, p):
-        assert not y.flags.writeable
-        return [[a * y[0]]]
-
-    solution = cg.solve_variational(
-        f, (0, 1), [1.0], frame=Euclidean(1), args=(2.0,), parameters=[0.5], jac=jac, df_dp=df_dp,
-        **TIGHT,
-    )  # fmt: skip
-    assert set(factors) == {2.0}
-    np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
-    np.testing.assert_allclose(solution.sensitivity[-1], 2 * np.e, rtol=1e-9)
-
-
 @pytest.mark.parametrize("vectorized", [False, True])
 def test_parameters_of_any_size_are_differenced(vectorized):
     """An inertia of 1e-5 and a mass of 1e20 get steps of their own size; zero gets one of 1."""

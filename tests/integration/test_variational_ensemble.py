@@ -6,65 +6,6 @@ import pytest
 import cg
 from cg.frames import Euclidean
 
-MEMBERS = 4
-RNG = np.random.default_rng(7)
-
-
-def swing(t, y, p):
-    return [y[1] * p[0], -np.sin(y[0])]
-
-
-def swing_jac(t, y, p):
-    return [[0.0, p[0]], [-np.cos(y[0]), 0.0]]
-
-
-def swing_dp(t, y, p):
-    return [[y[1]], [0.0]]
-
-
-def low(t, y, p):
-    return y[0] + 0.1 * p[0]
-
-
-def bounce(t, y, p):
-    return [y[0], -0.9 * y[1]]
-
-
-Y0 = RNG.standard_normal((MEMBERS, 2))
-P = RNG.uniform(0.5, 1.5, (MEMBERS, 1))
-GIVEN = {"frame": Euclidean(2), "jac": swing_jac, "df_dp": swing_dp, "rtol": 1e-9, "atol": 1e-9}
-FLOOR = cg.Event(low, direction=-1, jump=bounce)
-
-
-def members(**options):
-    return cg.solve_variational_ensemble(swing, (0, 4), Y0, parameters=P, **(GIVEN | options))
-
-
-def test_members_are_those_of_single_calls():
-    p0 = np.stack([(k + 1) * np.eye(2) for k in range(MEMBERS)])
-    options = {"events": FLOOR, "t_eval": [1.0, 4.0], "dense_output": True}
-    solution = members(P0=p0, **options)
-    assert solution.transition.shape == (2, MEMBERS, 2, 2)
-    assert solution.sensitivity.shape == (2, MEMBERS, 2, 1)
-    assert solution.covariance.shape == (2, MEMBERS, 2, 2)
-    for k in range(MEMBERS):
-        alone = cg.solve_variational(
-            swing, (0, 4), Y0[k], parameters=P[k], P0=p0[k], **options, **GIVEN
-        )
-        member = solution[k]
-        assert isinstance(member, cg.Solution)
-        for name in ("t", "y", "transition", "sensitivity", "covariance"):
-            np.testing.assert_array_equal(getattr(member, name), getattr(alone, name))
-        for name in ("t_events", "y_events", "y_after", "dt_events"):
-            np.testing.assert_array_equal(getattr(member, name)[0], getattr(alone, name)[0])
-        np.testing.assert_array_equal(solution.dt_events[0][k], alone.dt_events[0])
-        np.testing.assert_array_equal(member.sol(0.7), alone.sol(0.7))
-        np.testing.assert_array_equal(member.sol.covariance(0.7), alone.sol.covariance(0.7))
-    assert sum(each.size for each in solution.t_events[0]) >= 2
-    assert solution.sol.transition([0.5, 0.7]).shape == (2, MEMBERS, 2, 2)
-    np.testing.assert_array_equal(solution.sol.covariance(0.7)[2], solution[2].sol.covariance(0.7))
-    assert repr(solution).startswith("EnsembleSolution(")
-
 
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_members_that_fail_are_nan():

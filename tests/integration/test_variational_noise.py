@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from waves import SPAN, TIGHT, Wave
+from waves import TIGHT
 
 import cg
 from cg.frames import SO3, Euclidean, PhaseSpace
@@ -42,41 +42,6 @@ def test_noise_on_a_phase_space():
     )  # fmt: skip
     expected = quadrature(run.sol, lambda t, y: q, 0.0, 1.0, np.zeros((6, 6)))
     np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=1e-8)
-
-
-def test_members_have_their_own_parameters():
-    frame = SO3()
-    wave, noise = Wave(frame, seed=6), density_of(frame)
-    rows = np.random.default_rng(2).standard_normal((3, 2))
-    options = {"frame": frame, "noise": noise, "control_derivatives": True, **TIGHT}
-    many = cg.solve_variational_ensemble(wave.f, SPAN, wave.y0, parameters=rows, **options)
-    for k, row in enumerate(rows):
-        one = cg.solve_variational(wave.f, SPAN, wave.y0, parameters=row, **options)
-        np.testing.assert_array_equal(many[k].covariance[-1], one.covariance[-1])
-
-
-def test_jumps_and_breakpoints():
-    """Noise on one side of an event is carried through it by the saltation matrix."""
-    q = np.array([[0.3, 0.1], [0.1, 0.4]])
-    floor = cg.Event(lambda t, y: y[0], direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
-
-    fall = lambda t, y: [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
-    noise = lambda t, y: q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
-    options = {"frame": Euclidean(2), "breakpoints": [0.35], "events": floor, **TIGHT}
-    run = cg.solve_variational(
-        fall, (0, 1), [1.0, 0.2], noise=noise, dense_output=True, control_derivatives=True,
-        **options,
-    )  # fmt: skip
-    (hit,) = run.t_events[0]
-    assert 0.35 < hit < 1.0
-    total, sol = np.zeros((2, 2)), run.sol
-    for start, end in ((0.0, 0.35), (0.35, hit), (hit, 1.0)):
-        times = start + (end - start) * (NODES + 1) / 2
-        points = zip(times, sol(times), sol.transition(times), WEIGHTS, strict=True)
-        for t, y, phi, weight in points:
-            move = run.transition[-1] @ np.linalg.inv(phi)
-            total += weight * (end - start) / 2 * move @ noise(t, y) @ move.T
-    np.testing.assert_allclose(run.covariance[-1], total, rtol=0, atol=1e-8 * np.abs(total).max())
 
 
 def test_a_compiled_density(affine):
