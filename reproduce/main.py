@@ -1,4 +1,4 @@
-"""``reproduce``: reproduction of the paper; also the command ``reproduce-paper``."""
+"""The command ``reproduce-paper``."""
 
 import math
 import signal
@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import click
@@ -26,8 +26,7 @@ FOLDER = Path("reproduce/out")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``reproduce-paper``; arguments and exit codes are those of `cg.command.main`."""
-    given = sys.argv[1:] if arguments is None else arguments
-    return run_command(["reproduce", *given], program="reproduce-paper")
+    return run_command(arguments, program="reproduce-paper", command=reproduce_command)
 
 
 def _read_items(
@@ -52,7 +51,7 @@ def _read_minutes(
     return None if value is None else 60.0 * value
 
 
-@click.command("reproduce", short_help="Reproduce the paper.")
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR",
     help="Folder for report.html, results.json, figures and stored searches; by default "
@@ -88,12 +87,12 @@ def reproduce_command(
 ) -> int:
     """Reproduce the figures, tables and claims of the paper, and more, as one report.
 
-    The same as reproduce-paper. The numbers do not depend on the number of workers.
+    The numbers do not depend on the number of workers.
 
     \b
     Examples:
-      crouch-grossman reproduce --list
-      crouch-grossman reproduce --only fig4.1 --out report
+      reproduce-paper --list
+      reproduce-paper --only fig4.1 --out report
     """
     if listing:
         for item in ITEMS.values():
@@ -110,7 +109,7 @@ def reproduce_command(
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
     try:
-        with _terminated_as_interrupted():
+        with _terminated_as_interrupted(), closing(display):
             run(items, out, settings, workers or available_cores(), display, limit)
     except StoreError as error:
         error.add_note("if you delete that file, its content is computed again")

@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -32,9 +32,6 @@ LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 )
 """Colour, marker and line of each method in all figures."""
 
-_MARKERS = "so^vPX*"
-_DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (3, 1, 1, 1, 1, 1)))
-
 _MIN_SCALE = 72.0  # pixels of a page for an inch of a figure
 
 _RC: dict[Any, Any] = {
@@ -55,32 +52,6 @@ _RC: dict[Any, Any] = {
     "figure.facecolor": "white",
     "svg.fonttype": "path",
 }
-
-
-def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
-    """Return a distinct colour, marker and line for each method.
-
-    Methods in `LINES` have the style given there, and no other method has their colours.
-    """
-    listed = list(names)
-    taken = {LINES[name]["color"] for name in listed if name in LINES}
-    # neighbours differ in colour, marker and line, and no pair of marker and colour is repeated
-    free = [
-        {
-            "color": color,
-            "marker": _MARKERS[(k + 2 * turn) % len(_MARKERS)],
-            "linestyle": _DASHES[(k + turn) % len(_DASHES)],
-        }
-        for turn in range(len(_DASHES))
-        for k, color in enumerate(PALETTE.values())
-        if color not in taken
-    ]
-    others = [name for name in listed if name not in LINES]
-    if len(others) > len(free):
-        raise ValueError(f"there are styles for at most {len(free)} methods, got {len(others)}")
-    return {name: LINES[name] for name in listed if name in LINES} | dict(
-        zip(others, free, strict=False)
-    )
 
 
 def grid(axes: Axes, *, x: bool, y: bool) -> None:

@@ -1,8 +1,7 @@
 """Arguments and options of several commands, and functions for their output."""
 
-import tempfile
+import os
 from collections.abc import Callable, Sequence
-from functools import reduce
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,25 +16,19 @@ from cg.construction.methods.method import Method
 from cg.support.parsing import to_json, visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])
-Option = Callable[[F], F]
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
 
 
-def stacked(*options: Option[Any]) -> Option[Any]:
-    """Return a decorator that adds options in this order."""
-    return lambda function: reduce(lambda so_far, option: option(so_far), options[::-1], function)
+def count_option(name: str, help: str) -> Callable[[F], F]:
+    """Return an option that is a positive number N."""
+    return click.option(name, type=click.IntRange(1), metavar="N", help=help)
 
 
-def count_option(name: str, help: str, *, least: int = 1, **options: Any) -> Callable[[F], F]:
-    """Return an option that is a number N of at least `least`."""
-    return click.option(name, type=click.IntRange(least), metavar="N", help=help, **options)
-
-
-def output_option(help: str, *, required: bool = False) -> Callable[[F], F]:
+def output_option(help: str) -> Callable[[F], F]:
     """Return the option for the file that a command writes."""
     file = click.Path(dir_okay=False, path_type=Path)
-    return click.option("--output", "-o", type=file, metavar="FILE", help=help, required=required)
+    return click.option("--output", "-o", type=file, metavar="FILE", help=help)
 
 
 workers_option = count_option("--workers", "Threads; all cores by default.")
@@ -58,9 +51,9 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Return the names in the catalogue that begin so, then files."""
+        """Return the names in the catalogue that begin so, or files if none does."""
         names = [n for n in methods if n.isprintable() and n.lower().startswith(incomplete.lower())]
-        return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
+        return [*map(CompletionItem, names)] or [CompletionItem(incomplete, type="file")]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return what is made of the method; raise BadParameter if it can't be read."""
@@ -105,21 +98,12 @@ def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
     return "\n".join(lines)
 
 
-def check_output(path: Path | None, option: str = "--output") -> None:
-    """Raise BadParameter unless a file can be written to a path; commands call it first."""
+def check_output(path: Path | None) -> None:
+    """Raise BadParameter unless a folder can be written to; commands call it first."""
     if path is None:
         return
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise click.BadParameter(f"{path} must be in an existing folder", param_hint=option)
-    try:
-        if path.is_file():
-            path.open("ab").close()
-            folder = path.resolve().parent
-        if path.is_file() or path.is_dir() or not path.exists():  # and no device
-            with tempfile.TemporaryFile(dir=folder):
-                pass
-    except OSError as error:
-        raise click.BadParameter(
-            f"{path} can't be written: {error.strerror}", param_hint=option
-        ) from None
+        raise click.BadParameter(f"{path} must be in an existing folder", param_hint="--output")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise click.BadParameter(f"{path} can't be written", param_hint="--output")

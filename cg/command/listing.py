@@ -1,6 +1,7 @@
 """``list``: the methods of the catalogue."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -14,6 +15,15 @@ from cg.support.parsing import visible
 
 _KEYS = ("name", "order", "evaluations", "flows", "error")
 _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus", "splitting")
+_FILTERS: dict[str, Callable[[MethodSummary, Any], bool]] = {
+    "order": lambda method, order: method.order == order,
+    "min_order": lambda method, order: method.order >= order,
+    "max_order": lambda method, order: method.order <= order,
+    "max_evaluations": lambda method, count: method.evaluations <= count,
+    "max_flows": lambda method, count: method.flows <= count,
+    "pair": lambda method, pair: (method.embedded_order is not None) == pair,
+    "kind": lambda method, kind: method.kind == kind,
+}
 
 
 @click.command("list")
@@ -22,32 +32,15 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
 @count_option("--max-order", "Only methods of this order or lower.")
 @count_option("--max-evaluations", "Only methods with at most N evaluations per step.")
 @count_option("--max-flows", "Only methods with at most N flows per step.")
-@click.option(
-    "--pair/--no-pair", default=None, help="Only pairs, or only methods without an error estimate."
-)
-@click.option(
-    "--proved", "only_proved", is_flag=True, help="Only methods whose order is proved in full."
-)
-@click.option(
-    "--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only methods of this kind."
-)
+@click.option("--pair/--no-pair", default=None, help="Only pairs, or none.")
+@click.option("--proved", "only_proved", is_flag=True, help="Only methods proved in full.")
+@click.option("--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only this kind.")
 @click.option(
     "--sort", type=click.Choice(_KEYS), default="order", show_default=True,
     help="First sort key; then evaluations, flows and name.",
 )  # fmt: skip
 @json_option
-def list_command(
-    order: int | None,
-    min_order: int | None,
-    max_order: int | None,
-    max_evaluations: int | None,
-    max_flows: int | None,
-    pair: bool | None,
-    only_proved: bool,
-    kind: str | None,
-    sort: str,
-    in_json: bool,
-) -> int:
+def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) -> int:
     """List the methods of the catalogue.
 
     Numbers in brackets are the order of the second result of a pair, and the flows with the error
@@ -64,16 +57,11 @@ def list_command(
       crouch-grossman list --order 6 --proved
       crouch-grossman list --kind implicit --json
     """
+    given = {name: value for name, value in filters.items() if value is not None}
     selected = [
         facts
-        for facts in (summary_of(method) for method in methods.values())
-        if (order is None or facts.order == order)
-        and (min_order is None or facts.order >= min_order)
-        and (max_order is None or facts.order <= max_order)
-        and (max_evaluations is None or facts.evaluations <= max_evaluations)
-        and (max_flows is None or facts.flows <= max_flows)
-        and (pair is None or (facts.embedded_order is not None) == pair)
-        and (kind is None or facts.kind == kind)
+        for facts in map(summary_of, methods.values())
+        if all(_FILTERS[name](facts, value) for name, value in given.items())
     ]
     selected.sort(key=lambda facts: (_key(facts, sort), facts.evaluations, facts.flows, facts.name))
     proofs = {facts.name: proved(methods[facts.name]) for facts in selected}

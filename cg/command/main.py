@@ -14,15 +14,12 @@ NO, UNUSABLE, MISSING, INTERRUPTED = 1, 2, 3, 130
 """Exit codes: negative result, wrong argument, missing package, interrupt."""
 
 PROGRAM = "crouch-grossman"
-COMPLETE = "_CROUCH_GROSSMAN_COMPLETE"
-"""Environment variable through which shells request completions."""
-
 _IN_COMMAND = {
     "pass force=True": "pass --force",
     "pass certificate=cg.certify(method)": "crouch-grossman certify FILE -o PROOF makes one; "
     "name it like FILE with .certificate.toml at its end, or pass export --certificate PROOF",
     "valid integer range": "valid integer",
-    "valid float range": "valid number",
+    "valid float": "valid number",
 }
 """Words of messages of Python functions and of click, and the words that the command uses."""
 
@@ -34,9 +31,6 @@ _MODULES = {
     "construct": "searching",
     "certify": "proving",
     "export": "exporting",
-    "plot": "plotting",
-    "reproduce": "cg.reproduce.main",
-    "completion": "completion",
 }
 
 
@@ -49,8 +43,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
             return None
-        name = _MODULES[cmd_name]
-        module = import_module(name if "." in name else f"cg.command.{name}")
+        module = import_module(f"cg.command.{_MODULES[cmd_name]}")
         command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
@@ -79,11 +72,16 @@ def group() -> None:
     """
 
 
-def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
-    """Run the command with the arguments of the process, or others; return the exit code."""
+def main(
+    arguments: Sequence[str] | None = None,
+    *,
+    program: str = PROGRAM,
+    command: click.Command = group,
+) -> int:
+    """Run a command with the arguments of the process, or others; return the exit code."""
     given = None if arguments is None else list(arguments)
     try:
-        code = group.main(given, prog_name=program, standalone_mode=False, complete_var=COMPLETE)
+        code = command.main(given, prog_name=program, standalone_mode=False)
     except (click.Abort, KeyboardInterrupt) as end:
         print(f"{program}: {_with_notes('interrupted', end.__cause__ or end)}", file=sys.stderr)
         return INTERRUPTED

@@ -1,19 +1,15 @@
-"""Options of ``search`` and ``construct``, named like the arguments of the functions."""
+"""Options of ``search`` and ``construct``, made of the arguments of the functions."""
 
-from collections.abc import Mapping, Sequence
+import inspect
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, get_args
 
 import click
 
-from cg.command.arguments import (
-    MethodArgument,
-    Option,
-    count_option,
-    json_option,
-    stacked,
-    workers_option,
-)
+from cg.command.arguments import F, MethodArgument, json_option
 from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
@@ -42,7 +38,9 @@ class _Member(click.Choice):  # type: ignore[type-arg]
         super().__init__(list(self._members))
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return self._members.get(value) or self._members[super().convert(value, param, ctx)]
+        if value in self._members.values():
+            return value
+        return self._members[super().convert(value, param, ctx)]
 
 
 class _Value(click.ParamType):  # type: ignore[type-arg]
@@ -55,129 +53,71 @@ class _Value(click.ParamType):  # type: ignore[type-arg]
         return (name, number) if equals else self.fail(f"{value!r} isn't NAME=VALUE", param)
 
 
-_SIZE_OPTIONS: Sequence[Option[Any]] = (
-    count_option("--order", "Order of the methods.", required=True),
-    count_option("--stages", "Evaluations in a step; required unless --tree is given."),
-)
-
-_POINTS: Sequence[Option[Any]] = (
-    count_option("--flows", "Commutator-free methods with this number of flows."),
-    click.option(
-        "--tree", type=MethodArgument(_shape), metavar="NAME|FILE",
-        help="Commutator-free methods with the tree of points of a method, and its nonzero weights "
-        "as unknowns.",
-    ),
-    click.option("--embedded", is_flag=True, help="With --flows: pairs."),
-    click.option(
-        "--first-same-as-last", is_flag=True,
-        help="With --flows: the last stage is at the result, where the next step begins.",
-    ),
-    click.option(
-        "--abscissae", type=float, nargs=2, default=None, metavar="LOWER UPPER",
-        help="Interval that all abscissae of the methods must lie in.",
-    ),
-    click.option(
-        "--hold", type=_Value(), multiple=True, metavar="NAME=VALUE",
-        help="Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1; repeatable.",
-    ),
-)  # fmt: skip
-
-_RUN: Sequence[Option[Any]] = (
-    click.option("--force", is_flag=True, help="Try even with fewer unknowns than conditions."),
-    workers_option,
-    click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
-    click.option(
-        "--store", type=click.Path(dir_okay=False), metavar="FILE",
-        help="Store finished starts there; the same command resumes an interrupted run.",
-    ),
-    click.option("--quiet", "-q", is_flag=True, help="Don't show progress."),
-    click.option(
-        "--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
-        help="Write the methods there: a folder, or a file for one method.",
-    ),
-    json_option,
-)  # fmt: skip
+_SPECIAL: dict[str, dict[str, Any]] = {
+    "abscissae": {"type": float, "nargs": 2, "metavar": "LOWER UPPER"},
+    "algorithm": {"type": click.Choice(ALGORITHMS)},
+    "hold": {"type": _Value(), "multiple": True,
+             "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
+    "minimise": {"type": click.Choice(OBJECTIVES)},
+    "rows": {"type": _Member(Rows)},
+    "stages": {"type": int, "required": False,
+               "help": "Evaluations in a step; required unless --tree is given."},
+    "store": {"type": click.Path(dir_okay=False), "metavar": "FILE"},
+    "structure": {"type": _Member(Structure)},
+    "tree": {"type": MethodArgument(_shape), "metavar": "NAME|FILE",
+             "help": "Methods with the tree of points of a method."},
+}  # fmt: skip
 
 
-def _size(name: str, metavar: str, help: str, **options: Any) -> Option[Any]:
-    size = click.FloatRange(0, min_open=True)
-    return click.option(name, type=size, metavar=metavar, help=help, **options)
+def options_of(function: Callable[..., Any]) -> Callable[[F], F]:
+    """Return a decorator that adds an option for each argument of a function, and others."""
+    options = [
+        _option(parameter, _help(function, name))
+        for name, parameter in inspect.signature(function).parameters.items()
+        if name not in ("executor", "progress")
+    ]
+    path = click.Path(path_type=Path)
+    options += [
+        click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
+        click.option("--quiet", "-q", is_flag=True, help="Don't show progress."),
+        click.option("--output", "-o", type=path, metavar="PATH",
+                     help="Write the methods there: a folder, or a file for one method."),
+        json_option,
+    ]  # fmt: skip
+
+    def decorate(command: F) -> F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
 
 
-def _random(name: str, default: int, help: str) -> Sequence[Option[Any]]:
-    seed = "Seed of all random numbers: the same seed gives the same result."
-    width = "Guesses are uniform in [-W, W]; the default depends on the order."
-    return (
-        count_option(name, help, default=default, show_default=True),
-        count_option("--seed", seed, least=0, default=0, show_default=True),
-        _size("--width", "W", width),
-    )
+def _option(parameter: inspect.Parameter, help: str) -> Callable[[F], F]:
+    default, kind = parameter.default, parameter.annotation
+    required = default is parameter.empty
+    if isinstance(kind, UnionType):
+        (kind, *_) = (one for one in get_args(kind) if one is not NoneType)
+    facts: dict[str, Any] = {"type": kind, "help": help, "required": required}
+    if kind is bool:
+        facts = {"is_flag": True, "help": help}
+    elif kind in (int, float):
+        facts["metavar"] = "N" if kind is int else "X"
+    if not required and default is not None and kind is not bool:
+        facts |= {"default": default, "show_default": True}
+    facts |= _SPECIAL.get(parameter.name, {})
+    if isinstance(default, Rows):
+        facts["default"] = default.name.lower()
+    return click.option(f"--{parameter.name.replace('_', '-')}", **facts)
 
 
-_SEARCH: Sequence[Option[Any]] = (
-    click.option(
-        "--rows", type=_Member(Rows), default="explicit", show_default=True,
-        help="Explicit, diagonally implicit or fully implicit tableaux.",
-    ),
-    click.option(
-        "--algorithm", type=click.Choice(ALGORITHMS), default=ALGORITHMS[0], show_default=True,
-        help="Steps of least norm with the exact Jacobian, or the algorithm of the paper.",
-    ),
-    count_option(
-        "--maxfev",
-        "Largest number of evaluations in double precision; the default depends on the order.",
-    ),
-    click.option(
-        "--refine-below", type=click.FloatRange(0), default=1e-15, show_default=True, metavar="F",
-        help="A start is refined in quadruple precision if its sum of squares is at most this.",
-    ),
-    count_option(
-        "--refine-maxfev",
-        "Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
-    ),
-    _size(
-        "--bound",
-        "X",
-        "Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
-    ),
-    click.option(
-        "--minimise", type=click.Choice(OBJECTIVES),
-        help="Move the methods along their solution sets to reduce this.",
-    ),
-)  # fmt: skip
-
-_CONSTRUCTION: Sequence[Option[Any]] = (
-    count_option(
-        "--first-flows", "With --flows: number of flows of the random trees to start from."
-    ),
-    count_option(
-        "--first-stages", "Stages of random starts; the default depends on order and structure."
-    ),
-    click.option(
-        "--structure", type=_Member(Structure),
-        help="Simplifying assumptions on tableaux; by default middle from order 6 on, and for "
-        "fewer stages than a general method needs.",
-    ),
-    _size("--largest", "X", "Bound on the magnitude of coefficients.", default=3.0,
-          show_default=True),
-    count_option("--restarts", "Walks along the solution set after elimination fails.", least=0,
-                 default=1, show_default=True),
-    click.option(
-        "--full-rank", is_flag=True,
-        help="Only methods at which all conditions are independent, which makes proofs easy.",
-    ),
-    count_option(
-        "--iterations",
-        "Largest number of steps of the solver in each run; the default depends on the order.",
-    ),
-)  # fmt: skip
-
-
-search_options = stacked(
-    *_SIZE_OPTIONS, *_random("--starts", 100, "Random starts."), *_POINTS, *_SEARCH, *_RUN
-)
-_TRIES = _random("--tries", 400, "Random starts at most.")
-construction_options = stacked(*_SIZE_OPTIONS, *_TRIES, *_POINTS, *_CONSTRUCTION, *_RUN)
+def _help(function: Callable[..., Any], name: str) -> str:
+    """Return the first sentence about an argument in a docstring that doesn't list values."""
+    doc = inspect.getdoc(function) or ""
+    found = re.search(rf"^(?:\w+, )*{name}(?:, \w+)*\n((?:    .*\n)+)", doc, re.MULTILINE)
+    text = " ".join(found.group(1).split()) if found else ""
+    sentences = re.split(r"(?<=\.) ", text.replace("`", ""))
+    return next((one for one in sentences if not one.startswith("One of ")), "")
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:

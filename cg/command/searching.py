@@ -10,7 +10,7 @@ import click
 
 from cg.command.arguments import as_json, check_output, say
 from cg.command.main import NO
-from cg.command.search_options import arguments_of, construction_options, search_options
+from cg.command.search_options import arguments_of, options_of
 from cg.construction.catalogue import dumps, save
 from cg.construction.construct import Construction, construct
 from cg.construction.formats import export
@@ -21,7 +21,7 @@ from cg.support.progress import has_bars
 
 
 @click.command("search", short_help="Search for methods from random starts.")
-@search_options
+@options_of(search)
 def search_command(**options: Any) -> int:
     """Search for methods of an order from random starts.
 
@@ -48,7 +48,7 @@ def search_command(**options: Any) -> int:
 
 
 @click.command("construct", short_help="Construct one method of an order.")
-@construction_options
+@options_of(construct)
 def construct_command(**options: Any) -> int:
     """Construct one method by eliminating stages or flows.
 

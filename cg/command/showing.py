@@ -65,13 +65,13 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
         method = numbers_of(method, digits, None).rounded()
     drawing = _drawing(method, digits or _DIGITS)
     say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
-    lines = [
-        *_numbers(summary),
-        ("certificate", certificate or "none"),
-        ("source", visible(method.source)),
-    ]
-    width = max(len(label) for label, _ in lines)
-    for label, value in lines:
+    lines = {
+        **_numbers(summary),
+        "certificate": certificate or "none",
+        "source": visible(method.source),
+    }
+    width = max(map(len, lines))
+    for label, value in lines.items():
         say(f"  {label.ljust(width)}  {value}".rstrip())
     say("\n" + drawing)
     if listed:
@@ -104,32 +104,27 @@ def _drawing(method: Method, digits: int) -> str:
     return _tableau(method, digits)
 
 
-def _numbers(summary: MethodSummary) -> list[tuple[str, str]]:
-    order = f"{summary.order}" if summary.embedded_order is None else (
-        f"{summary.order}, of the second result {summary.embedded_order}"
-    )  # fmt: skip
-    flows = str(summary.flows)
+def _numbers(summary: MethodSummary) -> dict[str, str]:
+    order, flows = str(summary.order), str(summary.flows)
+    if summary.embedded_order is not None:
+        order += f", of the second result {summary.embedded_order}"
     if summary.pair_flows != summary.flows:
         flows += f", {summary.pair_flows} with the estimate"
-    stability = [
-        ("stable on the real axis", f"from 0 to -{_number(summary.real_stability, 'infinity')}"),
-        (
-            "stable on the imaginary axis",
-            f"from 0 to {_number(summary.imaginary_stability, 'infinity')}",
-        ),
-    ]
-    return [
-        ("order", order + (", up to a residual that is stored" if summary.approximate else "")),
-        ("evaluations", str(summary.evaluations)),
-        ("flows", flows),
-        ("principal error", _number(summary.principal_error, "unknown")),
-        *(
-            []
-            if summary.estimate_ratio is None
-            else [("error / estimate", f"at most {_number(summary.estimate_ratio, '')}")]
-        ),
-        *([("not computed", summary.not_computed)] if summary.not_computed else stability),
-    ]
+    lines = {
+        "order": order + ", up to a residual that is stored" * summary.approximate,
+        "evaluations": str(summary.evaluations),
+        "flows": flows,
+        "principal error": _number(summary.principal_error, "unknown"),
+    }
+    if summary.estimate_ratio is not None:
+        lines["error / estimate"] = f"at most {summary.estimate_ratio:.4g}"
+    if summary.not_computed:
+        return lines | {"not computed": summary.not_computed}
+    real, imaginary = summary.real_stability, summary.imaginary_stability
+    return lines | {
+        "stable on the real axis": f"from 0 to -{_number(real, 'infinity')}",
+        "stable on the imaginary axis": f"from 0 to {_number(imaginary, 'infinity')}",
+    }
 
 
 def _number(x: float | None, other: str) -> str:

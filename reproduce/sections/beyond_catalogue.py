@@ -18,17 +18,11 @@ from ..context import Context, Item
 from ..markdown import table as markdown_table
 
 _EXPLANATION = (
-    "Order: p(q) for a pair whose second weights have order q; ≈ if the conditions hold "
-    "approximately. Exponentials: flows per step, where flows that several rows share count once; "
-    "an implicit method repeats those of its stages. Principal error: 2-norm of the residuals of "
-    "order q + 1. Effort: exponentials times the q-th root of the principal error, which compares "
-    "methods of the same order at equal accuracy. Residual: the largest through the order, in "
-    "rational arithmetic. Rank: that of the Jacobian of the independent conditions, and their "
-    "number. These columns were computed in this run. The last column is read from the "
-    "certificates' files: the radius around the stored coefficients within which an exact method "
-    "was proved to exist, 0 if the coefficients are exact, and in part if this was proved for "
-    "independent conditions and the others were proved to be tiny. crouch-grossman certify --check "
-    "repeats the proofs."
+    "The columns are explained in docs/catalogue.md. They were computed in this run, except the "
+    "last one, which is read from the certificates' files: the radius around the stored "
+    "coefficients within which an exact method was proved to exist, and in part if this was proved "
+    "for independent conditions and the others were proved to be tiny. crouch-grossman certify "
+    "--check repeats the proofs."
 )
 
 
@@ -43,32 +37,18 @@ def compute(context: Context) -> Data:
 
 
 def _place(entry: Data) -> tuple[Any, ...]:
-    return (
-        not entry["explicit"],
-        entry["order"],
-        entry["embedded_order"] is not None,
-        entry["name"],
-    )
+    pair = entry["embedded_order"] is not None
+    return not entry["explicit"], entry["order"], pair, entry["name"]
 
 
 def describe(method: Method) -> dict[str, Any]:
-    """Return the properties of a method of the catalogue.
-
-    The keys are ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is
-    nominal), ``embedded_order`` (null without a second result), ``stages``, ``exponentials``,
-    ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and largest),
-    ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the order in
-    rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
-    ``certificate``: null or, from its file, ``radius`` (decimal text), ``complete``, and the number
-    of conditions ``left_out``.
-    """
+    """Return the properties of a method of the catalogue, those of `docs/catalogue.md`."""
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
     used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
     error, singular = method.principal_error, singular_values(method, method.order)
     return {
         "name": method.name,
-        "source": method.source,
         "explicit": method.explicit,
         "order": method.order,
         "approximate": method.approximate,
@@ -92,11 +72,7 @@ def _certificate(method: Method) -> Data | None:
     if method.name not in certificate_names():
         return None
     certificate = certificate_of(method)
-    return {
-        "radius": str(certificate.radius).lower(),
-        "left_out": len(certificate.left_out),
-        "complete": certificate.complete,
-    }
+    return {"radius": str(certificate.radius).lower(), "complete": certificate.complete}
 
 
 def present(data: Data) -> Sequence[Block]:
@@ -115,33 +91,24 @@ def table(data: Data) -> Table:
 
 
 def _row(entry: Data) -> list[str]:
-    order = number(entry["order"])
-    if entry["embedded_order"] is not None:
-        order += f"({entry['embedded_order']})"
-    if entry["approximate"]:
-        order = f"≈ {order}"
-    certificate = entry["certificate"]
-    low, high = (places(value, 2) for value in entry["abscissae"])
+    pair = "" if entry["embedded_order"] is None else f"({entry['embedded_order']})"
+    certificate, proved = entry["certificate"], number(None)
+    if certificate is not None:
+        radius = number(float(certificate["radius"]), 2)
+        proved = radius if certificate["complete"] else f"in part {radius}"
     return [
         entry["name"],
-        order,
+        f"{'≈ ' * entry['approximate']}{entry['order']}{pair}",
         number(entry["stages"]),
         number(entry["exponentials"]),
         number(entry["largest_coefficient"]),
-        f"{low} … {high}",
+        " … ".join(places(value, 2) for value in entry["abscissae"]),
         number(entry["principal_error"]),
         number(entry["effort"]),
         number(entry["largest_residual"], 1),
         f"{entry['rank']} of {entry['conditions']}",
-        _proved(certificate),
+        proved,
     ]
-
-
-def _proved(certificate: Data | None) -> str:
-    if certificate is None:
-        return number(None)
-    radius = number(float(certificate["radius"]), 2)
-    return radius if certificate["complete"] else f"in part {radius}"
 
 
 def markdown(shown: Table) -> str:

@@ -5,7 +5,6 @@ The distance is shown as the package integrates and, beside it, of the flows alo
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -152,16 +151,15 @@ def draw_errors(
     h: Sequence[float],
     errors: Mapping[str, Sequence[float]],
     references: Mapping[int, float],
-    styles: Mapping[str, Mapping[str, Any]] = LINES,
 ) -> None:
     """Plot errors against stepsizes, for each method an error for each of h.
 
     `references` has by order, at most three, where a reference line of that slope begins at the
-    first of h; `styles` has by method how its line looks.
+    first of h.
     """
     steps = np.array(h)
     for method, error in errors.items():
-        axes.plot(steps, error, label=method, **styles[method])
+        axes.plot(steps, error, label=method, **LINES[method])
     black = PALETTE["black"]
     for (order, begin), style in zip(references.items(), ("-", "--", ":"), strict=False):
         line = begin * (steps / steps[0]) ** order

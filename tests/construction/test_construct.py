@@ -1,6 +1,5 @@
 """Construction of methods along the solution set of the order conditions."""
 
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.construction.attempt import read_attempt, run_attempt
+from cg.construction.attempt import acceptable, random_candidate, run_attempt
 from cg.construction.candidate import (
     Candidate,
     NotExactError,
@@ -22,7 +21,6 @@ from cg.construction.eliminate import eliminate, eliminate_stage, walk
 from cg.construction.optimise import Goals, fewer_exponentials, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.construction.start import random_candidate
 
 exactly = partial(residuals, arithmetic="exact")
 
@@ -190,8 +188,7 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    entry = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).entry()
-    assert read_attempt(settings, entry).solved is useful
+    assert acceptable(settings, candidate) is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

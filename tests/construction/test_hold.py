@@ -69,9 +69,11 @@ def test_construct_keeps_held_values_and_the_interval_of_abscissae():
         cg.construct(5, 10, 1, hold=hold, structure=cg.Structure.STAGE_ORDER_TWO).method, hold
     )
     for shape in ({}, {"flows": 6}):
-        c = cg.construct(4, 5, seed=1, abscissae=(0, 0.95), **shape).method.c
-        assert c.min() >= 0
-        assert c.max() <= 0.95
+        method = cg.construct(4, 5, seed=1, abscissae=(0, 0.95), **shape).method
+        assert method.c.min() >= 0
+        assert method.c.max() <= 0.95
+        best = cg.construct(4, 5, seed=1, minimise="principal_error", **shape).method
+        assert best.principal_error < 0.9 * method.principal_error
 
 
 @pytest.mark.parametrize(

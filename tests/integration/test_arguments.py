@@ -230,7 +230,7 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"common_steps": "yes"}, TypeError, "common_steps must be"),
     ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
     ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),
-    ({"executor": "fast"}, ValueError, "executor must be 'threads'"),
+    ({"executor": "fast"}, ValueError, "executor must be 'processes' or an executor"),
     ({"workers": 0}, ValueError, "workers must be at least 1"),
     ({"executor": "processes", "f": lambda t, *y: [0, 0, 0]}, TypeError, "f, frame.*pickled"),
     ({**FORWARD, "out": np.zeros(4)}, ValueError, "out must be None with derivatives"),

@@ -84,7 +84,6 @@ def admitted(program: Program) -> Program:
         nonlocal program
         program = replace(program, **changes) if condition else program
 
-    change(True, callers=tuple(callers))
     change(not frame.compiled, compiled="")
     change("in_jax" in callers, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
     change("in_jax" in callers, arrays="", linear=False)
@@ -106,6 +105,8 @@ def admitted(program: Program) -> Program:
     change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")
     change(program.derivatives == "adjoint", events=(), output=program.output or None)
+    if program.derivatives == "adjoint":
+        callers = [caller for caller in callers if caller not in ("members", "processes")]
     inputs = program.inputs
     if abs(program.length) < 1e-3 or program.derivatives or callers or not frame.compiled:  # slow
         inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in inputs)
@@ -123,7 +124,9 @@ def admitted(program: Program) -> Program:
     finite = program.steps or inputs or program.length == 0
     endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
-    return replace(program, events=tuple(events), inputs=inputs, endless=endless)
+    return replace(
+        program, events=tuple(events), inputs=inputs, endless=endless, callers=tuple(callers)
+    )
 
 
 def simpler(record: Any) -> Iterator[Any]:

@@ -5,8 +5,8 @@ import pytest
 
 import cg
 from cg import conditions
+from cg.construction.search.settings import default_start
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.construction.start import default_start
 from cg.construction.trees.ordered import OrderedTree
 
 

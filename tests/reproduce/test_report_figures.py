@@ -11,7 +11,7 @@ from cg.integration import integrate
 from cg.problems import HeavyTop
 from cg.reproduce import top
 from cg.reproduce.blocks import Chart, Table
-from cg.reproduce.sections import beyond_order, fig4_1, fig4_2, fig4_2_quad, search
+from cg.reproduce.sections import fig4_1, fig4_2, fig4_2_quad, search
 from cg.reproduce.style import LINES
 
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
@@ -184,29 +184,6 @@ def test_figure_4_2_in_quad():
         *(f"order {q}" for q in (4, 5, 6)),
         "roundoff of double",
     }
-
-
-def test_figure_beyond_the_paper():
-    h = [2.0**-k for k in range(2, 9)]
-    orders = {"CG6a": 6, "CG6b": 6, "CG7a": 7}
-    runs = quad_runs(h, orders)
-    for name, run in runs.items():
-        run |= {"order": orders[name], "approximate": name == "CG6a", "stages": 9, "decades": 3.0}
-    part = {"reference_error": 1e-40, "methods": runs}
-    data = {"near": 0.1, "readings": {"momentum": part}}
-    figure = drawn(charts(beyond_order.present(data))["beyond-order-momentum"])
-    left, right = figure.axes
-    check_methods(figure, left, h, {name: run["error"] for name, run in runs.items()})
-    for order in (6, 7):
-        assert slope(curves(left)[f"order {order}"]) == pytest.approx(order)
-    levels = [line.get_ydata()[0] for line in right.get_lines() if len(line.get_xdata()) == 2]
-    assert levels == [6, 7]
-    slopes = [line for line in right.get_lines() if len(line.get_xdata()) == len(h) - 1]
-    for line, (name, run) in zip(slopes, runs.items(), strict=True):
-        assert list(line.get_ydata()) == run["local"]
-        assert look(line) == legend(figure)[name]
-        np.testing.assert_allclose(line.get_xdata(), [2.0 ** -(k + 0.5) for k in range(2, 8)])
-    assert right.get_xscale() == "log"
 
 
 def test_figure_of_a_search():
