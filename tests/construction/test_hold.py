@@ -76,12 +76,6 @@ def test_construct_keeps_held_values_and_the_interval_of_abscissae():
         assert best.principal_error < 0.9 * method.principal_error
 
 
-def test_stores_keep_held_values(tmp_path):
-    hold, path = {"a[2,1]": "1/3", "c[4]": "2/3"}, tmp_path / "runs.jsonl"
-    first, again = (cg.search(3, 4, 20, hold=hold, store=path) for _ in range(2))
-    assert first.methods == again.methods
-
-
 @pytest.mark.parametrize(
     ("hold", "message"),
     [
@@ -99,17 +93,3 @@ def test_stores_keep_held_values(tmp_path):
 def test_impossible_values_are_refused(hold, message):
     with pytest.raises((TypeError, ValueError), match=f"hold.*{message}"):
         cg.search(4, 5, hold=hold)
-
-
-@pytest.mark.parametrize(
-    ("function", "options"),
-    [
-        (cg.search, {"algorithm": "lmdif"}),
-        (cg.search, {"flows": 6}),
-        (cg.construct, {"flows": 6}),
-        (cg.construct, {"first_stages": 6}),
-    ],
-)
-def test_options_that_holding_excludes(function, options):
-    with pytest.raises(ValueError, match="hold"):
-        function(4, 5, hold={"a[2,1]": 1}, **options)

@@ -1,9 +1,7 @@
 """Exported steps are bitwise equal to those of `cg.integrate`."""
 
-import math
 import subprocess
 import sys
-from fractions import Fraction
 
 import heisenberg
 import numpy as np
@@ -132,7 +130,6 @@ def check_c(names, folder):
     agree(output_of(folder / "program", folder=folder), names)
 
 
-GROWTH = sum(Fraction(1, 8**k * math.factorial(k)) for k in range(5))
 """What a step of size 1/8 of a method of order four with four stages multiplies by, y' = y."""
 
 
@@ -203,34 +200,6 @@ def test_frames_without_flows_in_c():
         cg.export("CF4", "python", frame=E)
     with pytest.raises(TypeError, match="frame must be a Frame"):
         cg.export("CF4", "c", frame="SO3")
-
-
-def test_long_double_in_c(tmp_path):
-    (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
-    program = """
-#define CF4_REAL long double
-#define CF4_NUMBER(x) x##L
-#define CF4_MATH(function) function##l
-#include <stdio.h>
-#include "cf4.h"
-static int field(long double t, const long double *y, long double *f, void *data)
-{ (void)t; (void)data; f[0] = y[0]; return 0; }
-static int flow(const long double *v, long double *y, void *data)
-{ (void)data; y[0] += v[0]; return 0; }
-int main(void)
-{
-    long double y[1] = {1.0L}, work[CF4_WORK(1, 1)];
-    if (cf4_step(field, flow, 0, 1, 1, 0.0L, 0.125L, y, work)) return 1;
-    printf("%.25Lf\\n", y[0]);
-    return 0;
-}
-"""
-    (tmp_path / "program.c").write_text(program, encoding="utf-8")
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
-    output_of("gcc", *flags, "program.c", "-o", "program", folder=tmp_path)
-    assert abs(
-        Fraction(output_of(tmp_path / "program", folder=tmp_path).strip()) - GROWTH
-    ) < Fraction(4 * float(np.finfo(np.longdouble).eps))
 
 
 @pytest.mark.parametrize("names", [SOME, *slow(ALL)], ids=["some", "all"])

@@ -50,12 +50,6 @@ int stops(double t, const double *y, double *f, void *user_data)
     return t > 0.5 || y[0] > 0.5 ? 7 : 0;
 }
 
-int turns_nan(double t, const double *y, double *f, void *user_data)
-{
-    (void)y, (void)user_data;
-    f[0] = t > 0.5 ? NAN : 1.0;
-    return 0;
-}
 
 int writes_nothing(double t, const double *y, double *f, void *user_data)
 {

@@ -162,23 +162,6 @@ def test_f_may_integrate_itself():
     np.testing.assert_array_equal(solution, cg.integrate(rates, (0.0, 0.25), Y0, **OPTIONS).y)
 
 
-@pytest.mark.parametrize("count", [0, 1, 32, 33, 1000])
-@pytest.mark.parametrize("method", ["auto", "CG3"])
-@pytest.mark.parametrize("frame", [Euclidean(1), SU(2)])
-def test_any_number_of_further_arguments(frame, method, count):
-    def f(t, y, *args):
-        assert args == tuple(range(count))
-        return np.zeros(frame.dim)
-
-    point = frame.random_point(np.random.default_rng(3), ())
-    options = {"h": 0.5} if method == "CG3" else {}
-    solution = cg.solve_ivp(
-        f, (0, 1), point, frame=frame, method=method, args=range(count), **options
-    )
-    assert solution.success
-    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize(("frame", "y0", "value", "hint"), [
     (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.vee\(matrix\)"),
     (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),

@@ -5,7 +5,6 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from refusals import refuses
 from strategies import rationals, tableaux
 
@@ -48,13 +47,6 @@ class TestCoefficient:
         if unit is not None:
             assert read.unit == unit
 
-    @given(st.one_of(rationals, st.floats(allow_nan=False, allow_infinity=False)))
-    def test_text_round_trip(self, number):
-        read = Coefficient.read(number)
-        assert read.value == Fraction(number)
-        assert Coefficient.read(read.text) == read
-        assert Coefficient.read(read) is read
-
     @pytest.mark.parametrize(
         "number",
         ["", "x", "1/0", "1/2/3", "nan", "-inf", "1_0", "٣", "0.1.2", "1e", ".", "0.5/2", None,
@@ -91,10 +83,6 @@ class TestDerived:
         row = ["0.1", "0.2", "0.3"]
         method = Tableau([[], [0], [0, 0], row], [1, 0, 0, 0])
         assert method.c[3] == 0.6 != 0.1 + 0.2 + 0.3
-
-    def test_ragged_rows(self):
-        full = Tableau([[0, 0], ["1/2", 0]], [0, 1])
-        assert full == Tableau([[], ["1/2"]], [0, 1]) == Tableau([[0], ["1/2", 0]], [0, 1])
 
     def test_arrays_as_input(self):
         method = Tableau(np.array([[0, 0], [0.5, 0]]), np.array([0, 1]), explicit=True)
@@ -164,9 +152,6 @@ class TestOrder:
         assert MIDPOINT.largest_residual() == 0
         assert MIDPOINT.largest_residual(3) == pytest.approx(1 / 6)
 
-    def test_huge_coefficients(self):
-        assert Tableau([[], [1e200]], [1 - 1e-200, 1e300]).order == 0
-
 
 class TestNominalOrder:
     def make(self, **nominal):
@@ -205,22 +190,6 @@ class TestPairs:
         refuses(TableauError, "b_embedded must", Tableau, [[], ["1/2"]], [0, 1], b_embedded=[1])
 
 
-class TestImmutability:
-    def test_input_is_copied(self):
-        a, b = [[0, 0], [0.5, 0]], np.array([0.0, 1.0])
-        method = Tableau(a, b)
-        a[1][0], b[0] = 3, 4
-        assert method == MIDPOINT
-
-    def test_equality_is_by_coefficients(self):
-        other = Tableau([[0, 0], [0.5, 0.0]], [0.0, 1.0], name="another")
-        assert other == MIDPOINT
-        assert hash(other) == hash(MIDPOINT)
-        assert len({other, MIDPOINT}) == 1
-        assert Tableau([[], ["1/3"]], [0, 1]) != MIDPOINT
-        assert MIDPOINT != "midpoint"
-
-
 class TestBadInput:
     @pytest.mark.parametrize(("a", "b", "message"), [
         ([[]], [], "b must have at least one entry"),
@@ -244,11 +213,6 @@ class TestBadInput:
     def test_explicit_argument(self, a, message):
         refuses(TableauError, re.escape(message), Tableau, a, [0, 1], explicit=True)
         assert not Tableau(a, [0, 1]).explicit
-
-    def test_labels_of_two_digit_indices(self):
-        a = [[0] * 11 for _ in range(11)]
-        a[0][10] = 1
-        refuses(TableauError, "a_1,11 = 1", Tableau, a, [1] * 11, explicit=True)
 
     def test_names(self):
         refuses(TableauError, "name must", Tableau, [[]], [1], name=3)
