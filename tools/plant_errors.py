@@ -34,7 +34,7 @@ CHANGES = [  # what is changed to what
     (r"\.not\. ", ""), (r"\bnot ", ""), (r"\bmin\(", "max("), (r"\bmax\(", "min("),
     (r"\b0\.5\b", "0.4"), (r"\b1\b", "2"), (r"\b2\b", "3"), (r"\babs\(", "("), (r"\b0\b", "1"),
 ]  # fmt: skip
-_SECONDS = 1800.0  # of a run of tests that doesn't end
+_SECONDS = 1800.0  # limit of a run of tests that doesn't end
 _FORTRAN_ONLY = {" == ": " /= "}
 _PLAIN = re.compile(r"\s*(#|!|\"|'|from |import |use |@|def |class |raise|[\w, ]+::)")
 

@@ -28,7 +28,7 @@ from cg.construction.search.shapes import layout_of_fields, start_generator
 from cg.construction.settings import ConstructionSettings
 from cg.construction.start import random_candidate
 
-_MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
+_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs; equal stages give both results one order
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import cg
 from cg.frames import SO3, Euclidean, Product, Sphere
 
 END = 2.0
-POINTS = [1.25, 0.75]  # of breakpoints; END minus them is exact
+POINTS = [1.25, 0.75]  # breakpoints; END minus them is exact
 TIMES = np.array([2.0, 1.9, 1.25, 1.0, 0.75, 0.31, 0.0])
 WAYS = [{"method": "CF5(4)", "rtol": 1e-9, "atol": 1e-9}, {"method": "CG4a", "h": 0.02},
         {"method": "RKMK5(4)", "rtol": 1e-9, "atol": 1e-9}]  # fmt: skip
