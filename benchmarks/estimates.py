@@ -46,7 +46,7 @@ _COSTS = {
 RATIO = "error / estimate"
 _QUANTILES = ("median", "90 % below", "largest")
 _BLIND = 1e6  # largest ratio of a pair that sees all jumps
-_ROUNDING = 1e-12  # of nodes
+_ROUNDING = 1e-12  # distance of nodes that count as equal
 _ALIKE = 1.1  # costs up to this multiple of the least count as equal
 
 TITLE = "Error estimates"

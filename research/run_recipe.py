@@ -21,8 +21,8 @@ import cg
 from cg.construction.methods.method import Method
 
 FOLDER = files("cg.construction.catalogue")
-MARGIN = 1.5  # of principal errors: minima are local, and goals differ
-ROUNDING = Fraction(1, 10**30)  # of the sums of rows, which are rational
+MARGIN = 1.5  # factor of principal errors: minima are local, and goals differ
+ROUNDING = Fraction(1, 10**30)  # error of the sums of rows, which are rational
 
 
 def recipes() -> dict[str, Any]:

@@ -27,7 +27,7 @@ from cg.reproduce.markdown import replace_between, table
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
-STEP = Fraction(1, 10**30)  # of differences
+STEP = Fraction(1, 10**30)  # step of differences
 ENOUGH = Fraction(1, 10**60)
 RANK_CUT = 1e-7  # singular values below this fraction of the largest count as zero
 ZERO = Fraction(1, 10**55)  # what is below counts as zero where residuals are exact

@@ -24,7 +24,7 @@ from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _DIGITS = 6  # printed by default
-_MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
+_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 
 @click.command("show", short_help="Show all data of one method.")

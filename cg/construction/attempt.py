@@ -28,7 +28,7 @@ from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
 from cg.construction.solvers.system import ConditionSystem, Structure
 
-_MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
+_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs; equal stages give both results one order
 _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 

@@ -9,7 +9,7 @@ from cg.construction.drop import drop_stage, fixed_entries
 from cg.construction.solvers.system import Structure
 from cg.support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
 
-_LAST_FRACTION = 1e-2  # of the column; below it the next step goes to zero
+_LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3
 _MAX_COLUMNS = 3  # number of columns to try from one candidate
 _BUDGET = 1000  # steps of the solver to eliminate one stage

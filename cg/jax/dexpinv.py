@@ -25,7 +25,7 @@ from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
 from cg.jax.rules import Dexpinv, cross, dot, linear
 
-_RADIUS = (2.0 * math.pi) ** 2  # of the series of dexpinv, squared
+_RADIUS = (2.0 * math.pi) ** 2  # radius of the series of dexpinv, squared
 _COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
 _POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
 

@@ -37,7 +37,7 @@ class _State(eqx.Module):
     """What the next step needs of those before."""
 
     first: JaxArray  # coefficients at its start
-    before: Before | None  # of Magnus methods
+    before: Before | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
 
 

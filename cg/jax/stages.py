@@ -101,7 +101,7 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
     again, in fewer kernels than it takes to store what their derivatives need.
     """
     record, rules, f, h, y0 = table.record, start.rules, start.f, start.h, start.y0
-    # of stages in paths and in error estimates, after the start of the step
+    # weights of stages in paths and in error estimates, after the start of the step
     rows = [np.zeros((1, table.columns)), *(flows for _, flows in table.paths), table.errors]
     weights = jnp.asarray(np.concatenate(rows), h.dtype)
     nodes = jnp.asarray(table.c, h.dtype)

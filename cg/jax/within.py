@@ -20,7 +20,7 @@ from cg.jax.stages import Stages, Start
 from cg.support.caches import cached
 from cg.tables import MethodTable, basis_polynomials
 
-_ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first
+_ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from cg.plot.style import FAINT, axes_for, check_label, curve_style
 from cg.support.arrays import real_array
 from cg.support.checks import check_real
 
-_MAX_RATIO = 300.0  # of the ends of an axis whose ticks 2 and 5 are labelled too
+_MAX_RATIO = 300.0  # ratio of the ends of an axis whose ticks 2 and 5 are labelled too
 
 
 def convergence(

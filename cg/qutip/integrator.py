@@ -16,7 +16,7 @@ from cg.frames.linear_action import LinearAction
 from cg.integration.ivp import solve_linear
 from cg.qutip.arrays import times_of_arrays
 
-_ROUNDING = 1e-14  # of entries of generators, relative to the largest one
+_ROUNDING = 1e-14  # error of entries of generators, relative to the largest one
 
 
 class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types

@@ -65,7 +65,7 @@ def count_workers(executor: ExecutorLike, workers: int | None) -> int:
         number = getattr(executor, name, None)
         if isinstance(number, int) and number > 0:
             return number
-    client = getattr(executor, "_client", None)  # of Dask
+    client = getattr(executor, "_client", None)  # Dask's client
     return available_cores() if client is None else max(1, int(sum(client.ncores().values())))
 
 

@@ -34,7 +34,7 @@ class Stopped(BaseException):
 
 
 class _Worker(threading.local):
-    stop_flag: StopFlag | None = None  # of the pool of this thread
+    stop_flag: StopFlag | None = None  # flag of this thread's pool
 
 
 _worker = _Worker()

@@ -28,7 +28,7 @@ MAX_WRITTEN = 4000
 """Largest number of digits to write: Python writes integers of up to 4300 digits by default."""
 
 _PRECISION = 113
-_MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
+_MIN_EXPONENT = -16494  # exponent of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
 _MAX_DIGITS = 100_000
 _MAX_PLACES = 100  # with more decimal places numbers are written with an exponent

@@ -37,8 +37,8 @@ class Stop(IntEnum):
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
-    NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
-    NEEDS_MAXIMUM = 22  # of an error over them
+    NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
+    NEEDS_MAXIMUM = 22  # largest error of them
     BUFFER_FULL = 23  # the caller must empty the output arrays
 
 
@@ -81,18 +81,18 @@ class Operation(IntEnum):
     FIELDS = 9  # coefficients at points of several members
     EVENT = 10
     JUMP = 11
-    JACOBIAN = 12  # of the right-hand side, for Newton's method
+    JACOBIAN = 12  # derivatives of f, for Newton's method
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
-    BRACKET = 2  # of two fields
-    COEFFICIENTS = 16  # of a derivative of a point, and the length of what no field has of it
+    BRACKET = 2  # bracket of two fields
+    COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
 
 
 class BlockOption(IntEnum):
     """Options of a block, which add up."""
 
     SPACE_AXES = 1  # v acts from the left, not in body axes
-    SCALAR_FIRST = 2  # of a quaternion
+    SCALAR_FIRST = 2  # order of a quaternion's entries
     POLYNOMIAL = 4  # the flows of a path are the coefficients of a polynomial in time
 
 
@@ -124,7 +124,7 @@ class FailedFunction(IntEnum):
     F = 0
     JAC = 1
     DF_DP = 2
-    PRODUCTS = 3  # of what the functions returned
+    PRODUCTS = 3  # products of what the functions returned
     NOISE = 4
 
 

@@ -11,7 +11,7 @@ RECORD = {
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
     "unique_flows": "integer",  # whether small coefficients determine the end of their flow
-    "jacobian": "integer",  # of f, a `JacobianKind`
+    "jacobian": "integer",  # a `JacobianKind`, of f
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments
@@ -37,7 +37,7 @@ RECORD = {
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",  # the smallest relative tolerance
-    "tolerance_count": "integer",  # of `rtols`, and of `atol`
+    "tolerance_count": "integer",  # length of `rtols` and `atol`
     "rtols": "address",  # one, or one for each coordinate or entry
     "atol": "address",
     "in_coordinates": "integer",  # whether differences of points are in coordinates, not in entries
@@ -53,10 +53,10 @@ RECORD = {
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
-    "residual": "real",  # of the stage equations in the last iteration of a single trajectory
+    "residual": "real",  # that of stage equations in the last iteration of a single trajectory
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
-    # of each member
+    # one entry for each member
     "states": "address",  # its point (at first the initial one), its time, the time of a failure
     "counters": "address",  # `COUNTERS`
     # points at output times
@@ -116,9 +116,9 @@ METHOD = {
     "third": "integer",
     "final_stage": "integer",
     "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
-    "power": "integer",  # of the quotient of two error estimates
-    "factor": "real",  # of the second estimate in that quotient
-    "blocks": "integer",  # of stages that an implicit method solves together
+    "power": "integer",  # exponent of the quotient of two error estimates
+    "factor": "real",  # factor of the second estimate in that quotient
+    "blocks": "integer",  # groups of stages that an implicit method solves together
     "polynomial": "integer",  # whether the flows of a path are one along a polynomial
 }
 """A method as paths of flows."""
@@ -158,7 +158,7 @@ VARIATION = {
     "df_dp_data": "address",
     "noise": "address",  # spectral density; without a function its data are the matrix
     "noise_data": "address",
-    "data": "address",  # of functions without data of their own, if there are no parameters
+    "data": "address",  # data for functions without data of their own, if there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",
     "width": "integer",  # doubles of a point without its derivatives
@@ -169,7 +169,7 @@ VARIATION = {
     "constants": "integer",
     "index": "address",
     "constant": "address",
-    "step": "real",  # of differences, relative
+    "step": "real",  # step of differences, relative
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
     "failed_function": "integer",  # the last one, a `FailedFunction`

@@ -30,7 +30,7 @@ class Kind(StrEnum):
     ALGEBRA = "algebra"  # explicit stages, by coordinates in the Lie algebra
     IMPLICIT = "implicit"  # stages that are solved for, by flows
     COLLOCATION = "collocation"  # all stages solved together, by coordinates
-    LINEAR = "linear"  # of linear equations, whose coefficients depend on time alone
+    LINEAR = "linear"  # for linear equations, whose coefficients depend on time alone
     SPLITTING = "splitting"  # kicks and drifts of mechanical systems
 
 

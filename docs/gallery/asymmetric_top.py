@@ -13,7 +13,7 @@ import numpy as np
 from cg.frames import SO3, PhaseSpace
 
 WEIGHT, CENTRE = 1.2, (0.1, 0.2, 0.9)
-TURN = 3.5  # of the top about its own axis
+TURN = 3.5  # rate of the top about its own axis
 
 frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
 y0 = frame.join(SO3().flow([0.4, 0.2, 0.0], np.eye(3)), [0.3, 0.4, 4.0])

@@ -35,10 +35,10 @@ from cg.frames import SO3, Euclidean, Product, Sphere
 Array = NDArray[np.float64]
 
 INERTIA = np.array([1.0, 1.25, 0.75])  # about the fixed point (kg m^2)
-BODY_MASS, MASS = 1.0, 0.5  # of the body and of the pendulum (kg)
+BODY_MASS, MASS = 1.0, 0.5  # masses of the body and of the pendulum (kg)
 CENTRE = np.array([0.125, 0.0, -0.5])  # (m)
 JOINT = np.array([0.25, 0.125, -1.0])  # (m)
-LENGTH = 0.75  # of the rod (m)
+LENGTH = 0.75  # length of the rod (m)
 GRAVITY = 9.81  # along -e_3 (m/s^2)
 
 frame = Product(SO3(), Sphere(2), Euclidean(6))

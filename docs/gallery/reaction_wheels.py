@@ -29,7 +29,7 @@ from cg.frames import Euclidean, Product, UnitQuaternion
 Array = NDArray[np.float64]
 
 INERTIA = (1.0, 1.5, 2.0)  # principal moments, without those of the wheels about their axes (kg m²)
-STIFFNESS, DAMPING = 2.0, 2.0  # of the feedback: k_p (N m) and k_d (N m s)
+STIFFNESS, DAMPING = 2.0, 2.0  # gains of the feedback: k_p (N m) and k_d (N m s)
 
 frame = Product(UnitQuaternion(), Euclidean(6))
 attitude = np.array([0.5, -0.25, 0.75, 0.125])

@@ -31,8 +31,8 @@ from cg.frames import SO3, Euclidean, Product
 
 Array = NDArray[np.float64]
 
-RATE = 2.0  # of the table (rad/s)
-RADIUS = 0.5  # of the ball (m)
+RATE = 2.0  # rate of the table (rad/s)
+RADIUS = 0.5  # radius of the ball (m)
 
 frame = Product(SO3("space"), Euclidean(5))
 y0 = frame.join(np.eye(3), [0.5, -1.0, 1.5, 1.0, 0.25])

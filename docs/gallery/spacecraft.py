@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 INERTIA = (1.0, 1.5, 2.0)  # principal moments (kg m²)
 ORBIT_RATE = 1.0  # n (rad/s)
-STIFFNESS, DAMPING = 1.0, 1.0  # of the control: k_p (N m) and k_d (N m s)
+STIFFNESS, DAMPING = 1.0, 1.0  # gains of the control: k_p (N m) and k_d (N m s)
 
 frame = Product(UnitQuaternion(), Euclidean(3))
 attitude = np.array([0.25, -0.125, 0.5, 1.0])

@@ -28,7 +28,7 @@ class Lemma:
     """A polynomial that is zero at all flat methods of the order."""
 
     polynomial: str
-    factors: Mapping[str, str]  # of flat conditions, by tree, and of lemmas before
+    factors: Mapping[str, str]  # factors of flat conditions, by tree, and of lemmas before
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Claim:
     """That no method of a shape has an order: one is a combination of its conditions."""
 
     shape: str  # as for `read_shape`
-    factors: Mapping[str, str]  # of conditions, by their trees, and of lemmas
+    factors: Mapping[str, str]  # factors of conditions, by their trees, and of lemmas
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Proof:
     """Claims about methods of one order, and lemmas that they share."""
 
     order: int
-    stages: int  # of the tableaux and trees of points that claims are about, 0 if none are
+    stages: int  # number in tableaux and trees of points that claims are about, 0 if none are
     lemmas: tuple[Lemma, ...]
     claims: tuple[Claim, ...]
 

@@ -10,7 +10,7 @@ import cg
 from cg.construction.conditions import MAX_ORDER
 
 NAN, HUGE = float("nan"), 10**30
-CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))  # of six stages
+CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))  # six stages
 CLASSICAL = cg.methods["RKMK4"].tableau
 
 

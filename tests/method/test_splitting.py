@@ -78,13 +78,13 @@ def test_an_order_that_needs_the_kinetic_energy_has_words_that_fail():
     residuals = splitting_residuals(method.drifts, method.kicks, 6)
     wrong = {w for w, r in zip(splitting_words(6), residuals, strict=True) if abs(r) > 1e-12}
     assert {len(word) for word in wrong} == {5, 6}
-    assert (0, 1, 1, 1, 1) in wrong  # of [V, [V, [V, [V, T]]]], which is zero
+    assert (0, 1, 1, 1, 1) in wrong  # condition of [V, [V, [V, [V, T]]]], which is zero
     assert cg.Splitting(method.kicks, method.drifts[1:-1]).order == 4  # T and V exchanged
 
 
 @pytest.mark.parametrize(("name", "order"), [("DICG4", 4), ("DICG4c", 4), ("DICG6", 6)])
 def test_composed_leapfrogs_have_their_order_for_all_flows(name, order):
-    gammas = cg.methods[name].b  # of midpoint steps
+    gammas = cg.methods[name].b  # lengths of midpoint steps
     kicks = (np.append(gammas, 0) + np.append(0, gammas)) / 2
     method = cg.Splitting([0, *gammas, 0], kicks)
     assert (method.order, method.nystrom) == (order, False)

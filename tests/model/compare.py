@@ -89,7 +89,7 @@ class Case:
     program: Program
     names: dict[str, Any]
     path: Path
-    bound: float = 0.0  # of points
+    bound: float = 0.0  # largest distance of points
     solution: Any = None
 
     def run(self, code: str) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def flattening(n=60):
 
     def integral(x):
         total, factor = arb(0), arb(1)
-        for k in range(n + 1):  # of (1 - x²)^n
+        for k in range(n + 1):  # derivatives of (1 - x²)^n
             total = total + factor * x ** (2 * k + 1) / (2 * k + 1)
             factor = -factor * (n - k) / (k + 1)
         return x - total

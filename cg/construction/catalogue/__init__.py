@@ -120,7 +120,7 @@ class Catalogue(Mapping[str, Method]):
 methods = Catalogue(files(__name__))
 """All methods, by name."""
 
-_LOBATTO_NODES = 9  # of interpolation on LinearAction; more save few evaluations and no products
+_LOBATTO_NODES = 9  # nodes on LinearAction; more save few evaluations and no products
 _STIFF = "RadauIIA5 is the one here for stiff equations"
 _ELSEWHERE = {
     "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",

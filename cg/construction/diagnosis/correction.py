@@ -29,7 +29,7 @@ from cg.support.shared_numbers import ConditionOwner
 _MAX_ORDER = 8  # sought; more takes long
 _LARGEST = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
-_ROUNDING = 1e-30  # of residuals in real(16), relative to their sensitivity to coefficients
+_ROUNDING = 1e-30  # error of residuals in real(16), relative to their sensitivity to coefficients
 _MAX_STEPS = 12
 _MAX_DENOMINATOR = 10**6
 
@@ -174,7 +174,7 @@ class _Conditions:
 
 def _step(column: NDArray[np.float64], residuals: NDArray[np.float64]) -> float:
     """Return the step of one unknown that reduces the residuals the most."""
-    with np.errstate(all="ignore"):  # of huge coefficients
+    with np.errstate(all="ignore"):  # huge coefficients overflow
         step = -float(column @ residuals / (column @ column))
     return step if isfinite(step) else 0.0
 

@@ -15,11 +15,11 @@ class Language:
 
     template: str
     mark: str  # begins a comment
-    tables: Callable[[Program, Mapping[str, list[str]]], str]  # of a program and its integers
-    pair: Parts  # of methods with a second result
-    error: Parts  # of methods with errors in the algebra,
+    tables: Callable[[Program, Mapping[str, list[str]]], str]  # as text
+    pair: Parts  # text for methods with a second result
+    error: Parts  # text for methods with errors in the algebra,
     remarks: Mapping[int, str]  # and the part ``remark``, by the number of errors
-    algebra: Parts  # of methods that work in the algebra,
+    algebra: Parts  # text for methods that work in the algebra,
     manifold: Parts = field(default_factory=dict)  # and of others: by default empty texts
 
     def write(self, program: Program) -> str:

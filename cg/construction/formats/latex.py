@@ -12,9 +12,9 @@ from cg.support.quads import to_decimal
 _MAX_WIDTH = 110
 """Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""
 
-_MAX_ROWS = 40  # of a table that stays on one page
+_MAX_ROWS = 40  # longest table that stays on one page
 
-_MAX_BITS = 10_000  # of an integer that is written; Python's limit is 4300 decimal digits
+_MAX_BITS = 10_000  # longest integer that is written; Python's limit is 4300 decimal digits
 
 _SHORT = 6  # digits in notebooks
 

@@ -40,7 +40,7 @@ class Program:
     result: int  # slot of the result; for a pair, of the result of higher order
     second: int | None  # slot of the other result, if the error is the distance of the results
     errors: tuple[tuple[str, ...], ...]  # weights of the stages in errors in the algebra
-    lower_order: int | None  # of the less accurate result of a pair
+    lower_order: int | None  # order of the less accurate result of a pair
     on_algebra: bool  # whether dexp⁻¹ makes derivatives of coordinates of the fields at stages
 
     @property

@@ -73,7 +73,7 @@ class Layout:
     a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a pair.
     """
 
-    parents: tuple[int, ...]  # of each point; `START` for the initial point
+    parents: tuple[int, ...]  # parent of each point; `START` for the initial point
     weights: tuple[tuple[int, ...], ...]  # increasing stages, from 0, of each point's weights
     stage_points: tuple[int, ...]
     results: tuple[int, ...]  # point of the result, and of the second result of a pair

@@ -22,7 +22,7 @@ from cg.support.quads import DECIMAL_DIGITS, to_decimal
 _BITS = 400
 _GRID = 10**80
 _BELOW = Fraction(1, 10**60)
-_CLOSE, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # of rational numbers
+_CLOSE, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
 _GAP = 1e-10
 """Singular values below this fraction of the largest count as zero."""
 

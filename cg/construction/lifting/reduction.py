@@ -21,7 +21,7 @@ _MIN_FURTHER = 6
 
 _GAP = 1e-9  # singular values below this fraction of the largest count as zero
 _MAX_STEPS = 100
-_MIN_GAIN = 1e-3  # of the squared principal error, in one step
+_MIN_GAIN = 1e-3  # decrease of the squared principal error, in one step
 _MAX_TRIALS = 14
 _CORRECTIONS = 40
 _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau

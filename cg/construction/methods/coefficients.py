@@ -25,7 +25,7 @@ MIN_ROUNDED_PLACES = 8
 _QUAD_UNIT = Fraction(1, 2**112)
 
 _DOUBLE_DIGITS = 17  # decimal digits that distinguish all doubles
-_PRINTED_UNIT = Fraction(1, 2**52)  # of a decimal that may be a printed double
+_PRINTED_UNIT = Fraction(1, 2**52)  # uncertainty of a decimal that may be a printed double
 
 _RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
 _DECIMAL = re.compile(

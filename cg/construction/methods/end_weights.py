@@ -33,9 +33,9 @@ from cg.support.caches import cached
 Matrix = NDArray[np.float64]
 
 _AT_END = 1e-9  # nodes nearer to the end are at the end
-_ROUNDING = 1e-10  # of singular values and of the weight at the end
-_SHARE = Fraction(1, 5)  # of the largest error of a jump after the last node
-_SIZE = 1 / 3  # of `kink_weights`, compared with the weights of the third estimate
+_ROUNDING = 1e-10  # error of singular values and of the weight at the end
+_SHARE = Fraction(1, 5)  # part of the largest error of a jump after the last node
+_SIZE = 1 / 3  # size of `kink_weights`, compared with the weights of the third estimate
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class EndWeights:
     """Combinations of values at stages and at the result, where their weights are 1."""
 
     rows: tuple[tuple[Fraction, ...], ...]  # one combination or two, that of higher order first
-    factor: Fraction  # of the estimate: a fifth of the time after the last node
+    factor: Fraction  # factor of the estimate: a fifth of the time after the last node
 
 
 @cached

@@ -48,9 +48,9 @@ By perturbations at the nodes, in place of the powers of the nodes, and by angle
 MAX_RATIO = 10.0
 """Largest ratio of error to estimate of a pair whose estimate can be relied on."""
 
-_MAX_TURN = 6.0  # of Munthe-Kaas methods: dexp⁻¹ exists below 2π
-_POWERS = range(1, 5)  # of the perturbation
-_STEP = 0.025  # of angles
+_MAX_TURN = 6.0  # largest angle of Munthe-Kaas methods: dexp⁻¹ exists below 2π
+_POWERS = range(1, 5)  # powers of time in the perturbation
+_STEP = 0.025  # step between angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
 _ROUNDING = 1e-11
 _DOP853_FACTOR = 0.1

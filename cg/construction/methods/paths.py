@@ -40,7 +40,7 @@ from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
 from cg.support.caches import cached
 
-_ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
+_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
@@ -82,7 +82,7 @@ class MethodPaths:
     # a second result they are those of the second estimate, or those of `end_weights`, where the
     # end of the step is a stage more. Those of `kink_weights` are the last but one.
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[Fraction, ...] = ()  # of a collocation method, those of `transformation`
+    transformation: tuple[Fraction, ...] = ()  # numbers of `transformation`, of collocation
     third: int = 0  # the path to a third result, for a second estimate of the error, or 0
     # The exponent of the quotient of two error estimates, see `error_power`, 0 if the larger one
     # counts; and the factor of the second one in it, by default that of DOP853.
@@ -94,8 +94,8 @@ class MethodPaths:
     # Weights of both sides of brackets, on stages and earlier brackets. Flows and errors have
     # weights on brackets after those on stages.
     brackets: Brackets = ()
-    blocks: int = 0  # of stages of an implicit method that are solved one after the other
-    drifts: tuple[Fraction, ...] = ()  # of a splitting method, after each flow, which is a kick
+    blocks: int = 0  # groups of implicit stages that are solved one after the other
+    drifts: tuple[Fraction, ...] = ()  # after each kick of splitting methods
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -250,7 +250,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     nodes = _abscissae(method)
     if not 3 <= len(set(nodes)) == len(nodes):
         return None
-    coefficients = []  # of Lagrange's polynomials, by powers of s = 2θ - 1
+    coefficients = []  # those of Lagrange's polynomials, by powers of s = 2θ - 1
     for k, node in enumerate(nodes):
         row = [Fraction(1)]
         for other in nodes[:k] + nodes[k + 1 :]:

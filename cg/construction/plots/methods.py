@@ -11,9 +11,9 @@ from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
 from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
 
-_MAX_TERMS = 12  # of all flows together; with more, the weights of flows aren't written
-_SIZE, _MIN_SIZE = 10.0, 7.0  # of the font of tableaux
-_RISE = 0.3  # of the first child above its parent; another branch is 1 above
+_MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
+_SIZE, _MIN_SIZE = 10.0, 7.0  # sizes of the font of tableaux
+_RISE = 0.3  # height of the first child above its parent; another branch is 1 above
 
 
 def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:

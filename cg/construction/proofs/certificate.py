@@ -76,7 +76,7 @@ class Box:
     radius: Decimal  # 0 for rational methods, which satisfy the conditions themselves
     fixed: tuple[str, ...]  # names of the coefficients that are held, such as a_3,1
     left_out: tuple[Condition, ...] = ()  # independent conditions that aren't equations of the zero
-    bound: Decimal | None = None  # of their residuals; None if they follow by orthogonality
+    bound: Decimal | None = None  # bound of their residuals; None if they follow by orthogonality
 
     def __post_init__(self) -> None:
         _check_decimal(self.radius)

@@ -43,7 +43,7 @@ def certificate_of(method: Method) -> Certificate:
         raise CertificationError(f"{name} has no certificate")
     if isinstance(path, Path):
         return Certificate.load(path)
-    # of a package that isn't a folder
+    # the package isn't a folder
     return Certificate.loads(path.read_text(encoding="utf-8"))
 
 

@@ -97,7 +97,7 @@ def krawczyk(
     if not correction.is_finite():
         return infinite
     if radius is None:
-        # of two decimal digits, so that certificates state it exactly
+        # round to two decimal digits, so that certificates state it exactly
         radius = flint.arb(f"{2.2 * float(correction) or 1e-300:.1e}")
     box = list(y)
     for k in columns:

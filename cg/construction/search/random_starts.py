@@ -24,7 +24,7 @@ class RandomStart:
     double: Phase
     quad: Phase | None  # None if `double` ended above `refine_below`
     x: tuple[str, ...]  # packed coefficients, 36 digits
-    largest_residual: float  # of all order conditions in real(16)
+    largest_residual: float  # over all order conditions, in real(16)
     exact: bool  # whether that is rounding error
 
     @property

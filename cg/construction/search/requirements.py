@@ -14,9 +14,9 @@ from cg.support.checks import check_interval, check_real
 
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
-_WEIGHT = 30.0  # of violated bounds, beside a principal error of weight 1
+_WEIGHT = 30.0  # weight of violated bounds, beside a principal error of weight 1
 _MARGIN = 0.01  # by which penalties start before the bounds, relative
-_ROUNDING = 1e-9  # of abscissae and coefficients that are at their bounds
+_ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
 
 
 @dataclass(frozen=True)

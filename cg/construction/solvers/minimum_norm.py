@@ -97,7 +97,7 @@ def fit_minimum_norm(
     """Call the compiled solver; `movable`, intc (k,), are the unknowns that may move, from 1."""
     m, n, k = trees.size, layout.size, movable.size
     solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
-    accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
+    accurate = m * (2 * k + m)  # numbers of the QR factorisation, with a transposed copy
     needed = derivatives_bytes(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, described("the fit", order, layout)):
         results: tuple[Any, ...] = _core_r64.fit_minimum_norm(

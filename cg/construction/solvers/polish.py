@@ -21,7 +21,7 @@ from cg.support.arrays import check_finite, real_array
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
 _GRID = 10**60
-_RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
+_RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 20
 
 

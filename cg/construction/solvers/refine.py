@@ -17,7 +17,7 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.parallel import raise_if_stopped
 
-_RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
+_RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
 
 

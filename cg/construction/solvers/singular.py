@@ -22,11 +22,11 @@ from cg.construction.solvers.system import ConditionSystem
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_RANK_TOLERANCE = 1e-11  # of the largest singular value; rounding leaves 1e-15
+_RANK_TOLERANCE = 1e-11  # part of the largest singular value; rounding leaves 1e-15
 _FAR = 1e-4  # sum of squares above which Newton steps aren't tried
 
 _FTOL = 1e-27  # sum of squares to reach
-_RENEWALS = 4  # of the Jacobian in `retract`
+_RENEWALS = 4  # evaluations of the Jacobian in `retract`
 _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction

@@ -76,8 +76,8 @@ class Pairing:
 
     contexts: list[Context]
     columns: list[Column]
-    left: list[Vector]  # of each context; exactly zero where it is for all coefficients
-    right: list[Vector]  # of each column
+    left: list[Vector]  # vector of each context; exactly zero where it is for all coefficients
+    right: list[Vector]  # vector of each column
 
     def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
         """Return the rows and words whose weights add up to the product of two vectors."""
@@ -238,8 +238,8 @@ def _moments_of(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector
     flow to point m this is ``s v_m - s_m V``, with s and the sum V of v at its start, and its own
     s_m: the products of what s and v gain on the flow itself cancel.
     """
-    ends: list[Any] = []  # of each flow: s at its end
-    after: list[Any] = []  # of each flow: V at its end
+    ends: list[Any] = []  # s at the end of each flow
+    after: list[Any] = []  # V at the end of each flow
     moments_of_flows: list[Any] = []
     for m, parent in enumerate(layout.parents):
         step = sum((y[k] for k, _ in _terms(layout, m)), flint.arb(0))
