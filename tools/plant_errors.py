@@ -46,23 +46,22 @@ _UNSWITCHED = ("__init__.py", "tables.py", "ordered.py", "wrap.py")  # the build
 _CASES, _TRIES = 5, 2
 
 SWITCH = {
-    "cg/_planted.py": '''"""Which error acts."""
+    "cg/_planted.py": '''"""Which errors act."""
 
-NUMBER = -1
-PASSED = set()
+ACTIVE, PASSED = set(), set()
 
 
 def _acts(number):
     """Return whether an error acts, and note that it is passed."""
     PASSED.add(number)
-    return number == NUMBER
+    return number in ACTIVE
 ''',
     "fortran/support/planting.c": """__attribute__((visibility("default"))) char cg_passed[4096];
-__attribute__((visibility("default"))) int cg_number = -1;
+__attribute__((visibility("default"))) char cg_active[4096];
 int cg_planted(int k)
 {
     cg_passed[k] = 1;
-    return k == cg_number;
+    return cg_active[k];
 }
 """,
     "fortran/support/planting.f90": """module planting
@@ -257,16 +256,18 @@ def plant(errors: list[Error]) -> None:
 
 
 class Watcher:
-    """Runs each test alone, then again with each error that it passes and none has seen."""
+    """Runs each test alone, then with the errors that it passes and none has seen."""
 
     def __init__(self, share: int, shares: int) -> None:
         from cg import _core_r64, _planted
 
         self.share, self.shares, self.python = share, shares, _planted
         library = ctypes.CDLL(_core_r64.__file__)
-        self.compiled = (ctypes.c_char * 4096).in_dll(library, "cg_passed")
-        self.number = ctypes.c_int.in_dll(library, "cg_number")
-        self.results = TREE / "seen.jsonl"
+        numbers = ctypes.c_char * 4096
+        self.passed, self.active = (
+            numbers.in_dll(library, f"cg_{n}") for n in ("passed", "active")
+        )
+        self.results, self.tried = TREE / "seen.jsonl", Counter[str]()
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Run the tests in a mixed order, so that whatever time there is says something."""
@@ -274,21 +275,26 @@ class Watcher:
         random.Random(0).shuffle(items)
         drawn: Counter[str] = Counter()
         items = [item for item in items if self.counted(drawn, item) <= _CASES]
-        tried: Counter[str] = Counter()
         for item in items[self.share :: self.shares]:
-            passed, seconds = self.run(item, -1, 60.0)
-            if not isinstance(passed, list):
-                self.note([item.nodeid, -1, passed, seconds])
-                continue
-            seen = {line[1] for line in self.lines()}
-            self.note([item.nodeid, -2, passed, seconds])
-            for k in sorted(set(passed) - seen):
-                if self.counted(tried, item, k) > _TRIES:
-                    continue
-                outcome, _ = self.run(item, k, 5.0 + 8.0 * seconds)
-                if not isinstance(outcome, list):
-                    self.note([item.nodeid, k, outcome, seconds])
+            passed, seconds = self.run(item, [], 60.0)
+            self.note([item.nodeid, -2 if isinstance(passed, list) else -1, passed, seconds])
+            if isinstance(passed, list):
+                left = set(passed) - {line[1] for line in self.lines()}
+                left = {k for k in left if self.counted(self.tried, item, k) <= _TRIES}
+                self.search(item, sorted(left), 5.0 + 8.0 * seconds)
         return True
+
+    def search(self, item: pytest.Item, errors: list[int], limit: float) -> None:
+        """Note which of some errors a test sees: all of them act, then halves if it fails."""
+        outcome = self.run(item, errors, limit)[0] if errors else []
+        if isinstance(outcome, list):
+            return
+        if len(errors) == 1:
+            self.note([item.nodeid, errors[0], outcome, limit])
+            return
+        half = len(errors) // 2
+        self.search(item, errors[:half], limit)
+        self.search(item, errors[half:], limit)
 
     @staticmethod
     def counted(count: Counter[str], item: pytest.Item, k: int = -1) -> int:
@@ -307,17 +313,19 @@ class Watcher:
         with self.results.open("a") as file:
             file.write(json.dumps(line) + "\n")
 
-    def run(self, item: pytest.Item, k: int, limit: float) -> tuple[list[int] | str, float]:
-        """Run a test in a child with an error; return what it passes, or how it fails."""
+    def run(self, item: pytest.Item, errors: list[int], limit: float) -> tuple[object, float]:
+        """Run a test in a child with errors; return what it passes, or how it fails."""
         ahead, behind = os.pipe()
         child = os.fork()
         if child == 0:
             os.close(ahead)
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
-            self.python.NUMBER, self.number.value = k, k
+            self.python.ACTIVE.update(errors)
+            for k in errors:
+                self.active[k] = 1
             reports = runtestprotocol(item, nextitem=None, log=False)
             failed = [r for r in reports if r.failed]
-            passed = self.python.PASSED | {i for i, flag in enumerate(self.compiled.raw) if flag}
+            passed = self.python.PASSED | {i for i, flag in enumerate(self.passed.raw) if flag}
             result = str(failed[0].longrepr)[-300:] if failed else sorted(passed)
             with os.fdopen(behind, "w") as file:
                 json.dump([result, time.process_time()], file)

@@ -128,11 +128,3 @@ def test_equations_at_random_coefficients_have_the_exact_residuals(name):
         found = [(e.lhs - e.rhs).subs(values) for e in equations]
         exact = exactly(layout, x, order=3, independent=independent)
         assert list(map(str, found)) == list(map(str, exact))
-
-
-@pytest.mark.parametrize("name", ["RKMK4", "RadauIIA5", "Leapfrog", "CFM4"])
-def test_methods_with_other_conditions_have_no_equations(name):
-    pytest.importorskip("sympy")
-    refuses(
-        TypeError, "method must be a number of stages", conditions.equations, cg.methods[name], 2
-    )

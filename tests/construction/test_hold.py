@@ -8,7 +8,6 @@ import pytest
 import crouch_grossman as cg
 from cg.construction.layouts.layout import Layout
 from cg.construction.solvers.held import read_hold
-from cg.construction.solvers.system import ConditionSystem
 
 SHAPES = {
     "explicit": ({"order": 3, "stages": 4, "starts": 20}, Layout.tableau(4)),
@@ -51,15 +50,6 @@ def test_methods_keep_held_values(shape):
             assert_held(method, hold)
             solved += 1
     assert solved >= 6
-
-
-def test_derivatives_are_those_along_what_is_held():
-    layout, random = Layout.tableau(5), np.random.default_rng(3)
-    for _ in range(5):
-        system = ConditionSystem(4, layout, hold=read_hold(random_hold(layout, random)))
-        x, step = random.standard_normal((2, layout.size))
-        quotient = (system.residual(x + 1e-6 * step) - system.residual(x - 1e-6 * step)) / 2e-6
-        np.testing.assert_allclose(system.jacobian(x) @ step, quotient, rtol=1e-6, atol=1e-7)
 
 
 def test_construct_keeps_held_values_and_the_interval_of_abscissae():

@@ -86,13 +86,6 @@ class TestSplitRows:
         assert tree.flat_row(tree.result) == rows.result
         assert tree.flat_row(tree.embedded_result) == rows.embedded
 
-    def test_directions_preserve_sums(self):
-        _, splitting = self.splitting()
-        x = splitting.from_unknowns(np.linspace(-1, 1, splitting.movable.size))
-        moved = x + splitting.directions @ np.linspace(1, 2, splitting.movable.size)
-        np.testing.assert_allclose(splitting.nearest(moved), moved, atol=1e-13)
-        assert np.linalg.norm(splitting.nearest(moved + 1e-3) - moved) > 1e-4
-
     def test_jacobian(self):
         _, splitting = self.splitting(3)
         size = splitting.movable.size
@@ -115,11 +108,6 @@ class TestLift:
         assert lifted.largest_residual < 1e-33
         assert lifted.flows == method.exponentials
         assert method.name == tableau.name
-
-    def test_fewer_flows_by_merging(self):
-        whole, merged = (cg.lift(FEHLBERG, reduce=reduce) for reduce in (False, True))
-        assert merged.flows < whole.flows
-        assert merged.method.order == whole.method.order == 5
 
     def test_chains(self):
         lifted = cg.lift(CLASSICAL, chains=[1, 1, 2, 2], reduce=False)

@@ -80,16 +80,6 @@ class TestDigits:
         with pytest.raises(cg.CertificationError):
             cg.export(cg.methods["CG5d"], "json", digits=50, certificate=certificate)
 
-    def test_rejects_more_digits_than_known(self):
-        with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):
-            cg.export("CG6a", "c", digits=50)
-        assert loads(cg.export("CG3", "json", digits=3000)) == cg.methods["CG3"]
-
-    @pytest.mark.parametrize("digits", [0, -1, 4001])
-    def test_rejects_digits_out_of_range(self, digits):
-        refuses(ValueError, "digits must", cg.export, "CG3", "c", digits=digits)
-        refuses(TypeError, "digits must", cg.export, "CG3", "c", digits=3.5)
-
 
 def test_rejects():
     with pytest.raises(ValueError, match=r"format must be one of json, toml, .*, got 'excel'"):

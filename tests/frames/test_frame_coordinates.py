@@ -31,18 +31,6 @@ def test_local_coordinates_broadcast_and_check_shapes(frame):
     refuses(ValueError, "y1 must", frame.local_coordinates, y0, np.append(y0, 1.0))
 
 
-@every_frame
-def test_nonfinite_points_do_not_affect_the_batch(frame):
-    rng = np.random.default_rng(74)
-    y0 = frame.random_point(rng, (2,))
-    y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
-    alone = frame.local_coordinates(y0[1], y1[1])
-    y1[0].flat[0] = np.nan
-    coordinates = frame.local_coordinates(y0, y1)
-    assert np.isnan(coordinates[0]).any()
-    np.testing.assert_allclose(coordinates[1], alone, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("frame", [
     fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
     fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),

@@ -177,15 +177,6 @@ def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
     np.testing.assert_allclose(found, v, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("u", [[np.inf, 0.2, 0.3], [1e200, 0.2, 0.3], [np.nan, 0.2, 0.3]])
-def test_overflowing_brackets_do_not_count_as_commuting(u):
-    """Beyond a full turn dexp⁻¹ exists only for commuting coefficients."""
-    with np.errstate(all="ignore"):
-        assert np.isnan(SO3().dexpinv(u, [0.1, 0.2, 0.3])).all()
-        frame = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
-        assert np.isnan(frame.dexpinv([u[0], 0.2], [0.2, 0.1], order=4)).all()
-
-
 @pytest.mark.parametrize(("frame", "y", "projects"), [
     (SO3(), 2.0 * np.eye(3), True),
     (UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),

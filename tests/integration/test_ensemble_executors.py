@@ -195,26 +195,6 @@ def test_blas_has_one_thread(workers):
     assert counts == {1}
 
 
-class UnusualError(Exception):
-    """Can be pickled, but not unpickled."""
-
-    def __init__(self, first, second):
-        super().__init__(f"{first} and {second}")
-
-
-def unusual(t, y):
-    raise UnusualError("one", "two")
-
-
-def test_messages_of_errors_that_cannot_be_pickled():
-    """The parent process takes a worker that sends such an error for dead."""
-    y0 = np.zeros((2, 1))
-    with pytest.raises(RuntimeError, match=r"test_ensemble_executors\.UnusualError: one and two"):
-        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)
-    with pytest.raises(UnusualError, match="one and two"):
-        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, workers=1)
-
-
 class TestCompiledFunction:
     def test_it_travels(self, path):
         f = cg.CompiledFunction(path, "limited", [1.0, math.pi])

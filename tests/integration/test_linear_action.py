@@ -66,13 +66,6 @@ class TestLinearAction:
         with pytest.raises(cg.frames.FlowOverflowError, match=r"\|v\| = 1e\+20"):
             overflowing.flow([1e20, 1e20], np.ones(2))
 
-    def test_products_with_other_frames_measured_by_entries(self):
-        action = LinearAction(list(self.DENSE))
-        pair, y = cg.frames.Power(action, 2), self.RNG.standard_normal((2, 6))
-        a = np.array([0.3, -0.2, 0.5])
-        run = cg.solve_linear(lambda t: np.tile(a, 2), (0, 1), y, frame=pair, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(run.y[-1], action.flow(a, y), rtol=0, atol=1e-9)
-
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("columns", [1, 4])
     def test_columns_move_like_vectors(self, factor, columns):
@@ -207,15 +200,6 @@ class TestPolynomialFlows:
         norm = 20 * np.linalg.norm(generators[0] + 0.5 * generators[1], 2)
         assert counts[0] < counts[1] < 12 * norm
         assert counts[0] < 6.5 * norm
-
-    @pytest.mark.parametrize("scale", [1.0, 10.0])
-    def test_steps_whose_coefficients_vary_most_at_their_ends(self, scale):
-        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
-        run = cg.solve_linear(
-            lambda t: [scale * (2 * t - 1) ** 8], (0, 1), [1.0, 0.0], frame=frame, h=1.0
-        )
-        exact = [np.cos(scale / 9), -np.sin(scale / 9)]
-        np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-14)
 
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])

@@ -4,7 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
-from mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
+from mechanics import INERTIA, MATRIX, SPLITTINGS, system
 from quotients import jacobian
 from scipy import LowLevelCallable
 
@@ -22,7 +22,6 @@ SYSTEMS = [
     system(Power(Product(Euclidean(3), UnitQuaternion()), 3), (MATRIX, INERTIA)),
     system(Product(Sphere(2), SU(3), Power(SO3(), 2))),
 ]  # fmt: skip
-NAMES = [repr(each.frame.configuration) for each in SYSTEMS]
 DRIFT_FIRST = [name for name in SPLITTINGS if cg.methods[name].drifts[0]]
 
 
@@ -39,23 +38,6 @@ def test_slopes_are_orders(problem, method):
     errors = [error(problem.run(method, span, h=span[1] / n), exact) for n in (coarse, 2 * coarse)]
     assert errors[1] > 1e-13  # more than rounding
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.2
-
-
-@pytest.mark.parametrize("problem", SYSTEMS, ids=NAMES)
-def test_ordinary_and_splitting_methods_agree_and_steps_can_be_undone(problem):
-    exact = problem.reference()
-    assert np.ptp(problem.energy(exact.y)) < 1e-11 * (1 + abs(problem.energy(exact.y[0])))
-    run = problem.run("BlanesMoan6", h=0.05)
-    assert error(run, exact) < 1e-9
-    back = problem.run("BlanesMoan6", (1.0, 0.0), y0=run.y[-1], h=0.05)
-    assert np.abs(back.y[-1] - problem.y0).max() < 1e-12
-
-
-@pytest.mark.parametrize("method", ORDINARY)
-def test_all_methods_solve_the_full_equations(method):
-    order, exact = cg.methods[method].order, TOP.reference()
-    errors = [error(TOP.run(method, h=1 / n), exact) for n in (12, 24)]
-    assert errors[1] < max(2.0 ** (0.4 - order) * errors[0], 1e-12)
 
 
 def poisson(frame, y):

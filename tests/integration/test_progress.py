@@ -80,18 +80,3 @@ class TestDatasets:
             "steps": 4, "nrejected": 0, "status": 0, "message": run.message, "h": 0.25,
         }  # fmt: skip
         assert_array_equal(data.y.sel(t=0.5), run.y[2])
-
-    def test_of_derivatives(self):
-        options = {"frame": FRAME, "parameters": [[1.0, 2.0]] * 2, "P0": np.eye(3)}
-        run = cg.solve_variational_ensemble(
-            lambda t, y, p: [0.0, p[0], p[1]], (0, 1), np.stack([np.eye(3)] * 2), **options
-        )
-        axes = {"transition": "initial_coordinate", "sensitivity": "parameter"}
-        assert run.to_xarray().y.dims == ("t", "member", "row", "column")
-        points = cg.solve_ivp(lambda t, y: y, (0, 1), [1.0, 2.0], frame=cg.frames.Euclidean(2))
-        assert points.to_xarray().y.dims == ("t", "component")
-        for name, last in (axes | {"covariance": "other_coordinate"}).items():
-            for result, members in ((run, ("member",)), (run[1], ())):
-                variable = result.to_xarray()[name]
-                assert variable.dims == ("t", *members, "coordinate", last)
-                assert_array_equal(variable, getattr(result, name))

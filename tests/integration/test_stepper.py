@@ -12,13 +12,9 @@ from scipy import LowLevelCallable
 from turning import OPTIONS, turning
 
 import cg
-from cg.frames import GL, SO3, Euclidean
+from cg.frames import SO3, Euclidean
 
 METHODS = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DICG3(2)"]
-
-
-def shearing(t, y):
-    return [0.1, 0.3 * np.sin(t), 0.2 * y[0, 0], -0.1]
 
 
 def taken(stepper):
@@ -136,25 +132,6 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
     np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_equal_steps_go_on_from_any_time(direction):
-    """Also from one that lies far from the first, and with the same times in a copy."""
-    bound = {} if direction > 0.0 else {"t_bound": -1.8e9}
-    stepper = cg.Stepper(shearing, 0.0, np.eye(2), frame=GL(2), method="CF4", h=1e-3, **bound)
-    stepper.restart(t=direction * 1.7e9)
-    stepper.step()
-    assert stepper.t == direction * (1.7e9 + 1e-3)
-    stepper.restart(t=0.1)
-    other = stepper
-    for _ in range(20):
-        other = copy.copy(other)
-        stepper.dense_output() if stepper.t_old is not None else None
-        stepper.step()
-        other.step()
-        assert (other.t, other.t_old) == (stepper.t, stepper.t_old)
-    assert_array_equal(other.y, stepper.y)
 
 
 def test_equal_steps_that_the_time_cannot_resolve_are_refused():

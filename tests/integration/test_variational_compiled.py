@@ -5,7 +5,6 @@ import ctypes
 import numpy as np
 import pytest
 from compiled_examples import DOUBLES
-from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, Euclidean, Product, Stiefel
@@ -54,17 +53,6 @@ def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
     agree(solve({"f": functions["f"]}), expected, 1e-9)
     agree(solve(functions | {"jac": None}), expected, 1e-9)
     agree(solve(functions | {"df_dp": None}), expected, 1e-9)
-
-
-def test_user_data_without_parameters(functions, function):
-    """Without parameters all compiled functions receive the data of f."""
-    data = P.copy()
-    top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
-    solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)
-    agree_all = solve(functions)
-    found, expected = solution.transition[-1], agree_all.transition[-1]
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
-    assert solution.sensitivity is None
 
 
 @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
@@ -139,10 +127,3 @@ class TestFailures:
         other.restype, other.argtypes = ctypes.c_double, [ctypes.c_double]
         with pytest.raises(ValueError, match=f"^{name} must have the signature 'int"):
             solve(functions | {name: other})
-
-    def test_many_points_at_a_time(self, functions):
-        with pytest.raises(ValueError, match="vectorized must be False for a compiled jac"):
-            cg.solve_variational_ensemble(
-                lambda t, y, p: np.zeros((len(t), 6)), SPAN, Y0, parameters=P[None],
-                jac=functions["jac"], vectorized=True, **GIVEN,
-            )  # fmt: skip

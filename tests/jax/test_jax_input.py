@@ -84,15 +84,6 @@ class TestRefusals:
         with pytest.raises(ValueError, match=r"got a tuple; cg.jax.join makes one of its parts"):
             solve(ours, cg.jax.Solver("CF4"), both, h=0.1)
 
-    def test_adjoints(self):
-        def cost(y0):
-            return solve(
-                self.ours(), cg.jax.Solver("CF4"), y0, h=0.1, adjoint=diffrax.BacksolveAdjoint()
-            ).ys[-1, 0]
-
-        with pytest.raises(NotImplementedError, match="must not be BacksolveAdjoint"):
-            jax.grad(cost)(jnp.asarray(point(fr.UnitQuaternion())))
-
     @pytest.mark.parametrize("frame", [fr.SO3(), fr.Euclidean(2)], ids=repr)
     def test_implicit_adjoints(self, frame):
         """They are refused on manifolds, and give derivatives of steady states in vector spaces."""

@@ -30,22 +30,6 @@ class TestTransforms:
         options = {"max_steps": self.STEPS, "adjoint": adjoint, "args": inertia}
         return solve(ours, solver, y0, end=2.0, rtol=1e-12, **options).ys[-1]
 
-    def test_gradients(self):
-        inertia, y0 = jnp.asarray(INERTIA), jnp.asarray(START)
-        both = jax.grad(lambda i, y: self.end(i, y)[0], argnums=(0, 1))
-        by_inertia, by_point = jax.jit(both)(inertia, y0)
-        forward = jax.jit(jax.jacfwd(lambda i: self.end(i, adjoint=diffrax.ForwardMode())[0]))
-        np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
-        frame = ATTITUDE_AND_VELOCITY
-        numbers = np.concatenate([cg.jax.cotangent(frame, y0, by_point), by_inertia])
-        variational = cg.solve_variational(
-            body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12, parameters=INERTIA,
-            control_derivatives=True,
-        )  # fmt: skip
-        tangents = np.hstack([variational.transition[-1], variational.sensitivity[-1]]).T
-        expected = [frame.field(tangent, variational.y[-1])[0] for tangent in tangents]
-        np.testing.assert_allclose(numbers, expected, rtol=0.0, atol=1e-9)
-
     @pytest.mark.parametrize(("frame", "name"), [
         (fr.UnitQuaternion(), "CF4(3)"),
         *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),

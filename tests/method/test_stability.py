@@ -32,13 +32,6 @@ def test_taylor_polynomials(order, real, imaginary):
     assert limits.imaginary == pytest.approx(imaginary, abs=1e-9)
 
 
-def test_rounded_coefficients_do_not_end_the_interval_at_the_origin():
-    """The polynomial of CG4c is Taylor's of degree four, up to rounding."""
-    limits = stability_limits(cg.methods["CG4c"])
-    assert limits.real == pytest.approx(2.7852935634, abs=1e-9)
-    assert limits.imaginary == pytest.approx(math.sqrt(8), abs=1e-9)
-
-
 def test_implicit_methods():
     midpoint = stability_limits(cg.methods["ImplicitMidpoint"])
     assert (midpoint.real, midpoint.imaginary) == (math.inf, math.inf)

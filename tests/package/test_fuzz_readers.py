@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.construction.catalogue import dumps, loads
+from cg.construction.catalogue import dumps
 from cg.construction.proofs import Certificate, CertificationError, certificate_of
 
 MANY = int(os.environ.get("CG_FUZZ", "1"))
@@ -67,18 +67,6 @@ def reads(reader, text, error):
         message = str(caught)
     assert message
     return None
-
-
-@settings(max_examples=150 * MANY)
-@given(spoilt(METHODS) | st.text(max_size=60))
-@example("")
-@example("{" * 2000)
-@example("[" * 2000)
-@example('{"a": [], "b": []}')
-def test_methods(text):
-    method = reads(loads, text, cg.MethodError)
-    if method is not None:
-        assert loads(dumps(method)) == method
 
 
 @settings(max_examples=150 * MANY)

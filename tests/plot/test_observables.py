@@ -41,16 +41,3 @@ VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
 def test_bloch_vectors(y):
     line = cg.plot.bloch(y).lines[0]
     np.testing.assert_allclose(np.transpose(line.get_data_3d()), VECTORS, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    "draw", ["attitude", "bloch", "trajectory_of_axes", "trajectory_on_sphere", "invariants"]
-)
-def test_solutions_without_points_are_refused(draw):
-    run = cg.solve_ivp(
-        lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=cg.frames.SO3(),
-        observe=lambda t, y: y[0, 0], store="observed",
-    )  # fmt: skip
-    further = [{"entry": lambda y: y[:, 0, 0]}] if draw == "invariants" else []
-    with pytest.raises(ValueError, match=r"must have points, .* store="):
-        getattr(cg.plot, draw)(run, *further)

@@ -40,14 +40,6 @@ def test_matplotlib_is_imported_lazily():
     assert run.stdout == "False\n"
 
 
-def test_returns_given_or_new_axes(ax):
-    assert cg.plot.tree("[]", ax) is ax
-    other = cg.plot.tree("[]")
-    assert other is not ax
-    assert other.figure is not ax.figure
-    assert cg.plot.trajectory_on_sphere(np.eye(3)).name == "3d"
-
-
 class TestTrees:
     def test_nodes_and_edges(self, ax):
         cg.plot.tree("[[][[]]]", ax)
@@ -119,12 +111,6 @@ class TestErrors:
         labels = [tick.get_text() for tick in ax.get_xticklabels()]
         assert "0.1" in labels
         assert "0.2" in labels
-
-    def test_work_precision(self, ax):
-        cg.plot.work_precision([30, 10], [1e-6, 0.0], ax, unit="seconds")
-        np.testing.assert_array_equal(ax.lines[0].get_xydata(), [[30.0, 1e-6]])
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("seconds", "error")
-        assert ax.get_legend() is None
 
 
 class TestTrajectories:
@@ -227,10 +213,6 @@ class TestAttitude:
         np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
         assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
         assert ax.get_yscale() == "log"
-
-    def test_rejects_a_frame_without_rotations(self, ax):
-        run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
-        refuses(ValueError, "y must", cg.plot.attitude, run, ax)
 
     def test_error_to_a_constant_attitude(self, ax):
         run = cg.solve_ivp(
