@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 from frame_examples import FRAMES
+from frame_examples import name as frame_name
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -193,7 +194,7 @@ def derivative(t, y, *rest):
     return BODY.field(coefficients(t, y, *rest), y)
 
 
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize("frame", FRAMES, ids=frame_name)
 def test_every_frame_takes_derivatives(frame):
     rng = np.random.default_rng(4)
     y0 = frame.random_point(rng)
