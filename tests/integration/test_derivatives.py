@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frame_examples import FRAMES
+from frame_examples import name as frame_name
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -133,7 +134,7 @@ def derivative(t, y, *rest):
     return BODY.field(coefficients(t, y, *rest), y)
 
 
-@pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
+@pytest.mark.parametrize("frame", FRAMES, ids=frame_name)
 def test_every_frame_takes_derivatives(frame):
     rng = np.random.default_rng(4)
     y0 = frame.random_point(rng)
