@@ -33,6 +33,10 @@ class Display:
 
     def finish(self, item: Item, seconds: float) -> None:
         """Report that an item is finished."""
+        self.close()
+        print(f"{self._places[item.name]}: {seconds:.1f} s", file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """End the line of the bar."""
         if self._bar is not None:
             self._bar.close()
-        print(f"{self._places[item.name]}: {seconds:.1f} s", file=self._stream, flush=True)

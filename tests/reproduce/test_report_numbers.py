@@ -98,8 +98,6 @@ def test_rotations_are_orthogonal_to_rounding():
     (["--workers", "0"], "--workers"),
     (["--workers", "1.5"], "--workers"),
     (["--frequency"], "--frequency"),
-    (["--minutes", "-1"], "--minutes"),
-    (["--minutes", "nan"], "--minutes"),
     (["--only", "fig9.9"], "fig9.9"),
 ])  # fmt: skip
 def test_rejects_wrong_arguments(arguments, named, capsys):
