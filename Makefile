@@ -51,12 +51,9 @@ test-checks:
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
 	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow and not no_core" $(ARGS)
 
-# the core with the address and undefined-behaviour sanitizers, which use memory themselves, so that
-# tests of memory use are left out
-MEASURED := method/test_low_storage.py::TestMemory
+# the core with the address and undefined-behaviour sanitizers
 test-sanitize: build $(ALL_PEERS)
-	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" \
-		--deselect=tests/$(MEASURED) $(ARGS)
+	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" $(ARGS)
 
 # the tests with the oldest versions that pyproject.toml admits, without the packages to compare with;
 # old packages may cause deprecation warnings
@@ -81,11 +78,13 @@ catalogue: build
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
 
-# plants errors one at a time in a clone, and says which of them the tests see
+# plants errors in a clone, and says which of them the tests see
+PLANTED := $(CURDIR)/build/planted
 mutants: build
-	test -d build/planted || git clone --quiet . build/planted
-	$(MAKE) --directory build/planted --silent build
-	$(PY) tools/plant_errors.py --tree build/planted $(ARGS)
+	test -f $(PLANTED)/errors.json || $(PY) tools/plant_errors.py plant $(ARGS)
+	$(MAKE) --directory $(PLANTED) --silent build
+	cd $(PLANTED) && .venv/bin/python $(CURDIR)/tools/plant_errors.py see
+	$(PY) tools/plant_errors.py show
 
 lint: build
 	$(VENV)/bin/ruff check .

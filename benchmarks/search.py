@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from cg.construction.conditions import unknowns
 from cg.construction.search.random_search import search
-from cg.construction.search.settings import SearchSettings
+from cg.construction.search.settings import Settings
 from cg.construction.search.start import run_start
 
 from .record import Result, Row
@@ -83,9 +83,9 @@ def contestants(order: int, stages: int) -> dict[str, Contestant]:
         order, stages, 1, _SEED, algorithm="lmdif", width=fast.width, maxfev=1, workers=1
     ).settings
     evaluations = 200 * (unknowns(stages, slow.rows) + 1)
-    slow = SearchSettings(**{**vars(slow), "maxfev": evaluations})
+    slow = Settings(**{**vars(slow), "maxfev": evaluations})
     return {"minimum-norm": _contestant(fast), "lmdif": _contestant(slow)}
 
 
-def _contestant(settings: SearchSettings) -> Contestant:
+def _contestant(settings: Settings) -> Contestant:
     return Contestant(lambda index: run_start(settings, index).exact)

@@ -19,7 +19,6 @@ from .construction.search.random_search import search
 from .construction.solvers.lmdif import lmdif
 from .construction.solvers.system import Structure
 from .integration import (
-    Adjoint,
     CompiledFunction,
     ConvergenceError,
     DenseOutput,
@@ -37,6 +36,7 @@ from .integration import (
     solve_variational,
     solve_variational_ensemble,
 )
+from .integration.derivatives.adjoint import Adjoint
 from .support.quads import MissingQuadsError
 
 __all__ = [

@@ -7,12 +7,15 @@ from cg.support.progress import has_bars, make_bar
 
 from .context import Item, Progress
 
+_DELAY = 1.0  # seconds before a bar appears
+
 
 class Display:
     """A bar of progress for each of all `items` to run, in order, if tqdm is installed."""
 
     def __init__(self, stream: TextIO, items: Sequence[Item]) -> None:
-        self._stream, self._bar = stream, None
+        self._stream = stream
+        self._bar: Any = None
         self._places = {
             item.name: f"[{k}/{len(items)}] {item.title}" for k, item in enumerate(items, 1)
         }
@@ -21,7 +24,8 @@ class Display:
         """Return the function that receives an item's progress."""
         bar: Any = None
         if has_bars():
-            bar = self._bar = make_bar(self._stream, desc=self._places[item.name])
+            bar = make_bar(self._stream, desc=self._places[item.name], delay=_DELAY)
+            self._bar = bar
 
         def update(done: int, total: int) -> None:
             if bar is not None:

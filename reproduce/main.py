@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -89,15 +90,14 @@ def reproduce_command(
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
     try:
-        run(items, out, settings, workers or available_cores(), display)
+        with closing(display):
+            run(items, out, settings, workers or available_cores(), display)
     except StoreError as error:
         error.add_note("if you delete that file, its content is computed again")
         raise
     except (OSError, KeyboardInterrupt) as error:
         error.add_note(f"finished items and searches are kept in {out}")
         raise
-    finally:
-        display.close()
     seconds = time.perf_counter() - begun
     click.echo(f"{out / 'report.html'} written in {seconds:.0f} s", err=True)
     return 0

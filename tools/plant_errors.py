@@ -1,121 +1,386 @@
-"""Plant errors one at a time, and say which of them the tests see.
+"""Plant errors in a copy of the tree, and say which of them the tests see.
 
-``python tools/plant_errors.py --number N --seed S`` changes one operator, constant, condition or
-statement in a copy of the tree, in Python and Fortran, builds it, and runs the tests until the
-first failure: those of random programs, then those of the file's folder, then all. Results are
-appended to ``build/planted.jsonl``, so that an interrupted run goes on. An error without effect
-counts as unseen; read those.
+``python tools/plant_errors.py plant`` changes operators, constants and conditions in
+``build/planted``, a clone, in Python and Fortran. All errors are planted at once, each behind a
+switch, so that one build serves all. ``see`` collects tests, and runs each of them in a child of
+its own, which notes the errors that it passes; then again with each of these that no test has seen
+yet, until it fails. Results are appended to ``build/planted/seen.jsonl``, so that it may be stopped
+at any time; ``show`` prints them. An error without effect counts as unseen; read those.
 """
 
 import argparse
+import ast
+import ctypes
 import json
 import os
 import random
 import re
+import resource
+import select
 import shutil
+import signal
 import subprocess
 import sys
+import time
+from collections import Counter
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import pytest
+from _pytest.runner import runtestprotocol
+
 ROOT = Path(__file__).parent.parent
-ROOMS = {  # folders, and the tests that are run before the others
-    "fortran/steps": "tests/integration",
-    "fortran/frames": "tests/frames",
-    "fortran/interface": "tests/integration",
-    "cg/integration": "tests/integration",
-    "cg/frames": "tests/frames",
-    "cg/tables": "tests/tables",
-    "cg/construction/methods": "tests/method",
-    "cg/jax": "tests/jax",
+TREE = ROOT / "build" / "planted"
+ROOMS = (
+    "cg/integration", "cg/integration", "cg/frames", "cg/jax", "cg/tables",
+    "cg/construction/methods", "cg/construction/conditions", "cg/construction/layouts",
+    "cg/construction/lifting", "cg/construction/proofs", "cg/construction/search",
+    "cg/construction/solvers", "cg/construction/trees", "cg/construction/runs",
+    "fortran/steps", "fortran/steps", "fortran/steps", "fortran/steps", "fortran/frames",
+    "fortran/frames", "fortran/frames", "fortran/interface", "fortran/interface",
+    "fortran/conditions", "fortran/support",
+)  # fmt: skip
+_UNSWITCHED = ("__init__.py", "tables.py", "ordered.py", "wrap.py")  # the build runs them
+
+# Cases of a test that are run, and those that are run with one error
+_CASES, _TRIES = 5, 2
+
+SWITCH = {
+    "cg/_planted.py": '''"""Which errors act."""
+
+ACTIVE, PASSED = set(), set()
+
+
+def _acts(number):
+    """Return whether an error acts, and note that it is passed."""
+    PASSED.add(number)
+    return number in ACTIVE
+''',
+    "fortran/support/planting.c": """__attribute__((visibility("default"))) char cg_passed[4096];
+__attribute__((visibility("default"))) char cg_active[4096];
+int cg_planted(int k)
+{
+    cg_passed[k] = 1;
+    return cg_active[k];
 }
-CHANGES = [  # what is changed to what
+""",
+    "fortran/support/planting.f90": """module planting
+  implicit none
+  interface
+    pure logical function planted(k) bind(c, name="cg_planted")
+      integer, value :: k
+    end function planted
+  end interface
+end module planting
+""",
+}
+
+BUILD = (
+    ("meson.build", "'-frecursive',", "'-frecursive', '-ffree-line-length-none',"),
+    ("fortran/meson.build", "sources = files(",
+     "sources = files('support/planting.c', 'support/planting.f90',"),
+)  # fmt: skip
+
+_OPERATORS = {
+    ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.Lt: "<=", ast.LtE: "<",
+    ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.And: "or", ast.Or: "and",
+    ast.Is: "is not", ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in", ast.MatMult: "*",
+}  # fmt: skip
+_FORTRAN = (
     (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" < ", " <= "), (r" <= ", " < "),
-    (r" > ", " >= "), (r" >= ", " > "), (r" == ", " != "), (r"\.and\.", ".or."), (r" and ", " or "),
-    (r"\.not\. ", ""), (r"\bnot ", ""), (r"\bmin\(", "max("), (r"\bmax\(", "min("),
-    (r"\b0\.5\b", "0.4"), (r"\b1\b", "2"), (r"\b2\b", "3"), (r"\babs\(", "("), (r"\b0\b", "1"),
-]  # fmt: skip
-_SECONDS = 1800.0  # limit of a run of tests that doesn't end
-_FORTRAN_ONLY = {" == ": " /= "}
-_PLAIN = re.compile(r"\s*(#|!|\"|'|from |import |use |@|def |class |raise|[\w, ]+::)")
+    (r" > ", " >= "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "),
+    (r"\.and\.", ".or."), (r"\.or\.", ".and."), (r"\.not\. ", ""), (r"\bmin\(", "max("),
+    (r"\bmax\(", "min("), (r"\babs\(", "("), (r"\b0\.5_wp", "0.4_wp"), (r"\b1\b(?!\.)", "2"),
+    (r"\b2\b(?!\.)", "3"), (r"\b0\.0_wp", "1.0_wp"), (r"\.true\.", ".false."),
+    (r"\.false\.", ".true."),
+)  # fmt: skip
 
 
-def candidates(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a file that can be changed, with the changed line."""
-    found, in_text = [], False
-    for number, line in enumerate(path.read_text("utf-8").splitlines()):
-        quotes = line.count('"""')
-        if in_text or quotes:
-            in_text ^= quotes % 2 == 1
-            continue
-        code = line.split("  #")[0].split(" !")[0]
-        if _PLAIN.match(line) or not code.strip() or '"' in code:
-            continue
-        for pattern, change in CHANGES:
-            other = _FORTRAN_ONLY.get(pattern, change) if path.suffix == ".f90" else change
-            if match := re.search(pattern, code):
-                found.append((number, line[: match.start()] + other + line[match.end() :]))
+@dataclass
+class Error:
+    """A change of a file, from one offset to another."""
+
+    file: str
+    line: int
+    was: str
+    changed: str
+    begin: int
+    end: int
+
+
+def in_python(path: Path) -> list[Error]:
+    """Return the errors that can be planted in a file: changes of expressions in functions."""
+    text = path.read_text("utf-8")
+    lines = text.splitlines(keepends=True)
+    starts = [sum(map(len, lines[:i])) for i in range(len(lines))]
+    found = []
+
+    def offset(line: int, column: int) -> int:
+        return starts[line - 1] + len(lines[line - 1].encode()[:column].decode())
+
+    def visit(node: ast.AST, within: bool) -> None:
+        if isinstance(node, (ast.Raise, ast.JoinedStr, ast.Assert, ast.arguments)):
+            return
+        if within and isinstance(node, ast.expr) and (change := _changed(node, text)):
+            begin = offset(node.lineno, node.col_offset)
+            end = offset(node.end_lineno, node.end_col_offset)  # type: ignore[arg-type]
+            found.append(Error(str(path), node.lineno, text[begin:end], change, begin, end))
+        for name, value in ast.iter_fields(node):
+            if name in ("annotation", "returns", "decorator_list", "type_comment", "func"):
+                continue
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.AST):
+                    visit(child, within or isinstance(node, ast.FunctionDef))
+
+    visit(ast.parse(text), False)
     return found
 
 
-def plant(tree: Path, chance: random.Random) -> dict[str, object]:
-    """Change one line of a file in a random room, and return what was changed."""
-    room = chance.choice(list(ROOMS))
-    files = sorted((tree / room).rglob("*.f90" if room.startswith("fortran") else "*.py"))
-    path = chance.choice([path for path in files if candidates(path)])
-    number, changed = chance.choice(candidates(path))
-    lines = path.read_text("utf-8").splitlines()
-    error = {"file": str(path.relative_to(tree)), "line": number + 1, "was": lines[number].strip(),
-             "is": changed.strip(), "tests": ROOMS[room]}  # fmt: skip
-    lines[number] = changed
-    path.write_text("\n".join(lines) + "\n", "utf-8")
-    return error
+def _changed(node: ast.expr, text: str) -> str:  # noqa: PLR0911
+    def of(part: ast.AST) -> str:
+        return f"({ast.get_source_segment(text, part)})"
 
-
-def seen_by(tree: Path, python: str, first: str) -> str:
-    """Return the first test that fails, or how the build fails; an empty text if none does."""
-    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
-    for tests in (["tests/model"], [first], ["tests"]):
-        command = [python, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow",
-                   "--numprocesses", "auto", *tests]  # fmt: skip
-        try:
-            run = subprocess.run(
-                command, cwd=tree, env=environment, capture_output=True, text=True, check=False,
-                timeout=_SECONDS,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return "the time"
-        if run.returncode:
-            failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
-            return failed[1] if failed else "the build, or the end of the process"
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        if isinstance(node.left, ast.Constant) and isinstance(node.left.value, str):
+            return ""
+        return f"{of(node.left)} {_OPERATORS[type(node.op)]} {of(node.right)}"
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        return f"{of(node.left)} {_OPERATORS[type(node.ops[0])]} {of(node.comparators[0])}"
+    if isinstance(node, ast.BoolOp):
+        return f" {_OPERATORS[type(node.op)]} ".join(map(of, node.values))
+    if isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
+        return of(node.operand)
+    if isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
+        return repr(not node.value if isinstance(node.value, bool) else node.value + 1)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
+        arguments = ", ".join(ast.get_source_segment(text, a) or "" for a in node.args)
+        other = {"min": "max", "max": "min", "abs": "", "any": "all", "all": "any", "reversed": ""}
+        if node.func.id in other and not node.keywords:
+            return f"{other[node.func.id]}({arguments})"
     return ""
 
 
+def in_fortran(path: Path) -> list[Error]:
+    """Return the errors that can be planted in a file: changes of whole statements of one line."""
+    found, begin, within, continued, masked = [], 0, False, False, False
+    for number, line in enumerate(path.read_text("utf-8").splitlines(keepends=True)):
+        code = re.sub(r"\s*!.*", "", line.rstrip("\n"))
+        whole = not continued and not code.endswith("&")
+        continued = code.endswith("&")
+        within |= code.strip() == "contains"
+        masked = not code.strip().startswith("end where") and (
+            masked or bool(re.match(r"\s*(else)?where \(.*\)$", code))
+        )
+        statement = re.match(r"\s*((else )?if \(.*|[\w%]+(\([^=]*\))? = .*|call .*)$", code)
+        if within and whole and not masked and statement and "'" not in code and '"' not in code:
+            first = len(code) - len(code.lstrip())
+            for pattern, change in _FORTRAN:
+                for match in re.finditer(pattern, code):
+                    other = code[: match.start()] + change + code[match.end() :]
+                    found.append(
+                        Error(str(path), number + 1, code[first:], other[first:], begin + first,
+                              begin + len(code))
+                    )  # fmt: skip
+        begin += len(line)
+    return found
+
+
+def switched(error: Error, k: int) -> str:
+    """Return the text with the error and without, and a switch between them."""
+    was, changed = error.was, error.changed
+    if error.file.endswith(".py"):
+        return f"(({changed}) if _acts({k}) else ({was}))"
+    if match := re.match(r"((?:else )?if) \((.*)\) then$", was):
+        other = re.match(r"(?:else )?if \((.*)\) then$", changed)
+        assert other
+        return (
+            f"{match[1]} ((planted({k}) .and. ({other[1]})) .or. "
+            f"(.not. planted({k}) .and. ({match[2]}))) then"
+        )
+    return f"if (planted({k})) then; {changed}; else; {was}; end if"
+
+
+def possible() -> dict[Path, list[Error]]:
+    """Return the errors that can be planted, by file."""
+    found = {}
+    for room in ROOMS:
+        for path in sorted((TREE / room).rglob("*.*")):
+            if path.suffix == ".py" and path.name not in _UNSWITCHED:
+                found[path] = in_python(path)
+            elif path.suffix == ".f90" and not path.name.startswith("api"):
+                found[path] = in_fortran(path)
+    return found
+
+
+def drawn(number: int, seed: int, chosen: Path | None) -> list[Error]:
+    """Return errors: those of a file of lines ``[file, line, was, changed]``, others by chance."""
+    chance, errors, every = random.Random(seed), list[Error](), possible()
+
+    def add(error: Error) -> bool:
+        apart = all(
+            e.file != error.file or e.end <= error.begin or error.end <= e.begin for e in errors
+        )
+        errors.extend([error] * apart)
+        return apart
+
+    for file, line, was, changed in json.loads(chosen.read_text()) if chosen else []:
+        given = (line, was, changed)
+        if not any((e.line, e.was, e.changed) == given and add(e) for e in every[TREE / file]):
+            raise SystemExit(f"{file} has no {was} in line {line}, or another error is there")
+    while len(errors) < number:
+        room = TREE / chance.choice(ROOMS)
+        files = [path for path in every if room in path.parents and every[path]]
+        add(chance.choice(every[chance.choice(files)]))
+    return errors
+
+
+def plant(errors: list[Error]) -> None:
+    """Change the files of a copy of the tree, and its build."""
+    for file in {error.file for error in errors}:
+        text = Path(file).read_text()
+        for k in sorted(range(len(errors)), key=lambda k: -errors[k].begin):
+            if errors[k].file == file:
+                text = text[: errors[k].begin] + switched(errors[k], k) + text[errors[k].end :]
+        switch = ("^(?=from (?!__)|import )", "from cg._planted import _acts\n")
+        if file.endswith(".f90"):
+            switch = (r"^(module \w+)$", r"\1\n  use planting, only: planted")
+        Path(file).write_text(re.sub(*switch, text, count=1, flags=re.MULTILINE))
+    for file, text in SWITCH.items():
+        (TREE / file).write_text(text)
+    for file, was, changed in BUILD:
+        text = (TREE / file).read_text()
+        (TREE / file).write_text(text.replace(was, changed, 1))
+    for error in errors:
+        error.file = str(Path(error.file).relative_to(TREE))
+    (TREE / "errors.json").write_text(json.dumps([asdict(error) for error in errors], indent=1))
+
+
+class Watcher:
+    """Runs each test alone, then with the errors that it passes and none has seen."""
+
+    def __init__(self, share: int, shares: int) -> None:
+        from cg import _core_r64, _planted
+
+        self.share, self.shares, self.python = share, shares, _planted
+        library = ctypes.CDLL(_core_r64.__file__)
+        numbers = ctypes.c_char * 4096
+        self.passed, self.active = (
+            numbers.in_dll(library, f"cg_{n}") for n in ("passed", "active")
+        )
+        self.results, self.tried = TREE / "seen.jsonl", Counter[str]()
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Run the tests in a mixed order, so that whatever time there is says something."""
+        items = [item for item in session.items if not item.get_closest_marker("slow")]
+        random.Random(0).shuffle(items)
+        drawn: Counter[str] = Counter()
+        items = [item for item in items if self.counted(drawn, item) <= _CASES]
+        for item in items[self.share :: self.shares]:
+            passed, seconds = self.run(item, [], 60.0)
+            self.note([item.nodeid, -2 if isinstance(passed, list) else -1, passed, seconds])
+            if isinstance(passed, list):
+                left = set(passed) - {line[1] for line in self.lines()}
+                left = {k for k in left if self.counted(self.tried, item, k) <= _TRIES}
+                self.search(item, sorted(left), 5.0 + 8.0 * seconds)
+        return True
+
+    def search(self, item: pytest.Item, errors: list[int], limit: float) -> None:
+        """Note which of some errors a test sees: all of them act, then halves if it fails."""
+        outcome = self.run(item, errors, limit)[0] if errors else []
+        if isinstance(outcome, list):
+            return
+        if len(errors) == 1:
+            self.note([item.nodeid, errors[0], outcome, limit])
+            return
+        half = len(errors) // 2
+        self.search(item, errors[:half], limit)
+        self.search(item, errors[half:], limit)
+
+    @staticmethod
+    def counted(count: Counter[str], item: pytest.Item, k: int = -1) -> int:
+        """Count a case of a test, and return how many there were."""
+        key = f"{item.nodeid.split('[')[0]} {k}"
+        count[key] += 1
+        return count[key]
+
+    def lines(self) -> list[list[object]]:
+        """Return what was noted: tests, errors that they see, and how."""
+        text = self.results.read_text() if self.results.exists() else ""
+        return [json.loads(line) for line in text.splitlines()]
+
+    def note(self, line: list[object]) -> None:
+        """Append a result."""
+        with self.results.open("a") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def run(self, item: pytest.Item, errors: list[int], limit: float) -> tuple[object, float]:
+        """Run a test in a child with errors; return what it passes, or how it fails."""
+        ahead, behind = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(ahead)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
+            self.python.ACTIVE.update(errors)
+            for k in errors:
+                self.active[k] = 1
+            reports = runtestprotocol(item, nextitem=None, log=False)
+            failed = [r for r in reports if r.failed]
+            passed = self.python.PASSED | {i for i, flag in enumerate(self.passed.raw) if flag}
+            result = str(failed[0].longrepr)[-300:] if failed else sorted(passed)
+            with os.fdopen(behind, "w") as file:
+                json.dump([result, time.process_time()], file)
+            os._exit(0)
+        os.close(behind)
+        begin = time.monotonic()
+        while time.monotonic() < begin + 40.0 * limit:
+            if select.select([ahead], [], [], 1.0)[0]:
+                break
+        else:
+            os.kill(child, signal.SIGKILL)
+        with os.fdopen(ahead) as file:
+            text = file.read()
+        os.waitpid(child, 0)
+        if not text:
+            return "the time, or the end of the process", limit
+        outcome, seconds = json.loads(text)
+        return outcome, seconds
+
+
 def main() -> int:
-    """Plant errors, and print how many were seen."""
+    """Run a part of the work."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--number", type=int, default=80)
+    parser.add_argument("part", choices=("plant", "see", "show"))
+    parser.add_argument("tests", nargs="*", default=["tests"])
+    parser.add_argument("--number", type=int, default=160)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--tree", type=Path, required=True, help="a built clone, which is changed")
+    parser.add_argument("--chosen", type=Path, help="JSON: list of [file, line, text, other text]")
+    parser.add_argument("--share", default="0/1", help="1/2 is the second half of the tests")
     options = parser.parse_args()
-    results = ROOT / "build" / "planted.jsonl"
-    results.parent.mkdir(exist_ok=True)
-    done = len(results.read_text().splitlines()) if results.exists() else 0
-    tree = options.tree.resolve()
-    for k in range(done, options.number):
-        error = plant(tree, random.Random(f"{options.seed} {k}"))
-        path = tree / str(error["file"])
-        try:
-            error["seen"] = seen_by(tree, str(tree / ".venv/bin/python"), str(error["tests"]))
-        finally:
-            shutil.copy(ROOT / str(error["file"]), path)
-        with results.open("a") as file:
-            file.write(json.dumps(error) + "\n")
-        print(json.dumps(error), flush=True)
-    errors = [json.loads(line) for line in results.read_text().splitlines()]
-    print(
-        f"{sum(bool(error['seen']) for error in errors)} of {len(errors)} planted errors were seen"
-    )
+    if options.part == "plant":
+        shutil.rmtree(TREE, ignore_errors=True)
+        subprocess.run(["git", "clone", "--quiet", ROOT, TREE], check=True)
+        plant(drawn(options.number, options.seed, options.chosen))
+    elif options.part == "see":
+        watcher = Watcher(*map(int, options.share.split("/")))
+        arguments = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *options.tests]
+        arguments += ["--continue-on-collection-errors"]
+        return int(pytest.main(arguments, plugins=[watcher]))
+    else:
+        show()
     return 0
+
+
+def show() -> None:
+    """Print the errors, and which test saw each first."""
+    lines = [json.loads(line) for line in (TREE / "seen.jsonl").read_text().splitlines()]
+    seen = {k: test for test, k, *_ in reversed(lines) if k >= 0}
+    passed = Counter(k for _, mark, errors, _ in lines if mark == -2 for k in errors)
+    errors = json.loads((TREE / "errors.json").read_text())
+    for k, error in enumerate(errors):
+        print(f"{k} {error['file']}:{error['line']}: {' '.join(error['was'].split())} -> "
+              f"{' '.join(error['changed'].split())}")  # fmt: skip
+        print(f"    {seen.get(k, f'UNSEEN, passed by {passed[k]} tests')}")
+    print(f"{len(seen)} of {len(errors)} errors were seen")
 
 
 if __name__ == "__main__":

@@ -19,16 +19,17 @@ from cg.construction.candidate import (
     to_method,
 )
 from cg.construction.conditions import count
-from cg.construction.drop import drop_flow, solve_start
+from cg.construction.drop import drop_flow, fixed_entries, solve_start
 from cg.construction.eliminate import eliminate, walk
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.method import Method
 from cg.construction.search.requirements import Requirements
-from cg.construction.search.shapes import layout_of_fields, start_generator
-from cg.construction.settings import ConstructionSettings
-from cg.construction.start import random_candidate
+from cg.construction.search.settings import Settings
+from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
+from cg.construction.solvers.system import ConditionSystem, Structure
 
 _MIN_ESTIMATE = 1e-5  # smallest estimate of pairs; equal stages give both results one order
+_FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class Attempt:
         return cls(**{**fields, "x": tuple(fields["x"]), "tree": tree})
 
 
-def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
+def run_attempt(settings: Settings, index: int) -> Attempt:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
-    random, accept = start_generator(settings.seed, index), partial(_acceptable, settings)
+    random, accept = start_generator(settings.seed, index), partial(acceptable, settings)
     if settings.first_flows is not None:
         layout = settings.tree_for(settings.first_flows, random)
     else:
@@ -72,11 +73,35 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     return _attempt(settings, index, candidate)
 
 
+def random_candidate(
+    system: ConditionSystem, width: float, random: np.random.Generator
+) -> Candidate:
+    """Return a random guess that satisfies the linear equations of the system's structure."""
+    if system.rows is None:
+        return Candidate(system, draw_guess(system.order, system.layout, width, random))
+    x = random.uniform(-width, width, system.size)
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
+    x[fixed_entries(system)] = random.uniform(*_FIXED)
+    if system.structure is Structure.MIDDLE:
+        _to_the_middle(x, system.stages)
+    return Candidate(system, x)
+
+
+def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:
+    """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
+    b = x[-stages:]
+    b[2:] += (1 - b.sum()) / (stages - 2)
+    ends = np.cumsum(b)
+    for row in range(2, stages):
+        entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
+        x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
+
+
 def _with_fewer_flows(
-    settings: ConstructionSettings, candidate: Candidate, random: np.random.Generator
+    settings: Settings, candidate: Candidate, random: np.random.Generator
 ) -> Candidate:
     """Return what is left when flows are dropped one by one, with walks where that fails."""
-    walks, accept = 0, partial(_acceptable, settings)
+    walks, accept = 0, partial(acceptable, settings)
     while accept(candidate) and walks <= settings.restarts:
         if _flows(settings, candidate.system.layout) == settings.flows:
             break
@@ -89,18 +114,19 @@ def _with_fewer_flows(
     return candidate
 
 
-def _flows(settings: ConstructionSettings, layout: Layout) -> int:
+def _flows(settings: Settings, layout: Layout) -> int:
     """Return the number of flows of a layout without that of a second result."""
     return len(layout.parents) - settings.embedded
 
 
-def succeeded(settings: ConstructionSettings, attempt: Attempt) -> bool:
+def succeeded(settings: Settings, attempt: Attempt) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
     goal = settings.stages, settings.flows
     return attempt.solved and (attempt.stages, attempt.flows) == goal
 
 
-def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
+def acceptable(settings: Settings, candidate: Candidate) -> bool:
+    """Return whether a candidate is on the solution set, and as the settings require."""
     if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
     if settings.embedded and candidate.estimate < _MIN_ESTIMATE:
@@ -108,16 +134,14 @@ def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
     return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
 
 
-def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -> Attempt:
-    good = _acceptable(settings, candidate)
+def _attempt(settings: Settings, index: int, candidate: Candidate) -> Attempt:
+    good = acceptable(settings, candidate)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
     points = (_flows(settings, layout), layout) if layout.rows is None else ()
     return Attempt(index, layout.stages, good, candidate.f, x, *points)
 
 
-def refined(
-    settings: ConstructionSettings, attempt: Attempt, requirements: Requirements
-) -> Method | None:
+def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
     x = np.array(attempt.x, dtype=np.float64)
     candidate = requirements.improve(_candidate(settings, attempt.stages, attempt.tree, x))
@@ -132,6 +156,6 @@ def refined(
 
 
 def _candidate(
-    settings: ConstructionSettings, stages: int, layout: Layout | None, x: NDArray[np.float64]
+    settings: Settings, stages: int, layout: Layout | None, x: NDArray[np.float64]
 ) -> Candidate:
     return Candidate(settings.system(layout or Layout.tableau(stages)), x)

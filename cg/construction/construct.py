@@ -4,17 +4,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from cg.construction.attempt import Attempt, refined, run_attempt, succeeded
 from cg.construction.methods.method import Method
-from cg.construction.runs.long_run import RunOptions, Score, run_pieces
-from cg.construction.search.requirements import Requirements
-from cg.construction.settings import ConstructionSettings
+from cg.construction.runs.long_run import Score
+from cg.construction.search.pipeline import Pipeline
+from cg.construction.search.settings import Settings
 from cg.construction.solvers.system import Structure
-from cg.support import quads
-from cg.support.checks import MAX_COUNT, check_flag, check_integer
 from cg.support.executors import ExecutorLike
 from cg.support.parallel import single_threads
 
@@ -23,7 +20,7 @@ from cg.support.parallel import single_threads
 class Construction:
     """The result of a construction."""
 
-    settings: ConstructionSettings
+    settings: Settings
     method: Method | None  # refined in real(16); None if no try succeeded
     best: Attempt  # the try of the method, or the one with the fewest stages and flows
     tries: int
@@ -59,6 +56,7 @@ def construct(
     embedded: bool = False,
     first_same_as_last: bool = False,
     abscissae: Sequence[float] | None = None,
+    minimise: str | None = None,
     hold: Mapping[str, Any] | None = None,
 ) -> Construction:
     """Construct an exact explicit method from random starts.
@@ -88,42 +86,20 @@ def construct(
         stages than a general method needs; none with `full_rank`.
     first_stages
         Number of stages of random starts; the default depends on order and structure.
-    width
-        Guesses are uniform in [-width, width]; the default depends on order and structure.
     iterations
         Largest number of steps of the solver in each run; the default depends on order and
         structure.
-    workers
-        Number of workers; by default that of `executor`, or of cores.
-    executor
-        Where tries run, as for `cg.search`.
-    store
-        File that stores every finished try, and from which an interrupted run is resumed, as for
-        `cg.search`.
-    progress
-        Called with the numbers of finished and of all tries. True shows a bar of tqdm on
-        standard error. Its remaining time is that of all tries, of which most may not be needed.
-    force
-        Try even if there are fewer unknowns than independent conditions; for trees, fewer than
-        conditions where flows commute.
-    tree
-        Tree of points of the method, as for `cg.search`.
+    width, workers, executor, store, progress, force, tree
+        As for `cg.search`. The bar shows the remaining time of all tries, of which most may not be
+        needed.
     flows
         Construct a `cg.CommutatorFree` method with this number of flows, from a random tree, or
         from `tree` by dropping points. The flow to a second result doesn't count.
     first_flows
         Number of flows of the random trees to start from; by default `flows`.
-    embedded
-        With `flows`, whether to construct a pair: one more flow, from the result, leads to a
-        second result of order q - 1.
-    first_same_as_last
-        With `flows`, whether the last stage is at the result, where the next step begins.
-    abscissae
-        Interval that all abscissae of the method must lie in. A method beyond it is moved along its
-        solution set.
-    hold
-        Values of coefficients and abscissae that are prescribed, as for `cg.search`. No stages or
-        flows are eliminated then.
+    embedded, first_same_as_last, abscissae, minimise, hold
+        As for `cg.search`. With `abscissae` or `minimise`, the method is moved along its solution
+        set with coefficients below `largest`. With `hold`, no stages or flows are eliminated.
 
     Returns
     -------
@@ -141,29 +117,25 @@ def construct(
     >>> construct(order=3, stages=3).method.order
     3
     """
-    settings = ConstructionSettings.of(
-        order, stages, seed, hold, largest=largest, restarts=restarts, full_rank=full_rank,
-        structure=structure, first_stages=first_stages, width=width, iterations=iterations,
-        tree=tree, flows=flows, first_flows=first_flows, embedded=embedded,
-        first_same_as_last=first_same_as_last,
-    ).checked(check_flag("force", force))  # fmt: skip
-    quads.core("cg.construct")
-    tries = check_integer("tries", tries, 1, MAX_COUNT)
-    bound = None if abscissae is None else settings.largest
-    requirements = Requirements.checked(settings.order, abscissae, bound, None)
-    options = RunOptions.checked(workers, executor, store, progress)
-    return _construct(settings, tries, options, requirements)
-
-
-def _construct(
-    settings: ConstructionSettings, tries: int, options: RunOptions, requirements: Requirements
-) -> Construction:
-    """Run tries until the first one by number succeeds."""
-    results = run_pieces(
-        "construct", settings, partial(run_attempt, settings), tries, options,
-        read=Attempt.of_fields,
-        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+    settings = Settings.checked(
+        "construct", force, order, stages, seed, hold=hold, largest=largest, restarts=restarts,
+        full_rank=full_rank, structure=structure, first_stages=first_stages, width=width,
+        iterations=iterations, tree=tree, flows=flows, first_flows=first_flows,
+        embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip
+    bound = None if abscissae is None and minimise is None else settings.largest
+    requirements, options = (abscissae, bound, minimise), (workers, executor, store, progress)
+    return _first_success(Pipeline.checked(settings, ("tries", tries), requirements, options))
+
+
+def _first_success(pipeline: Pipeline) -> Construction:
+    """Run tries until the first one by number succeeds."""
+    settings, tries = pipeline.settings, pipeline.total
+    results = pipeline.run(
+        run_attempt,
+        Attempt.of_fields,
+        lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+    )
     finished: dict[int, Attempt] = {}
     with closing(results):
         for index in range(tries):
@@ -171,7 +143,7 @@ def _construct(
                 attempt = next(results)
                 finished[attempt.index] = attempt
             reached = succeeded(settings, finished[index])
-            method = refined(settings, finished[index], requirements) if reached else None
+            method = refined(settings, finished[index], pipeline.requirements) if reached else None
             if method is not None:
                 return Construction(settings, method, finished[index], index + 1)
     best = min(finished.values(), key=lambda attempt: (*_size(attempt), attempt.f, attempt.index))

@@ -1,6 +1,5 @@
 """Integration of differential equations on manifolds."""
 
-from cg.integration.derivatives.adjoint import Adjoint
 from cg.integration.ensemble import (
     solve_ensemble,
     solve_linear_ensemble,
@@ -17,7 +16,6 @@ from cg.integration.run.messages import StepTooLongError
 from cg.integration.stepper import Stepper
 
 __all__ = [
-    "Adjoint",
     "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",

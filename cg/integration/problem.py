@@ -130,7 +130,7 @@ def _make_rhs(
         if of_time:
             f = TimeFunction(f)
         if inputs is not None:
-            f = f.with_input() if of_time else WithInput(f)
+            f = WithInput(f)
         first = 0 if many else None
         rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
         if of_time or inputs is not None:
@@ -283,7 +283,8 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
 def _check_flags(options: Any, many: bool) -> None:
     """Raise TypeError or ValueError for values of options that contradict each other."""
     for name in _FLAGS:
-        options[name] = check_flag(name, options[name])
+        if type(options[name]) is not bool:
+            options[name] = check_flag(name, options[name])
     check_stage_solver(options["stage_solver"])
     linear, derivatives = options["linear"], options["derivatives"]
     if not many and options["common_steps"]:
@@ -292,14 +293,15 @@ def _check_flags(options: Any, many: bool) -> None:
         raise ValueError("vectorized must be False for a single point, unless linear=True")
     if linear and options["jac"] is not None:
         raise ValueError(f"jac must be None with linear=True, got {options['jac']!r}")
-    allowed = [] if linear else [FORWARD]
-    allowed += [] if many else [ADJOINT]
-    if derivatives is not None and not (isinstance(derivatives, str) and derivatives in allowed):
-        names = " or ".join(map(repr, [None, *allowed]))
-        where = " with linear=True" * linear + " for an ensemble" * many
-        raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
-    refused = {None: 0, ADJOINT: 1, FORWARD: len(_OF_DERIVATIVES)}[derivatives]
-    for name in _OF_DERIVATIVES[refused:]:
+    refused: tuple[str, ...] = _OF_DERIVATIVES
+    if derivatives is not None:
+        allowed = ([] if linear else [FORWARD]) + ([] if many else [ADJOINT])
+        if not isinstance(derivatives, str) or derivatives not in allowed:
+            names = " or ".join(map(repr, [None, *allowed]))
+            where = " with linear=True" * linear + " for an ensemble" * many
+            raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
+        refused = _OF_DERIVATIVES[1:] if derivatives == ADJOINT else ()
+    for name in refused:
         value: Any = options[name]
         if value is not None and value is not False:
             given = f"derivatives={derivatives!r}"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Never, Unpack
@@ -37,7 +38,7 @@ from cg.integration.rhs.inputs import Inputs, check_inputs
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
-from cg.integration.run.failures import explain_failure
+from cg.integration.run.failures import dropped_parts, explain_failure
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, real_array
@@ -248,8 +249,13 @@ class Stepper:
     nlu = property(lambda self: self._count(3), doc="Factorisations of them.")
     nrejected = property(lambda self: self._count(5), doc="Rejected steps.")
 
-    def step(self) -> str | None:
+    def step(self, limit: float | None = None) -> str | None:
         """Take one step, up to the first event in it that is terminal or jumps.
+
+        Parameters
+        ----------
+        limit
+            Time that the step doesn't go beyond, as ``t`` of `advance`; by default ``t_bound``.
 
         Returns
         -------
@@ -260,12 +266,19 @@ class Stepper:
         ------
         RuntimeError
             If the integration has ended, or its members have steps of their own.
+        ValueError
+            If ``limit`` isn't between ``.t`` and ``t_bound``.
         """
         if self._many and not self._common:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
+        if limit is not None:
+            if (target := self._check_target(limit, "limit")) != self.t:
+                self._continue(self._stops_up_to(target))
+                return self._drive(None)
+            return None
         if self.t == self._stops.item(-1):
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
@@ -300,26 +313,34 @@ class Stepper:
         target = check_real_time(t, "t", infinite=False)
         if self.status == "finished" and target != self.t:
             self._check_running()
+        self._check_target(target, "t")
+        if target == self.t:
+            return None
+        self._check_running()
+        self._continue(self._stops_up_to(target))
+        return self._drive(target)
+
+    def _check_target(self, t: float, name: str) -> float:
+        """Return a time after checking that steps may lead up to it."""
+        target = check_real_time(t, name, infinite=False)
         if self.direction * (target - self.t) < 0.0 or (
             self.direction * (target - self.t_bound) > 0.0
         ):
             low, high, got = apart(self.t, self.t_bound, target)
-            raise ValueError(f"t must lie between {low} and {high}, got {got}")
-        if target == self.t:
-            return None
-        self._check_running()
+            raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
+        return target
+
+    def _stops_up_to(self, target: float) -> Array:
+        """Return the ends of segments up to a time."""
         if (inputs := self._run.rhs.inputs) is not None:
             inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
             self._target[0] = target
-            stops = self._target
-        else:
-            # a breakpoint at the target is repeated, so that the step up to it ends before it
-            reached = self._stops[self.direction * (self._stops - target) <= 0.0]
-            stops = np.append(reached, target)
-        self._continue(stops)
-        return self._drive(target)
+            return self._target
+        # a breakpoint at the target is repeated, so that the step up to it ends before it
+        reached = self._stops[self.direction * (self._stops - target) <= 0.0]
+        return np.append(reached, target)
 
     def restart(
         self,
@@ -530,6 +551,8 @@ class Stepper:
             self.status = "finished"
         elif stopped:
             self.status = "event"
+        for text in dropped_parts(run):
+            warnings.warn(text, stacklevel=4)
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
             check_members(run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True)

@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import cg
@@ -54,38 +53,6 @@ def test_rivals_compare_times_at_equal_errors(monkeypatch):
     (case,) = cases.cases(["two_levels"])
     ratios = rivals.compare(case, [10.0**-k for k in range(3, 11)], 1)
     assert ratios == [pytest.approx(2**-0.5), pytest.approx(2**-0.5), None]
-
-
-def test_curves_interpolate_work():
-    from benchmarks.work_curves import Curve, Point
-
-    points = [Point(10.0**-k, 2.0**k, 10 * k, 0) for k in range(1, 13)]
-    curve = Curve.of([Point(0.5, 1.0, 1, 1), *points])
-    assert len(curve.points) == 12
-    assert curve.at(1e-8, "time") == pytest.approx(2.0**8)
-    assert curve.at(1e-8, "evaluations") == pytest.approx(80)
-    assert np.isnan(curve.at(1e-8, "flows"))
-    assert np.isnan(curve.at(1e-14, "time"))
-
-
-def test_times_give_medians_and_ratios_of_rounds():
-    from benchmarks.timing import Times
-
-    times = Times({"a": [1.0, 2.0, 9.0], "b": [2.0, 8.0, 9.0]})
-    assert times.median("b") == 8.0
-    row = times.row("x", "a", "ms a step", "b", "b", pieces=(2, 4))
-    assert (row.value, row.other, row.ratio) == (1000.0, 2000.0, 1.0)
-    assert times.row("x", "a", "µs", "b", "b").ratio == 0.5
-
-
-def test_search_counts_exact_methods():
-    from benchmarks.search import contestants
-
-    for contestant in contestants(3, 3).values():
-        while not contestant.exact:
-            contestant.advance(contestant.seconds + 1e-9)  # one start
-            assert contestant.starts <= 20
-        assert contestant.exact == [contestant.starts - 1]
 
 
 def test_page_is_rendered_from_the_stored_results(tmp_path):

@@ -8,7 +8,6 @@ import pytest
 import cg
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows
-from cg.construction.search.random_search import search
 from cg.frames import SO3
 from cg.problems import StateDependentRotation
 
@@ -83,23 +82,6 @@ class TestDampedPair:
         assert a[-1] == b
         assert {a[i][i] for i in range(4)} == {Fraction(1, 4)}
 
-    def test_both_weights_are_l_stable(self):
-        pair = methods["DICG3(2)"]
-        a, b = pair.exact
-        ones = [Fraction(1)] * 4  # a x = 1 by forward substitution
-        x = []
-        for i in range(4):
-            x.append((ones[i] - sum((a[i][j] * x[j] for j in range(i)), Fraction())) / a[i][i])
-        for weights in (b, pair.exact_embedded):
-            assert 1 - sum(w * entry for w, entry in zip(weights, x, strict=True)) == 0
-        for weights in (pair.b, pair.b_embedded):
-            axis = [abs(stability(pair.a, weights, 1j * y)) for y in np.logspace(-3, 5, 2000)]
-            assert max(axis) <= 1.0 + 1e-14
-            assert abs(stability(pair.a, weights, -1e6)) < 1e-4
-        for name in SELF_ADJOINT:
-            method = methods[name]
-            assert abs(stability(method.a, method.b, -1e9)) == pytest.approx(1.0, abs=1e-6)
-
     @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
     @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
     def test_it_damps_within_the_tolerance(self, damping, tolerance):
@@ -117,11 +99,3 @@ class TestDampedPair:
         assert frame.distance(run.y[-1], exact.y[-1]) < tolerance
         # An explicit method takes more than damping / 5 of them.
         assert len(run.t) < 200
-
-
-class TestFewStages:
-    @pytest.mark.parametrize("rows", ["diagonal", "full"])
-    def test_a_search_with_two_stages_finds_none(self, rows):
-        result = search(3, 2, 40, seed=1, rows=rows)
-        assert result.methods == ()
-        assert result.best.double.f == pytest.approx(6.438886501e-05, rel=1e-6)

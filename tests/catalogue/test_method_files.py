@@ -1,14 +1,7 @@
 """Files of methods, their checks and representations."""
 
 import json
-import os
 import re
-import subprocess
-import sys
-from collections.abc import Callable
-from dataclasses import replace
-from decimal import Decimal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +9,6 @@ from refusals import refuses
 
 import cg
 from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, save
-from cg.construction.diagnosis import diagnose_file
-from cg.construction.formats.notebooks import to_formula, to_html
 from cg.construction.layouts.points import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 
@@ -38,18 +29,6 @@ class TestFiles:
         assert [c.text for c in loaded.coefficients] == [c.text for c in method.coefficients]
         assert (loaded.name, loaded.source) == (method.name, method.source)
         assert loaded.nominal_order == method.nominal_order
-
-    def test_save_to_a_folder(self, tmp_path):
-        cg.save(MIDPOINT, tmp_path)
-        assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-        refuses(TypeError, "path must", cg.save, MIDPOINT, 3)
-        refuses(TypeError, "path must", cg.load, None)
-
-    def test_numbers_in_json_keep_their_digits(self):
-        text = '{"name": "x", "source": "", "a": [[], [0.30000000000000000004]], "b": [0, 1]}'
-        method = cg.construction.catalogue.loads(text)
-        assert method.coefficients[0].text == "0.30000000000000000004"
-        assert json.loads(cg.export(method, "json"))["a"][1] == ["0.30000000000000000004"]
 
     @pytest.mark.parametrize(("text", "message"), [
         ("{", "not a JSON file"),
@@ -78,12 +57,6 @@ class TestPaths:
             assert run.method == MIDPOINT
             assert cg.export(method, "c").startswith("// mine: order 2")
 
-    def test_a_name_in_the_working_directory(self, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        cg.save(MIDPOINT, "mine.toml")
-        assert resolve_method("mine.toml") == MIDPOINT
-        assert "mine" not in cg.methods
-
     def test_bad_paths(self, tmp_path):
         (tmp_path / "broken.toml").write_text("name = 3")
         (tmp_path / "binary.toml").write_bytes(b"\xff")
@@ -105,45 +78,6 @@ class TestPaths:
         with pytest.raises(IsADirectoryError):
             resolve_method(tmp_path)
 
-    @pytest.mark.skipif(sys.platform == "win32", reason="no pipes in folders")
-    @pytest.mark.parametrize("read", [cg.load, diagnose_file, cg.Certificate.load])
-    def test_devices_and_pipes(self, tmp_path, read):
-        os.mkfifo(tmp_path / "pipe.toml")
-        for path in (tmp_path / "pipe.toml", Path("/dev/zero")):
-            refuses((MethodError, CertificationError), "not a regular file", read, path)
-
-
-class TestNotebooks:
-    def test_ipython_shows_them(self):
-        pytest.importorskip("IPython")
-        code = """if True:
-            from IPython.core.interactiveshell import InteractiveShell
-            shell = InteractiveShell.instance()
-            import cg
-            from cg.construction.formats.notebooks import to_formula, to_html
-            views, _ = shell.display_formatter.format(cg.methods["CG3"])
-            assert views["text/html"] == to_html(cg.methods["CG3"])
-            assert views["text/latex"] == to_formula(cg.methods["CG3"])
-        """
-        subprocess.run([sys.executable, "-c", code], check=True)
-
-    def test_a_tableau(self):
-        html = to_html(cg.methods["CG2(3)"])
-        assert "<b>CG2(3)</b>: order 3(2), 3 evaluations, 6 flows" in html
-        assert html.count("<tr") == 5
-        assert "119/216" in html
-        formula = to_formula(cg.methods["CG2(3)"])
-        assert formula.startswith(r"$\displaystyle \begin{array}{c|ccc}")
-        assert r"\frac{17}{24} & \frac{119}{216} & \frac{17}{108} &  \\ \hline" in formula
-
-    def test_points(self):
-        html = to_html(cg.methods["CF4"])
-        assert html.count("<tr>") == 7
-        assert "1/4 F<sub>1</sub> + 1/6 F<sub>2</sub>" in html
-        formula = to_formula(cg.methods["CF3"])
-        expected = r"y_{3} &= \exp\bigl(h(-\frac{1}{12}\,F_{1}+\frac{3}{4}\,F_{3})\bigr)\,y_{1}"
-        assert expected in formula
-
 
 def test_certificate_of_a_munthe_kaas_method_is_refused():
     """It has the coefficients of its tableau but other order conditions."""
@@ -151,13 +85,7 @@ def test_certificate_of_a_munthe_kaas_method_is_refused():
     refuses(CertificationError, "method must", check, cg.certify(tableau), cg.MuntheKaas(tableau))
 
 
-def test_residual_of_a_method_without_order():
-    still = cg.Tableau([[], ["1/2"]], [0, 0])
-    assert still.largest_residual() == 1.0
-
-
 METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="Mine")
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(params=["mine.certificate.toml", "certificates/mine.toml"])
@@ -209,26 +137,9 @@ def test_certificate_is_proved_again(proof, run_command, tmp_path):
     assert certificate_line(run_command, file) == "none"
 
 
-def test_certificate_with_another_radius(run_command, tmp_path):
-    file = tmp_path / "CG4a.toml"
-    save(cg.methods["CG4a"], file)
-    certificate = certify("CG4a")
-    path = tmp_path / "CG4a.certificate.toml"
-    certificate.save(path)
-    assert certificate_line(run_command, file) == str(certificate)
-    replace(certificate, box=replace(certificate.box, radius=Decimal("1e-60"))).save(path)
-    assert certificate_line(run_command, file).startswith("proves nothing: ")
-
-
 @pytest.mark.parametrize("name", ["M.JSON", "M.toml", "m.TOML"])
 def test_byte_order_marks_and_capital_endings(tmp_path, name):
     path, method = tmp_path / name, cg.methods["CG4a"]
     text = dumps_json(method) if "JSON" in name else dumps(method)
     path.write_text(text, encoding="utf-8-sig")
     assert resolve_method(str(path)) == resolve_method(path) == loads("\ufeff" + text) == method
-
-
-@pytest.mark.parametrize(("name", "other"), [("Verlet", "Leapfrog"), ("Yoshida6", "BlanesMoan6")])
-def test_other_names_of_splitting_methods(name, other):
-    with pytest.raises(ValueError, match=f"got '{name}'; {other} is"):
-        resolve_method(name)

@@ -4,10 +4,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refuses
-from strategies import rationals, tableaux
+from strategies import tableaux
 
 import cg
 from cg import conditions
@@ -17,16 +17,6 @@ from cg.construction.trees.ordered import OrderedTree, forest
 from cg.construction.trees.tables import fortran_tables, main
 
 exactly = partial(conditions.residuals, arithmetic="exact")
-
-
-def shuffles(u, v):
-    if not u or not v:
-        yield u + v
-        return
-    for word in shuffles(u[1:], v):
-        yield u[:1] + word
-    for word in shuffles(u, v[1:]):
-        yield v[:1] + word
 
 
 class TestCounts:
@@ -71,11 +61,6 @@ class TestCompiledTables:
         assert "tree_total = 9" in text
         assert max(map(len, text.splitlines())) <= 132
 
-    def test_generator_refuses_order_zero(self, tmp_path, capsys):
-        with pytest.raises(SystemExit):
-            main(["--order", "0", "--output", str(tmp_path / "tables.f90")])
-        assert "--order must be at least 1, got 0" in capsys.readouterr().err
-
 
 class TestExactOracle:
     def test_orders_beyond_the_compiled_tables(self):
@@ -83,24 +68,6 @@ class TestExactOracle:
         residuals = exactly([[0]], [1], order)
         assert len(residuals) == conditions.count(order)
         assert residuals[0] == 0
-
-    @given(tableaux(rationals, max_stages=3), st.data())
-    @settings(max_examples=30, deadline=None)
-    def test_words_multiply_by_shuffling(self, tableau, data):
-        # so the condition of a word that isn't Lyndon follows from lower ones
-        a, b = tableau
-        trees = forest(6)
-        sides = conditions.right_sides(5)
-        weight = [Fraction(1)]
-        for side, residual in zip(sides, exactly(a, b, 5), strict=True):
-            weight.append(residual + side)
-        exact = [Fraction(1), *sides]
-        n = data.draw(st.integers(2, 4))
-        u = trees.children[data.draw(st.sampled_from(trees.with_nodes(n))) - 1]
-        v = trees.children[data.draw(st.sampled_from(trees.with_nodes(7 - n))) - 1]
-        index = {word: k for k, word in enumerate(trees.children)}
-        for phi in (weight, exact):
-            assert phi[index[u]] * phi[index[v]] == sum(phi[index[w]] for w in shuffles(u, v))
 
 
 class TestPacking:
@@ -115,25 +82,11 @@ class TestPacking:
         np.testing.assert_array_equal(actual[0], a)
         np.testing.assert_array_equal(actual[1], b)
 
-    def test_order_of_entries(self):
-        a, b = [[0, 0, 0], [1, 0, 0], [2, 3, 0]], [4, 5, 6]
-        assert list(conditions.pack(a, b)) == [1, 2, 3, 4, 5, 6]
-        assert list(conditions.pack(a, b, Rows.DIAGONAL)) == [0, 1, 0, 2, 3, 0, 4, 5, 6]
-
-    def test_patterns(self):
-        assert rows_of([[0, 0], [1, 0]]) is Rows.EXPLICIT
-        assert rows_of([[0, 0], [0, 0]]) is Rows.EXPLICIT
-        assert rows_of([[0, 0], [0, 1]]) is Rows.DIAGONAL
-        assert rows_of([[0, 1], [0, 0]]) is Rows.FULL
-
     def test_refuses_nonzero_entries_outside_the_pattern(self):
         with pytest.raises(ValueError, match="outside the pattern explicit"):
             conditions.pack([[1]], [1], Rows.EXPLICIT)
         with pytest.raises(ValueError, match="outside the pattern explicit"):
             conditions.jacobian([[1]], [1], 2, rows=Rows.EXPLICIT)
-
-    def test_wrong_length(self):
-        refuses(ValueError, "x must", conditions.unpack, [0, 1, 2, 3], 2)
 
 
 COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
@@ -175,11 +128,3 @@ def test_equations_at_random_coefficients_have_the_exact_residuals(name):
         found = [(e.lhs - e.rhs).subs(values) for e in equations]
         exact = exactly(layout, x, order=3, independent=independent)
         assert list(map(str, found)) == list(map(str, exact))
-
-
-@pytest.mark.parametrize("name", ["RKMK4", "RadauIIA5", "Leapfrog", "CFM4"])
-def test_methods_with_other_conditions_have_no_equations(name):
-    pytest.importorskip("sympy")
-    refuses(
-        TypeError, "method must be a number of stages", conditions.equations, cg.methods[name], 2
-    )

@@ -6,7 +6,6 @@ from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
-import pytest
 from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -17,12 +16,11 @@ from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods
-from cg.construction.conditions import Rows
 from cg.construction.conditions.systems import EquationSystem
 from cg.construction.conditions.word_weights import Quantity, Weights
 from cg.construction.conditions.words import condition_words, conditions_of
 from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START, PointTree, tree_of_rows
+from cg.construction.layouts.points import PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import to_double
 from cg.construction.trees.ordered import forest
 from research.impossibility.weights import exact_weights
@@ -95,11 +93,6 @@ class TestResiduals:
             scale = 1 + np.abs(jacobian).max()
             np.testing.assert_allclose(jacobian[:, k], slopes, rtol=0, atol=1e-11 * scale)
 
-    def test_a_tree_without_weights_has_none(self):
-        tree = PointTree((), (START,), START)
-        assert set(exactly(tree, 2)) == {-1, Fraction(-1, 2)}
-        np.testing.assert_array_equal(conditions.residuals(tree, 2), [-1, -0.5, -0.5])
-
     def test_the_second_result(self):
         tree = CommutatorFree(CF3, [-1, 0, 1], embedded_result=1).tree
         second = PointTree(tree.points, tree.stage_points, 1)
@@ -136,16 +129,6 @@ class TestBalls:
         expected = conditions.jacobian(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13 * scale)
-
-    @pytest.mark.parametrize("rows", Rows)
-    def test_derivatives_of_tableaux_agree_with_the_compiled_core(self, rows):
-        layout = Layout.tableau(4, rows)
-        x = np.random.default_rng(5).uniform(-1, 1, layout.size)
-        system = EquationSystem(layout, tuple(conditions_of([5])))
-        a, b = (np.array(part, float) for part in conditions.unpack(x, 4, rows))
-        expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
-        actual = to_double(system.linearise([arb(v) for v in x])[1])
-        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
 
     @settings(deadline=None, max_examples=20)
     @given(point_trees(), st.integers(0, 2**32 - 1))

@@ -1,30 +1,26 @@
 """Construction of methods along the solution set of the order conditions."""
 
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 import pytest
-from refusals import refuses
 
 import cg
-from cg.construction.attempt import read_attempt, run_attempt
+from cg.construction.attempt import acceptable, random_candidate, run_attempt
 from cg.construction.candidate import (
     Candidate,
     NotExactError,
-    correct,
     refinable,
     solved,
     to_method,
 )
 from cg.construction.conditions import Rows, residuals, unknowns
-from cg.construction.drop import _without_column, drop_flow, drop_stage, solve_start
+from cg.construction.drop import drop_flow, drop_stage, solve_start
 from cg.construction.eliminate import eliminate, eliminate_stage, walk
 from cg.construction.optimise import Goals, fewer_exponentials, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.construction.start import random_candidate
 
 exactly = partial(residuals, arithmetic="exact")
 
@@ -83,59 +79,12 @@ class TestMoving:
         assert solved(smaller)
         assert refinable(smaller)
 
-    def test_column_of_dropped_stage_goes_to_neighbour(self):
-        candidate = a_candidate(4, 6)
-        _, b = cg.conditions.unpack(candidate.x, 6)
-        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _without_column(candidate)]
-        expected = []
-        for stage in range(6):
-            receivers = (stage > 0) + (stage < 5)
-            expected += [1 - b[stage]] + [1.0] * receivers
-        np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
-
-    def test_drop_stage_fails(self):
-        random = np.random.default_rng(0)
-        assert drop_stage(a_candidate(3, 3), random) is None
-        assert drop_stage(a_candidate(4, 7), random, accept=lambda candidate: False) is None
-        refuses(ValueError, "candidate must", drop_stage, a_candidate(3, 3, embedded=True), random)
-
     @pytest.mark.parametrize(("order", "unchanged"), [(4, False), (5, True)])
     def test_held_entries_avoid_degenerate_limits(self, order, unchanged):
         guess = random_candidate(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
         solved_to = solve_start(guess, 20, promising=1e9)
         assert bool(solved_to.x[0] == guess.x[0]) is unchanged
         assert not unchanged or 0.3 <= guess.x[0] <= 0.8
-
-    def test_guesses_satisfy_linear_assumptions(self):
-        system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
-        guess = random_candidate(system, 0.5, np.random.default_rng(2))
-        assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
-
-    def test_near_miss_is_not_refinable(self):
-        candidate = a_candidate(4, 6)
-        assert refinable(candidate)
-        assert refinable(Candidate(candidate.system, candidate.x + 1e-9))
-        # b = 0 is held, and the first condition with it
-        nothing = Candidate(ConditionSystem.tableau(1, 1), np.zeros(1))
-        assert not refinable(nothing)
-
-    def test_eliminate_stage_fails(self):
-        # two stages cannot have order three
-        assert eliminate_stage(a_candidate(3, 3), 1) is None
-
-    def test_frozen_entries_keep_their_values(self):
-        candidate = a_candidate(4, 6)
-        x = candidate.x.copy()
-        x[[3, 7]] += 0.01
-        moved = correct(Candidate(candidate.system, x), [3, 7])
-        assert solved(moved)
-        assert (moved.x[[3, 7]] == x[[3, 7]]).all()
-
-    def test_largest_bounds_what_is_left(self):
-        candidate, random = a_candidate(4, 7, seed=1), np.random.default_rng
-        bound = 0.99 * drop_stage(candidate, random(3)).largest
-        smaller = drop_stage(candidate, random(3), largest=bound)
-        assert smaller is None or smaller.largest <= bound
 
 
 class TestOptimise:
@@ -239,8 +188,7 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    entry = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).entry()
-    assert read_attempt(settings, entry).solved is useful
+    assert acceptable(settings, candidate) is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

@@ -9,14 +9,13 @@ from scipy.integrate._ivp import dop853_coefficients
 import cg
 from cg.construction.catalogue import methods
 from cg.construction.layouts.layout import Layout
-from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
+from cg.construction.lifting.split_rows import FlatRows, SplitRows, random_layout
 from cg.construction.methods.flat import flat_order, stage_orders
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
 CLASSICAL = cg.Tableau(
     [[], ["1/2"], [0, "1/2"], [0, 0, 1]], ["1/6", "1/3", "1/3", "1/6"], name="classical"
 )
-EIGHTHS = cg.Tableau([[], ["1/3"], ["-1/3", 1], [1, -1, 1]], ["1/8", "3/8", "3/8", "1/8"])
 FEHLBERG = cg.Tableau(
     [
         [],
@@ -45,10 +44,6 @@ class TestFlat:
         assert flat_order(method) == order
         if second is not None:
             assert flat_order(method, embedded=True) == second
-
-    def test_a_method_on_manifolds_has_its_flat_order_at_least(self):
-        for name in ("CG3", "CG4", "CG5a", "CG6b"):
-            assert flat_order(methods[name]) >= methods[name].order
 
     def test_rational_coefficients_have_no_tolerance(self):
         off = Fraction(1, 10**30)
@@ -91,13 +86,6 @@ class TestSplitRows:
         assert tree.flat_row(tree.result) == rows.result
         assert tree.flat_row(tree.embedded_result) == rows.embedded
 
-    def test_directions_preserve_sums(self):
-        _, splitting = self.splitting()
-        x = splitting.from_unknowns(np.linspace(-1, 1, splitting.movable.size))
-        moved = x + splitting.directions @ np.linspace(1, 2, splitting.movable.size)
-        np.testing.assert_allclose(splitting.nearest(moved), moved, atol=1e-13)
-        assert np.linalg.norm(splitting.nearest(moved + 1e-3) - moved) > 1e-4
-
     def test_jacobian(self):
         _, splitting = self.splitting(3)
         size = splitting.movable.size
@@ -106,16 +94,6 @@ class TestSplitRows:
         move = splitting.directions @ v
         slope = derivative(lambda s: splitting.residual(x + s * move), bound=1e-9)
         np.testing.assert_allclose(splitting.jacobian(x) @ v, slope, rtol=0, atol=1e-9)
-
-    def test_merged_flows(self):
-        rows = FlatRows(*KUTTA.exact)
-        splitting = SplitRows(rows, chains_layout(rows, [1, 2, 3]), 3)
-        x = splitting.from_unknowns(np.linspace(0.1, 0.5, splitting.movable.size))
-        assert splitting.merged(x, 0) is None
-        assert splitting.merged(x, 1) is None
-        merged, start = splitting.merged(x, 2)
-        assert merged.layout == chains_layout(rows, [1, 1, 3])
-        np.testing.assert_allclose(start[1:3], [-1, 2])
 
 
 class TestLift:
@@ -130,20 +108,6 @@ class TestLift:
         assert lifted.largest_residual < 1e-33
         assert lifted.flows == method.exponentials
         assert method.name == tableau.name
-
-    def test_fewer_flows_by_merging(self):
-        whole, merged = (cg.lift(FEHLBERG, reduce=reduce) for reduce in (False, True))
-        assert merged.flows < whole.flows
-        assert merged.method.order == whole.method.order == 5
-
-    @pytest.mark.parametrize(("tableau", "flows"), [(CLASSICAL, 6), (EIGHTHS, 5), (EIGHTHS, 6)])
-    def test_isolated_solutions_of_random_trees_are_rational(self, tableau, flows):
-        lifted = cg.lift(tableau, flows=flows, tries=200)
-        assert lifted.rank == lifted.unknowns
-        assert lifted.flows <= flows
-        assert lifted.method.exact == tableau.exact
-        assert all(x.unit == 0 for x in lifted.method.coefficients)
-        assert not any(cg.conditions.residuals(lifted.method, 4, arithmetic="exact"))
 
     def test_chains(self):
         lifted = cg.lift(CLASSICAL, chains=[1, 1, 2, 2], reduce=False)

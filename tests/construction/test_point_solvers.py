@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_trees import floats, values
-from refusals import refuses
 from strategies import point_trees
 
 import cg
@@ -21,7 +20,7 @@ from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
-from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import decode, encode
 
 
@@ -104,11 +103,6 @@ class TestSolvers:
             slopes = (ahead - behind) / 2e-6
             bound = 1e-7 * (1 + np.abs(jacobian).max()) * float(scale)
             np.testing.assert_allclose(column, slopes, rtol=0, atol=bound)
-
-    def test_rejects_structure_for_points(self):
-        with pytest.raises(ValueError, match="is for explicit tableaux"):
-            ConditionSystem(4, self.LAYOUT, Structure.MIDDLE)
-        refuses(TypeError, "layout must", ConditionSystem, 4, 3)
 
 
 @pytest.mark.parametrize("name", ["CF6d", "CF6(5)"])

@@ -43,22 +43,6 @@ class TestRefine:
         np.testing.assert_array_equal(fit.x[[0, 7]], moved[[0, 7]])
         assert (fit.x != moved).any()
 
-    def test_order_of_movable_entries_does_not_matter(self):
-        near = quads.from_float(np.array(packed("CG4a"), float))
-        expected = refine(near, ConditionSystem.tableau(4, 5), movable=[1, 3, 4, *range(8, 15)])
-        fit = refine(
-            near, ConditionSystem.tableau(4, 5), movable=[*range(14, 7, -1), 4, 4, 3, 1, 1]
-        )
-        np.testing.assert_array_equal(fit.x, expected.x)
-
-    def test_refine_without_movable_entries(self):
-        near = np.full(6, 0.3)
-        np.testing.assert_array_equal(
-            fit_conditions(near, ConditionSystem.tableau(3, 3), movable=[]).x, near
-        )
-        fit = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), movable=[])
-        np.testing.assert_array_equal(quads.to_float(fit.x), near)
-
 
 class TestPolish:
     def test_polish_exceeds_binary128(self):
@@ -81,7 +65,3 @@ class TestPolish:
         assert abs(root**3 - 2) < Fraction(1, 10**43)
         expected = [o + Fraction(d) * fit.x[6] for o, d in zip(offset, line[:, 0], strict=True)]
         assert list(fit.x) == expected
-
-    def test_polish_of_point_that_is_no_zero(self):
-        fit = polish([Fraction(1, 2)] * 3, ConditionSystem.tableau(3, 2))
-        assert fit.largest_residual > Fraction(1, 100)

@@ -1,17 +1,14 @@
 """Random searches: reproducibility, methods, requirements, arguments."""
 
-import re
 from fractions import Fraction
 from operator import attrgetter
 
 import numpy as np
 import pytest
-from quad_core import residuals_quad
 
 from cg import conditions
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows, residuals, unknowns, unpack
-from cg.construction.layouts.layout import Layout
 from cg.construction.search.random_search import search
 from cg.construction.search.start import EXACT, random_start, run_start
 from cg.support.shared_numbers import MinimumNormStatus, Status
@@ -112,24 +109,6 @@ class TestMethods:
             if not start.exact:
                 assert start.double.info == MinimumNormStatus.OUT_OF_ITERATIONS
 
-    @pytest.mark.parametrize(("order", "stages", "width", "maxfev"), [
-        (3, 3, 1.0, 120), (4, 5, 1.0, 120), (5, 9, 0.75, 500), (6, 16, 0.3, 1000)
-    ])  # fmt: skip
-    def test_defaults_by_order(self, order, stages, width, maxfev):
-        assert search(order, stages, 1, seed=1, maxfev=1).settings.width == width
-        if order < 5:
-            assert search(order, stages, 1, seed=1).settings.maxfev == maxfev
-        faithful = search(order, stages, 1, seed=1, algorithm="lmdif", maxfev=1)
-        assert faithful.settings.width == 1.0
-
-    def test_failed_starts_keep_all_digits_of_doubles(self, order_four):
-        start = next(start for start in order_four.starts if start.quad is None)
-        exact = [Fraction(float(entry)) for entry in start.x]
-        for entry, double in zip(map(Fraction, start.x), exact, strict=True):
-            assert abs(entry - double) <= abs(double) * Fraction(1, 10**35)
-        residuals = residuals_quad(Layout.tableau(5), exact, 4)
-        assert start.largest_residual == pytest.approx(float(max(map(abs, residuals))), rel=1e-15)
-
 
 class TestThePapersWay:
     def test_lmdif_phases_as_in_paper(self, paper_way):
@@ -214,24 +193,6 @@ class TestRequirements:
     def test_methods_within_the_bounds_stay_as_they_are(self, order_three):
         selected = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
         assert set(order_three.methods[:4]) <= set(selected)
-
-    def test_trees(self):
-        selected = search(4, 4, 60, 1, flows=5, abscissae=(0, 1)).methods
-        assert selected
-        assert all(method.c.min() >= 0 and method.c.max() <= 1 for method in selected)
-
-
-@pytest.mark.parametrize(("options", "name"), [
-    ({}, r"CG3-5-\d+"),
-    ({"rows": "diagonal"}, r"DICG3-5-\d+"),
-    ({"rows": "full"}, r"ICG3-5-\d+"),
-    ({"flows": 4}, r"CF3-5-\d+"),
-    ({"flows": 4, "embedded": True}, r"CF3\(2\)-5-\d+"),
-])  # fmt: skip
-def test_names_of_methods(options, name):
-    selected = search(**SMALL, starts=12, **options).methods
-    assert selected
-    assert all(re.fullmatch(name, method.name) for method in selected)
 
 
 def largest(method):

@@ -7,8 +7,6 @@ from refusals import refuses
 
 import cg
 from cg.construction.layouts.layout import Rows
-from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support import quads
 
@@ -73,33 +71,3 @@ def test_zeros_of_structures_are_not_movable():
 ])  # fmt: skip
 def test_bad_input(arguments, message):
     refuses(ValueError, message, ConditionSystem.tableau, **{"order": 5, "stages": 6} | arguments)
-
-
-def test_rank_is_number_of_equations():
-    # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
-    system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
-    rank = 1 + 0 + 1 + 4 + 12 + 2 * 8
-    for seed in range(230, 400):  # the first that converges is 238
-        x = random_x(system, seed)
-        fit = fit_conditions(x, system, max_iterations=100)
-        if fit.f < 1e-26:
-            break
-    assert fit.f < 1e-26
-    values = np.linalg.svd(system.jacobian(fit.x)[:, system.movable], compute_uv=False)
-    assert np.sum(values > 1e-9 * values[0]) == rank
-    refined = refine(quads.from_float(fit.x), system)
-    assert refined.largest_residual < 1e-32
-
-
-def test_accurate_steps_reach_zeros_that_normal_equations_miss():
-    # singular values down to 2e-9 of the largest count
-    method = cg.methods["CG7b"]
-    system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
-    x = np.asarray(cg.conditions.pack(method.a, method.b))
-    x[system.movable] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.movable.size)
-    usual, accurate = (
-        fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
-        for accurate in (False, True)
-    )
-    assert accurate <= 1e-27
-    assert usual > 100 * accurate

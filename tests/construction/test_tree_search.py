@@ -7,16 +7,14 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction.candidate import Candidate, pack_method, solved
+from cg.construction.candidate import Candidate, solved
 from cg.construction.drop import drop_flow, drop_point_stage
 from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START, MethodError, check_tree
+from cg.construction.layouts.points import MethodError, check_tree
 from cg.construction.search.shapes import draw_layout, layout_of
 from cg.construction.search.start import run_start, start_layout
-from cg.construction.solvers.singular import decompose, finish, retract
 from cg.construction.solvers.system import ConditionSystem
 
-CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
 FIVE = {"order": 5, "stages": 6, "seed": 1}
 
 
@@ -31,13 +29,6 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
     for method in drawn.methods:
         assert isinstance(method, cg.CommutatorFree)
         assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
-
-
-def test_first_weight_is_held_while_solving():
-    result = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
-    first = np.array([float(start.x[0]) for start in result.starts])
-    assert ((first > 0.2) & (first < 0.8)).all()
-    assert len(set(first)) == len(first)
 
 
 @pytest.mark.parametrize("tree", [cg.methods["CF4"], cg.methods["CF4"].tree])
@@ -78,13 +69,6 @@ def test_pairs_whose_results_become_equal_are_left_out():
     assert replace(result, starts=(start,)).methods == ()
 
 
-def test_last_weight_of_estimate_is_held_while_solving():
-    shape = {"flows": 12, "embedded": True, "first_same_as_last": True}
-    result = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
-    last = np.array([float(start.x[-1]) for start in result.starts])
-    assert ((last > 0.1) & (last < 0.2)).all()
-
-
 def test_search_resumes_from_store(tmp_path):
     path = tmp_path / "runs.jsonl"
     options = FIVE | {"flows": 9, "maxfev": 40}
@@ -106,14 +90,6 @@ def test_drawn_trees_are_valid_and_use_every_flow(stages, flows, embedded):
         assert {m for end in layout.ends for m in layout.path(end)} == set(range(flows + embedded))
         assert layout.pair == embedded
     assert len(shapes) > 20 or flows <= 4
-
-
-def test_drawn_layout_depends_on_seed_and_index_alone(drawn):
-    settings = drawn.settings
-    shapes = [start_layout(settings, index) for index in range(20)]
-    assert len(set(shapes)) > 10
-    assert shapes == [start_layout(settings, index) for index in range(20)]
-    assert shapes != [start_layout(replace(settings, seed=2), index) for index in range(20)]
 
 
 @pytest.mark.parametrize(("tree", "message"), [
@@ -164,33 +140,6 @@ def test_construct_drops_flows_of_drawn_trees(tmp_path):
     assert cg.construct(**options, workers=1) == construction
 
 
-def test_construct_drops_flows_of_given_tree():
-    tree = (tuple(range(-1, 10)), (-1, 0, 1, 3, 4, 7))
-    construction = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
-    assert (construction.method.order, construction.method.exponentials) == (5, 10)
-    refuses(ValueError, "flows must", cg.construct, 5, 6, 1, tree=tree, flows=12)
-    with pytest.raises(ValueError, match="first_flows must"):
-        cg.construct(5, 6, 1, tree=tree, flows=10, first_flows=11)
-
-
-def test_finish_converges_to_zero():
-    """It also converges with fewer unknowns than conditions, if conditions are dependent."""
-    candidate = pack_method(cg.methods["CF6d"])
-    system, movable = candidate.system, candidate.system.movable
-    assert movable.size < system.equations
-    x = candidate.x + 1e-4 * np.random.default_rng(1).standard_normal(candidate.x.size)
-    before = float(np.sum(system.residual(x) ** 2))
-    actual, f = finish(system, x, movable)
-    assert before > 1e-10
-    assert f < 1e-26
-    assert np.abs(actual - candidate.x).max() < 1
-    near = decompose(system.jacobian(candidate.x)[:, movable])
-    assert movable.size - near.kernel.shape[1] == candidate.rank == 67
-    back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], movable, near)
-    assert np.sum(system.residual(back) ** 2) < 1e-27
-    assert retract(system, x + 1, movable, near) is None
-
-
 def solution(order, **shape):
     result = cg.search(order=order, seed=1, **shape)
     start = next(start for start in result.starts if start.exact)
@@ -209,11 +158,3 @@ def test_dropping_flow_or_stage_leaves_solution():
     assert less.system.stages == 5
     assert len(less.system.layout.parents) <= 9
     check_tree(less.system.layout.tree(less.x))
-
-
-def test_merged_flow_has_sum_of_weights():
-    """Merging flows along commuting fields does not change the result."""
-    layout = Layout((START, 0, 1), ((0,), (0,), (0,)), (START,), (2,))
-    candidate = Candidate(ConditionSystem(1, layout), np.array([0.25, 0.25, 0.5]))
-    fewer = drop_flow(candidate, np.random.default_rng(0))
-    assert sorted(fewer.x) in ([0.25, 0.75], [0.5, 0.5])

@@ -116,14 +116,15 @@ MARKDOWN = [page for page in ROOT.glob("docs/**/*.md") if page.parent.name != "m
 def test_export_page():
     names = run("docs/export.md")
     assert names["difference"] < 1e-14
-    assert names["header"] == cg.export("CF4", "c")
+    assert names["header"] == cg.export("CF4", "c", frame=cg.frames.SO3())
     assert "booktabs" in names["table"]
     assert names["solution"].method.name == "Ralston"
 
 
 def test_c_program_of_export_page(tmp_path):
     (tmp_path / "program.c").write_text(source_in("docs/export.md", "c"), encoding="utf-8")
-    (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
+    header = cg.export("CF4", "c", frame=cg.frames.SO3())
+    (tmp_path / "cf4.h").write_text(header, encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
     subprocess.run(["gcc", *flags, "program.c", "-o", "program", "-lm"], check=True, cwd=tmp_path)
     process = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)

@@ -15,8 +15,6 @@ import cg
 from cg.construction.catalogue import dumps, loads, resolve_method
 from cg.construction.formats import FORMATS, known_digits
 from cg.construction.formats.notebooks import to_formula
-from cg.construction.formats.program import identifier
-from cg.support.quads import to_decimal
 
 ALL = [*FROZEN, *MUNTHE_KAAS]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
@@ -82,20 +80,6 @@ class TestDigits:
         with pytest.raises(cg.CertificationError):
             cg.export(cg.methods["CG5d"], "json", digits=50, certificate=certificate)
 
-    def test_rejects_more_digits_than_known(self):
-        with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):
-            cg.export("CG6a", "c", digits=50)
-        assert loads(cg.export("CG3", "json", digits=3000)) == cg.methods["CG3"]
-
-    def test_too_few(self):
-        with pytest.raises(ValueError, match="digits: 1 are too few for CG6a: residuals through"):
-            cg.export("CG6a", "toml", digits=1)
-
-    @pytest.mark.parametrize("digits", [0, -1, 4001])
-    def test_rejects_digits_out_of_range(self, digits):
-        refuses(ValueError, "digits must", cg.export, "CG3", "c", digits=digits)
-        refuses(TypeError, "digits must", cg.export, "CG3", "c", digits=3.5)
-
 
 def test_rejects():
     with pytest.raises(ValueError, match=r"format must be one of json, toml, .*, got 'excel'"):
@@ -106,11 +90,6 @@ def test_rejects():
         with pytest.raises(ValueError, match="must be json, toml or latex for an implicit"):
             cg.export("DICG4", format)
     assert set(FORMATS) == {"json", "toml", "latex", *CODE}
-
-
-def test_names_become_identifiers():
-    assert identifier("Ünïcode – 5") == "n_code_5"
-    assert identifier("x" * 100) == "x" * 40
 
 
 class TestLatex:
@@ -131,16 +110,6 @@ class TestLatex:
         assert [len(row) for row in rows] == [5] * (2 + 12)
         assert [row[3].strip() for row in rows[2:4]] == [r"$\frac{1}{2}$"] * 2
         assert "result" in rows[10][4]
-
-    def test_long_entries_become_a_list(self):
-        text = cg.export("CG5d", "latex")
-        assert r"$a_{8,7}$ & $" in text
-        assert r"$b_{8}$ & $" in text
-        assert text.count(r"\\") == 1 + sum(c.value != 0 for c in cg.methods["CG5d"].coefficients)
-        short = cg.export("CG5d", "latex", digits=6)
-        assert r"\begin{tabular}{r@{\qquad}rrrrrrrr}" in short
-        assert "frac" not in short
-        assert "longtable" in cg.export("CG6a", "latex")
 
     @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="TeX isn't installed")
     def test_latex_compiles(self, tmp_path):
@@ -171,19 +140,3 @@ class TestRounded:
                 exact = sum(row)
                 assert abs(Fraction(actual[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
         assert "$0.876890$ & " in cg.export(method, "latex", digits=6)
-
-    def test_trailing_zeros(self):
-        rows = [[], ["-1.09699999999"]], ["0.99999999", "12.3000000000004"]
-        text = cg.export(cg.Tableau(*rows), "latex", digits=6)
-        assert "-1.09700" in text
-        assert "12.3000" in text
-        assert re.search(r"\b1\.00000\b", text)
-
-
-@pytest.mark.parametrize(("digits", "zeros", "text"), [
-    (3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")
-])  # fmt: skip
-def test_zeros_of_decimals(digits, zeros, text):
-    assert to_decimal(Fraction("0.9996"), digits, zeros=zeros) == text
-    tiny = to_decimal(Fraction("0.9996e-200"), digits, zeros=zeros)
-    assert Fraction(tiny) == Fraction(text) / 10**200

@@ -5,7 +5,6 @@ import warnings
 
 import numpy as np
 import pytest
-from refusals import refuses
 
 import cg
 from cg.construction.formats import to_diffrax, to_nodepy
@@ -70,10 +69,3 @@ def test_nodepy(name):
         np.testing.assert_allclose(actual.c.astype(float), method.c, atol=1e-15)
         if method.embedded_order is not None:
             assert actual.embedded_method.order() == min(method.order, method.embedded_order)
-
-
-def test_rejects():
-    for convert in (to_diffrax, to_nodepy):
-        refuses(ValueError, r"method must be explicit, got <Tableau DICG4: .*", convert, "DICG4")
-        refuses(TypeError, "method must", convert, 3)
-    refuses(ValueError, "method must", to_diffrax, "LieEuler")

@@ -1,18 +1,15 @@
 """Names and sources from files are escaped in code, documents and terminals."""
 
-import ast
 import json
 import subprocess
 import tomllib
 
 import pytest
-from refusals import refuses
 
 import cg
 from cg.command import main
 from cg.construction.catalogue import dumps, dumps_json, loads
 from cg.construction.formats import FORMATS
-from cg.construction.formats.notebooks import to_html
 from cg.support.parsing import visible
 
 CODE = ["python", "c"]
@@ -32,12 +29,6 @@ TEXTS = {
 def method_of(what):
     name, source = TEXTS[what]
     return cg.Tableau([[], ["1/2"]], [0, 1], name=name, source=source)
-
-
-@pytest.mark.parametrize("what", TEXTS)
-def test_python_reads_code_and_comments(what):
-    parsed = lambda method: ast.dump(ast.parse(cg.export(method, "python").encode()))
-    assert parsed(method_of(what)) == parsed(cg.Tableau([[], ["1/2"]], [0, 1]))
 
 
 @pytest.mark.parametrize("format", CODE)
@@ -82,15 +73,6 @@ def test_data_escape_texts(what):
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_notebooks_escape_texts(what):
-    method = method_of(what)
-    text = to_html(method)
-    assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
-    assert 'class="tex2jax_ignore mathjax_ignore"' in text  # dollars begin no formula
-    assert visible(repr(method)) == repr(method)
-
-
-@pytest.mark.parametrize("what", TEXTS)
 def test_a_terminal_gets_lines_of_text(what, tmp_path, capsys):
     file, bad = tmp_path / "mine.toml", tmp_path / "broken\x1b[2J.json"
     file.write_text(dumps(method_of(what)), encoding="utf-8")
@@ -104,20 +86,3 @@ def test_a_terminal_gets_lines_of_text(what, tmp_path, capsys):
     captured = capsys.readouterr()
     output = captured.out + captured.err
     assert output.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
-
-
-def test_rejects_surrogates():
-    refuses(cg.TableauError, "source must", cg.Tableau, [[]], [1], source="x\ud800")
-    with pytest.raises(cg.TableauError, match="name must"):
-        loads('{"name": "\\ud800", "source": "", "a": [[]], "b": ["1"]}')
-
-
-@pytest.mark.parametrize("draw", ["tableau", "points", "stability_region"])
-def test_plots_show_names_verbatim(draw, tmp_path):
-    from matplotlib import pyplot as plt
-
-    other = cg.Tableau([[]], [1], name="LieEuler")
-    method = cg.Tableau([[], ["1/2"]], [0, 1], name="$\\frac$\x1b")
-    ax = getattr(cg.plot, draw)([other, method] if draw == "stability_region" else method)
-    ax.figure.savefig(tmp_path / "picture.svg")
-    plt.close(ax.figure)

@@ -78,15 +78,3 @@ def test_bracket_and_dexpinv_error_messages():
     refuses(ValueError, "order must", SO3().dexpinv, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], order=0)
     with pytest.raises(TypeError, match="bracket must"):
         FieldFrame([lambda y: y], lambda v, y: y, point_shape=1, bracket=3)
-
-
-@pytest.mark.parametrize(("bracket", "message"), [
-    (lambda u, v: np.array([u[1] * v[2], 0.0, 0.0]), "must change its sign"),
-    (lambda u, v: np.array([u[1] * v[2] - u[2] * v[1], u[0] * v[1] - u[1] * v[0],
-                            u[0] * v[1] - u[1] * v[0]]), "must satisfy Jacobi's identity"),
-])  # fmt: skip
-def test_field_frame_rejects_invalid_brackets(bracket, message):
-    fields = [lambda y, k=k: np.eye(3)[k] for k in range(3)]
-    with pytest.raises(ValueError, match=message):
-        FieldFrame(fields, lambda v, y: y + v, point_shape=3, bracket=bracket)
-    FieldFrame(fields, lambda v, y: y + v, point_shape=3, bracket=lambda u, v: 0.0 * u)

@@ -42,12 +42,6 @@ def test_missing_abstract_members_are_named(base, hook):
     refuses(TypeError, f"abstract class Lacking .*abstract method.*{hook}\\b", lacking)
 
 
-def test_basis_of_wrong_shape_raises():
-    wrong = type("Wrong", (MatrixGroup,), GROUP | {"dim": 2})()
-    message = r"_make_basis of Wrong must return matrices of shape \(2, 2, 2\), got \(1, 2, 2\)"
-    refuses(ValueError, message, wrong.flow, [0.0, 1.0], np.eye(2))
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("good_until", [-1.0, 0.5])
 def test_nonnumeric_flows_raise(value, good_until):

@@ -50,12 +50,6 @@ int stops(double t, const double *y, double *f, void *user_data)
     return t > 0.5 || y[0] > 0.5 ? 7 : 0;
 }
 
-int turns_nan(double t, const double *y, double *f, void *user_data)
-{
-    (void)y, (void)user_data;
-    f[0] = t > 0.5 ? NAN : 1.0;
-    return 0;
-}
 
 int writes_nothing(double t, const double *y, double *f, void *user_data)
 {
@@ -195,14 +189,6 @@ int top_df_dp(double t, const double *y, double *df_dp, void *user_data)
     return 0;
 }
 
-// An event without data of its own, which is given those of the right-hand side
-double level(double t, const double *y, void *user_data)
-{
-    const double *p = user_data;
-    (void)t;
-    return y[8] - 0.2 * p[3];
-}
-
 // A body that a torque and a gust drive, which are inputs; the parameter is the gain of the torque.
 int blown(double t, const double *y, double *f, void *user_data)
 {
@@ -211,17 +197,6 @@ int blown(double t, const double *y, double *f, void *user_data)
     for (int i = 0; i < 3; i++) {
         f[i] = y[9 + i];
         f[3 + i] = p[0] * torque[i] - y[9 + i] + (i == 0 ? gust : 0);
-    }
-    return 0;
-}
-
-int blown_df_dp(double t, const double *y, double *df_dp, void *user_data)
-{
-    const double *torque = (double *)user_data + 1;
-    (void)t, (void)y;
-    for (int i = 0; i < 3; i++) {
-        df_dp[i] = 0;
-        df_dp[3 + i] = torque[i];
     }
     return 0;
 }

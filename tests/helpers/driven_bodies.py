@@ -2,14 +2,11 @@
 
 import numpy as np
 
-import cg
 from cg.frames import SO3, Euclidean, Product
 
 FRAME, LINE = Product(SO3(), Euclidean(3)), Euclidean(1)
 START = np.concatenate([np.eye(3).ravel(), [0.3, -0.2, 0.5]])
-TIMES = np.array([-0.5, 0.0, 0.3, 0.45, 1.0, 1.4, 2.0, 2.5])
 GUSTS = np.linspace(-0.5, 2.5, 11), np.random.default_rng(4).standard_normal(11)
-GUST = cg.Samples(*GUSTS, "linear")
 GAIN = [1.5]
 TIGHT = {"rtol": 1e-11, "atol": 1e-11}  # far below the bounds of tests: runs are references
 

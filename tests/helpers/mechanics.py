@@ -10,11 +10,6 @@ from cg.frames import PhaseSpace
 INERTIA = [1.0, 1.6, 2.3]
 MATRIX = [[1.3, 0.1, 0.2], [0.1, 1.6, -0.3], [0.2, -0.3, 2.1]]
 SPLITTINGS = [name for name, method in cg.methods.items() if isinstance(method, cg.Splitting)]
-ORDINARY = [
-    name
-    for name, method in cg.methods.items()
-    if not (isinstance(method, cg.Splitting | cg.MagnusMethod) or method.approximate)
-]
 
 
 @dataclass

@@ -115,15 +115,6 @@ def test_the_weights_of_higher_order_make_the_step():
     np.testing.assert_array_equal(solutions[0].y, solutions[1].y)
 
 
-def test_max_step_and_first_step_are_kept():
-    still = {"frame": SO3(), "t_span": (0.0, 3.0), "y0": np.eye(3)}
-    solution = cg.solve_ivp(lambda t, y: [0.01, 0.0, 0.0], max_step=0.25, **still)
-    assert np.diff(solution.t).max() <= 0.25
-    solution = cg.solve_ivp(PROBLEM.f, first_step=1e-5, **still)
-    assert np.diff(solution.t)[0] == pytest.approx(1e-5)
-    assert np.diff(solution.t).max() > 0.01
-
-
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_first_step_follows_the_time_scale(scale):
     solution = cg.solve_ivp(
@@ -227,19 +218,6 @@ def test_spans_below_the_resolution_of_steps(span, frame):
     moved = frame.flow([span[1] - span[0]], y0)
     np.testing.assert_allclose(solution.y[-1], moved, rtol=1e-15)
     assert scipy.integrate.solve_ivp(f, span, [0.0]).status == 0
-
-
-@pytest.mark.parametrize("frame", [Euclidean(1), Stiefel(2, 1)], ids=repr)
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_first_step_below_the_resolution_is_raised_to_it(frame, sign):
-    y0 = frame.random_point(np.random.default_rng(1))
-    span = (1e3, 1e3 + sign)
-    solution = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, first_step=1e-13)
-    assert solution.success
-    assert abs(solution.t[1] - solution.t[0]) == pytest.approx(10 * np.spacing(1e3), rel=0.1)
-    shorter = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, max_step=1e-13)
-    assert (shorter.status, shorter.steps) == (-1, 0)  # it must not be longer
-    assert "step size fell below" in shorter.message
 
 
 @pytest.mark.parametrize("in_c", [False, True])

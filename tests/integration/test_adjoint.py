@@ -4,89 +4,14 @@ import numpy as np
 import pytest
 import quotients
 from refusals import refuses
-from waves import TIGHT, Wave
 
 import cg
 from cg.frames import (
-    SE3,
     SO3,
-    SU,
-    CoadjointOrbit,
     Euclidean,
     LinearAction,
-    Product,
-    Sphere,
-    UnitQuaternion,
 )
 from cg.integration.derivatives import adjoint_equation
-
-FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
-          Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-@pytest.mark.parametrize("exact", [True, False], ids=["exact", "differences"])
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"rtol": 1e-6, "atol": 1e-6},
-        {"rtol": 1e-9, "atol": 1e-9},
-        {"method": "RKMK8(5,3)", "h": 0.05},
-    ],
-    ids=["1e-6", "1e-9", "fixed"],
-)
-@pytest.mark.parametrize("span", [(0.1, 3.0), (2.0, -1.0)], ids=["forward", "backward"])
-def test_gradients_are_those_of_forward_derivatives(frame, exact, options, span):
-    wave = Wave(frame, seed=5)
-    rng = np.random.default_rng(8)
-    times = span[0] + (span[1] - span[0]) * np.array([0.2, 0.55, 0.6, 0.9])
-    forward = wave.derivatives(span, control_derivatives=True, t_eval=times, **TIGHT)
-    adjoint = wave.derivatives(
-        span, exact, derivatives="adjoint", t_eval=times, **{"rtol": None, "atol": None} | options
-    )
-    assert isinstance(adjoint.adjoint, cg.Adjoint)
-    assert adjoint.sol is None
-    last, all_times = rng.standard_normal(frame.dim), rng.standard_normal((4, frame.dim))
-    expected = [
-        (forward.transition[-1].T @ last, forward.sensitivity[-1].T @ last),
-        (
-            np.einsum("tij,ti->j", forward.transition, all_times),
-            np.einsum("tij,ti->j", forward.sensitivity, all_times),
-        ),
-    ]
-    tolerance = max(100 * options.get("rtol", 1e-9), 1e-7)
-    for cotangent, (by_y0, by_parameters) in zip((last, all_times), expected, strict=True):
-        gradient = adjoint.gradient(cotangent)
-        np.testing.assert_allclose(gradient.y0, by_y0, rtol=0, atol=tolerance)
-        np.testing.assert_allclose(gradient.parameters, by_parameters, rtol=0, atol=tolerance)
-
-
-def test_the_integration_is_that_without_derivatives():
-    wave = Wave(SO3(), seed=2)
-    alone = wave.solve(dense_output=True)
-    adjoint = wave.derivatives(derivatives="adjoint", dense_output=True)
-    np.testing.assert_array_equal(adjoint.y, alone.y)
-    np.testing.assert_array_equal(adjoint.sol(0.3), alone.sol(0.3))
-    assert adjoint.nfev == alone.nfev
-
-
-def test_compiled_functions(function):
-    frame = Product(SO3(), Euclidean(3))
-    y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
-    given = {"jac": function("top_jac"), "df_dp": function("top_df_dp")}
-    options = {"frame": frame, "parameters": [0.8, 0.9, 0.4, 2.0]}
-    c = np.arange(1.0, 7.0)
-    forward = cg.solve_variational(
-        function("top"), (0, 2), y0, control_derivatives=True, **options, **given, **TIGHT
-    )
-    for derivatives in (given, {}):
-        run = cg.solve_variational(
-            function("top"), (0, 2), y0, derivatives="adjoint", rtol=1e-9, atol=1e-9, **options,
-            **derivatives,
-        )  # fmt: skip
-        by_y0, by_parameters, _ = run.gradient(c)
-        np.testing.assert_allclose(by_y0, c @ forward.transition[-1], rtol=1e-7)
-        np.testing.assert_allclose(by_parameters, c @ forward.sensitivity[-1], rtol=1e-7)
 
 
 def test_a_stiff_equation_is_refused_before_it_takes_long():
@@ -138,14 +63,6 @@ def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long(monkeypatch)
     refuses(ValueError, r"aren't resolved at .* by intervals of 0\.0", run.gradient, [1.0])
 
 
-def test_output_at_the_start_alone():
-    wave = Wave(SO3(), seed=2)
-    run = wave.derivatives(derivatives="adjoint", t_eval=[0.1])
-    by_y0, by_parameters, _ = run.gradient([1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(by_y0, [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(by_parameters, [0.0, 0.0])
-
-
 def test_long_steps_are_divided():
     """A steady spin takes one step of 60 radians, in which covectors turn."""
     spin = [3.0, 0.0, 4.0]
@@ -179,62 +96,6 @@ class TestLinear:
     @classmethod
     def many_dp(cls, t, p):
         return np.array([cls.da_dp(*each) for each in zip(t, p, strict=True)])
-
-    @pytest.mark.parametrize("kind", ["real", "unitary", "complex", "columns"])
-    @pytest.mark.parametrize("vectorized", [False, True])
-    @pytest.mark.parametrize("exact", [False, True])
-    def test_vectors(self, kind, vectorized, exact):
-        rng = np.random.default_rng(6)
-        g = rng.standard_normal((3, 4, 4)) + 1j * rng.standard_normal((3, 4, 4)) * (kind != "real")
-        generators = {"real": g.real, "unitary": g - g.conj().mT}.get(kind, g)
-        frame = LinearAction(list(generators), columns=2 if kind == "columns" else None)
-        y0, c = frame.random_point(rng), np.stack([frame.random_point(rng) for _ in range(3)])
-        p, times = np.array([1.2, 0.7]), [0.3, 0.8, 1.5]
-        f, df = (self.many, self.many_dp) if vectorized else (self.a, self.da_dp)
-
-        def solve(p, y0=y0, tolerance=1e-12, **others):
-            return cg.solve_linear(
-                f, (0, 1.5), y0, frame=frame, parameters=p, vectorized=vectorized, t_eval=times,
-                rtol=tolerance, atol=tolerance, **others,
-            )  # fmt: skip
-
-        run = solve(p, tolerance=1e-9, derivatives="adjoint", df_dp=df if exact else None)
-
-        def cost(p, y0=y0):
-            return np.vdot(c, solve(p, y0).y).real
-
-        size = np.abs(run.y).max()
-        gradient = run.gradient(c)
-        np.testing.assert_allclose(
-            gradient.parameters,
-            quotients.jacobian(lambda step: cost(p + step), len(p), bound=1e-7 * size),
-            rtol=0,
-            atol=1e-7 * size,
-        )
-        change = frame.random_point(rng)
-        expected = cost(p, y0 + change) - cost(p, y0)  # y depends on y0 linearly
-        actual = np.vdot(gradient.y0, change).real
-        assert abs(actual - expected) < 1e-7 * size
-        last = np.zeros_like(c)
-        last[-1] = c[-1]
-        np.testing.assert_array_equal(run.gradient(c[-1]).y0, run.gradient(last).y0)
-
-    @pytest.mark.parametrize("frame", [SO3(), SU(2), UnitQuaternion()], ids=repr)
-    def test_groups(self, frame):
-        p, y0, c = np.array([1.2, 0.7]), frame.random_point(self.RNG), np.array([1.0, -0.5, 2.0])
-        options = {"frame": frame, "parameters": p}
-        forward = cg.solve_variational(
-            lambda t, y, p: self.a(t, p), (0, 3), y0, control_derivatives=True, **options, **TIGHT
-        )
-        run = cg.solve_linear(
-            self.a, (0, 3), y0, derivatives="adjoint", df_dp=self.da_dp, rtol=1e-9, atol=1e-9,
-            **options,
-        )  # fmt: skip
-        gradient = run.gradient(c)
-        np.testing.assert_allclose(gradient.y0, forward.transition[-1].T @ c, rtol=0, atol=1e-7)
-        np.testing.assert_allclose(
-            gradient.parameters, forward.sensitivity[-1].T @ c, rtol=0, atol=1e-7
-        )
 
     def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials(self):
         from scipy.linalg import expm_frechet

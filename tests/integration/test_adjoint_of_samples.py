@@ -50,37 +50,6 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
         assert abs(actual - derivative(end, bound=1e-6)) < 1e-6
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
-@pytest.mark.parametrize("count", [8, 40])
-@pytest.mark.parametrize("kind", ["cubic", "averages"])
-def test_knots_of_splines_leave_no_errors(kind, count, tolerance):
-    """Solution and gradient against breakpoints at all knots, for random and smooth samples."""
-    for seed in range(4):
-        rng = np.random.default_rng([seed, count])
-        frame = [cg.frames.SO3(), cg.frames.Euclidean(3)][seed % 2]
-        times = np.linspace(-0.1, 2.1, count + (kind == "averages"))
-        times[1:-1] += rng.uniform(-0.3, 0.3, len(times) - 2) * (times[1] - times[0])
-        values = np.sin(2 * times[:count]) if seed < 2 else rng.standard_normal(count)
-        along, by_input = rng.standard_normal((3, 9)), rng.standard_normal((2, 3))
-
-        def f(t, y, u, p, along=along, by_input=by_input):
-            return np.sin(along[:, : y.size] @ y.ravel()) + [u, u * u * np.cos(t + p[0])] @ by_input
-
-        y0, c = frame.random_point(rng), rng.standard_normal(3)
-        options = {
-            "frame": frame, "inputs": cg.Samples(times, values, kind), "parameters": [0.3],
-            "derivatives": "adjoint",
-        }  # fmt: skip
-        runs = [
-            cg.solve_variational(f, (0, 2), y0, breakpoints=knots, rtol=rtol, atol=rtol, **options)
-            for knots, rtol in ((times[(times > 0) & (times < 2)], 1e-12), (None, tolerance))
-        ]
-        moved = frame.local_coordinates(*[run.y[-1] for run in runs])
-        np.testing.assert_allclose(moved, 0.0, rtol=0, atol=5 * tolerance)
-        for exact, actual in zip(*[run.gradient(c) for run in runs], strict=True):
-            np.testing.assert_allclose(actual, exact, rtol=0, atol=50 * tolerance + 1e-9)
-
-
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
 @pytest.mark.parametrize("kind", ["cubic", "averages"])
 def test_gradients_of_random_linear_equations_are_accurate(kind, tolerance):
@@ -114,37 +83,6 @@ def test_steps_pass_knots_that_the_tolerance_cannot_see():
             )
             assert (run.steps < 20) == few
             assert few or np.isin(times[2:-2], run.t).all()  # splines have no knots beside ends
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
-def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectorized):
-    rng = np.random.default_rng(3)
-    frame = cg.frames.LinearAction([-2j * np.diag([1.0, -1.0]), -1j * np.eye(2)[::-1]])
-    times, values = np.linspace(0, 1.5, 8 + (kind == "averages")), rng.standard_normal(8)
-    y0, c = frame.random_point(rng), frame.random_point(rng)
-    if vectorized:
-        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)
-        da = lambda t, u, p: np.stack(
-            [np.stack([np.cos(t), 0 * t], axis=1), np.stack([0 * t, 2 * u], axis=1)], axis=1
-        )
-    else:
-        a = lambda t, u, p: [p[0] * np.cos(t), u * u]
-        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]
-
-    def solve(values, p=1.3, **others):
-        return cg.solve_linear(
-            a, (0, 1.5), y0, frame=frame, inputs=cg.Samples(times, values, kind), parameters=[p],
-            vectorized=vectorized, **others,
-        )  # fmt: skip
-
-    run = solve(values, derivatives="adjoint", df_dp=da if exact else None, rtol=1e-8, atol=1e-8)
-    gradient = run.gradient(c)
-    way = rng.standard_normal(8)
-    end = lambda s: np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real
-    actual = gradient.inputs @ way + gradient.parameters[0]
-    assert abs(actual - derivative(end, bound=1e-6)) < 1e-6
 
 
 @pytest.mark.parametrize("df_dp", [None, lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
@@ -192,33 +130,6 @@ def test_jacobian_of_complex_entries(columns):
         actual = actual + jacobian.inputs[0] @ way
         actual = actual + by_y0 * np.tensordot(jacobian.y0, to, to.ndim)
         np.testing.assert_allclose(actual, derivative(end, bound=1e-6), rtol=1e-6, atol=1e-6)
-
-
-def test_gradients_by_values_that_pass_through_zero():
-    times, values = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, -0.5, 0.0])
-    curve = cg.Samples(times, values, kind="linear")
-    options = {"frame": LINE, "derivatives": "adjoint", "rtol": 1e-9, "atol": 1e-9}
-    run = cg.solve_variational(lambda t, y, u: [u + u * u], (0, 3), [0.0], inputs=curve, **options)
-    # the integral of each hat function times 1 + 2 u
-    mass = np.diag([2.0, 4.0, 4.0, 2.0]) + np.diag(np.ones(3), 1) + np.diag(np.ones(3), -1)
-    expected = mass @ (1 + 2 * values) / 6
-    np.testing.assert_allclose(run.gradient([1.0]).inputs, expected, rtol=0, atol=1e-6)
-    # steps of differences have the scale of the signal, so that rounding doesn't spoil them
-    curve = cg.Samples(np.arange(4.0), [1e-9, 1.0, -1e-9, 0.5])
-    run = cg.solve_variational(
-        lambda t, y, u: [1.0 + np.sin(u)], (0, 4), [0.0], inputs=curve, **options
-    )
-    np.testing.assert_allclose(run.gradient([1.0]).inputs, np.cos(curve.values), rtol=0, atol=1e-9)
-
-
-def test_jacobian_with_equal_steps_and_without_any():
-    held = cg.Samples([0.0, 1.0, 2.0], [0.5, -1.0, 0.25])
-    options = {"frame": LINE, "inputs": held, "method": "CG4a", "h": 0.02, "derivatives": "adjoint"}
-    run = cg.solve_variational(lambda t, y, u: [u * y[0]], (0, 3), [1.0], **options)
-    expected = np.exp(-0.25)  # each value acts for one unit of time
-    np.testing.assert_allclose(run.jacobian().inputs, [[expected] * 3], rtol=1e-7)
-    nothing = cg.solve_variational(lambda t, y, u: [u * y[0]], (1, 1), [1.0], **options)
-    np.testing.assert_array_equal(nothing.jacobian().inputs, np.zeros((1, 3)))
 
 
 @pytest.mark.parametrize("size", [-1e-12, -1e-100, 1e-100])

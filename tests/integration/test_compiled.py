@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from compiled_examples import DOUBLES, PROBLEMS
+from compiled_examples import DOUBLES
 from refusals import refuses
 from scipy import LowLevelCallable
 
@@ -14,31 +14,6 @@ from cg.frames import GL, SL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.run.drive import StepBudget
-
-
-@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
-def test_rounding_off_the_manifold_does_not_add_up(name, affine):
-    problem = PROBLEMS[name]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": "CG2", "h": 1 / 16384}
-    end = integrate(f, (0.0, 1.0), problem.y0, save_every=16384, **options).y[-1]
-    assert problem.frame.membership_error(end) < 1e-15  # of all steps it would be 1e-14
-
-
-@pytest.mark.parametrize("every", [1, 2, 3, 5, 7, 100])
-@pytest.mark.parametrize("compiled", [False, True])
-def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": "CG3", "h": 0.1}
-    all_steps = integrate(f if compiled else problem.f, (0, 1), problem.y0, **options)
-    some = integrate(f if compiled else problem.f, (0, 1), problem.y0, save_every=every, **options)
-    expected = sorted({*range(0, 11, every), 10})
-    np.testing.assert_array_equal(some.t, all_steps.t[expected])
-    np.testing.assert_array_equal(some.y, all_steps.y[expected])
-    assert some.nfev == all_steps.nfev
-    assert some.steps == all_steps.steps == 10
-    assert "steps=10, " in repr(some)
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])

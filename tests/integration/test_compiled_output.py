@@ -5,56 +5,13 @@ import ctypes
 import numpy as np
 import pytest
 from circle import CIRCLE, circle, height, solve
-from compiled_examples import PROBLEMS, both
 
 import cg
-from cg.frames import SU, Euclidean
-
-PAIR = {"rtol": 1e-5, "atol": 1e-5}
-FIXED = {"method": "CG4a", "h": 0.07}
-
-
-def first_entry(t, y):
-    return y.ravel().real[0] - 0.3
-
-
-def time(t, y):
-    return np.sin(5.0 * t)
+from cg.frames import Euclidean
 
 
 def late(t, y):
     return t - 0.45
-
-
-@pytest.mark.parametrize("name", [*PROBLEMS, "SU2"])
-@pytest.mark.parametrize("options", [PAIR, FIXED], ids=["pair", "fixed"])
-@pytest.mark.parametrize("span", [(0.1, 3.0), (0.1, -3.0)])
-def test_events(name, options, span, affine):
-    problem = PROBLEMS["SU2 space" if name == "SU2" else name]
-    f, _keep = affine(problem)
-    frame, y0 = problem.frame, problem.y0
-    if name == "SU2":
-        frame, y0 = SU(2), y0.view(complex).reshape(2, 2)
-    events = [first_entry, cg.Event(time, direction=1), cg.Event(time, direction=-1)]
-    # step sizes differ by the rounding of error estimates, as in test_compiled_adaptive.py
-    rounding = 16 * np.finfo(float).eps / options["rtol"] if options is PAIR else 1e-12
-    for extra in ({}, {"t_eval": np.linspace(*span, 9)}, {"dense_output": True}):
-        fast, slow = both(f, span, y0, frame, events=events, **options, **extra)
-        assert_same_events(fast, slow, rounding)
-        assert fast.nfev <= slow.nfev  # which has a continuous solution in all steps
-        assert len(fast.t_events[1]) in (2, 3)
-
-
-def assert_same_events(fast, slow, rounding):
-    assert (fast.steps, fast.status, fast.message) == (slow.steps, slow.status, slow.message)
-    np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=rounding)
-    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=10 * rounding)
-    for t, other, y, expected in zip(
-        fast.t_events, slow.t_events, fast.y_events, slow.y_events, strict=True
-    ):
-        np.testing.assert_allclose(t, other, rtol=0, atol=rounding)
-        np.testing.assert_allclose(y, expected, rtol=0, atol=10 * rounding)
-        assert (y.shape, y.dtype) == (expected.shape, expected.dtype)
 
 
 @pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
@@ -81,15 +38,6 @@ def test_an_event_in_the_last_step_before_an_error(function):
     options["events"] = late
     with pytest.raises(RuntimeError, match=r"code 7 at t = 0\.75"):
         cg.solve_ivp(function("stops"), (0, 2), [0.0], **options)
-
-
-def test_little_is_computed_beyond_the_end(function):
-    event = cg.Event(lambda t, y: t - 1.0, terminal=True)
-    options = {"frame": Euclidean(1), "method": "CG4a", "h": 1e-3, "events": event}
-    solution = cg.solve_ivp(function("rests"), (0, 1e6), [0.0], t_eval=[0.5], **options)
-    assert solution.t.tolist() == [0.5]
-    assert solution.steps == 1000
-    assert solution.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
 
 
 def test_compiled_events_without_data_get_none_of_a_function_in_python():

@@ -1,16 +1,14 @@
 """The continuous solution: order, end points, membership in the manifold."""
 
 import tracemalloc
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from frame_examples import generic
-from kinds import FROZEN, MUNTHE_KAAS
+from kinds import FROZEN
 from numpy.polynomial import Polynomial
 from refusals import refuses
 from scipy.interpolate import CubicHermiteSpline
-from slow_cases import cases
 
 import cg
 from cg.construction.methods.interpolant import extra_evaluations, nodes_of
@@ -30,8 +28,6 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.integration.plan.callbacks import _HANDLERS
-from cg.integration.run import run
-from cg.integration.run.drive import StepBudget
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 
@@ -80,37 +76,6 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
     points = solution.sol(np.linspace(0, 2, 41))
     assert points.shape == (41, *frame.point_shape)
     assert frame.membership_error(points).max() < 1e-13
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
-    step, _ = one_step(frame, 0.3, "CG5a")
-    ends = step.sol(np.nextafter(step.t, step.t[::-1]))
-    np.testing.assert_allclose(ends[0], step.y[0], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(ends[1], step.y[-1], rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("method", ["CG3", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)"])
-@pytest.mark.parametrize(
-    "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
-)
-def test_results_do_not_depend_on_steps_per_call(frame, method, monkeypatch):
-    """Results do not depend on the number of steps per call, which time and buffers limit."""
-    f, y0 = generic(frame)
-    options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
-    whole = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
-    times = np.add.outer(whole.t[:-1], 0.1 * np.linspace(0.05, 0.95, 7))
-    points = whole.sol(times)
-    monkeypatch.setattr(StepBudget, "stop", lambda self, count: None)
-    for size in (1, 2, 5, 20):
-        monkeypatch.setattr(run, "_MIN_BUFFER", size)
-        monkeypatch.setattr(run, "_MAX_BUFFER", size)
-        monkeypatch.setattr(StepBudget, "start", lambda self, size=size: size)
-        continued = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
-        np.testing.assert_array_equal(continued.y, whole.y)
-        np.testing.assert_array_equal(continued.sol(times), points)
-    for index in np.ndindex(times.shape):
-        np.testing.assert_array_equal(whole.sol(times[index]), points[index])
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
@@ -192,45 +157,6 @@ def test_evaluations_of_dense_output(method):
     assert dense.nfev == without.nfev + 1 + 4 * extra
     some = cg.solve_ivp(f, (0, 1), y0, t_eval=[0.25, 0.3, 0.4, 0.5], **options)
     assert some.nfev == without.nfev + extra  # only one step has output inside of it
-
-
-PAIRS = [n for n, m in {**FROZEN, **MUNTHE_KAAS}.items() if m.explicit and m.embedded_order]
-
-
-def worst_ratio(solution, points, frame, exact, least):
-    """Return the largest error within a step relative to that at its ends, or ``least``."""
-    worst = 0.0
-    for t0, t1 in pairwise(solution.sol.ts.tolist()):
-        t = t0 + (t1 - t0) * points
-        errors = frame.distance(solution.sol(t), exact(t))
-        worst = max(worst, errors[1:-1].max() / max(errors[0], errors[-1], least))
-    return worst
-
-
-KINDS = {"CG4(3)", "CF5(4)", "RKMK8(5,3)"}
-
-
-@pytest.mark.parametrize(
-    ("method", "tolerance", "frame"),
-    cases(
-        PAIRS,
-        [1e-4, 1e-8, 1e-11],
-        [SO3(), Product(SO3()), Stiefel(3, 1), SO(4)],
-        quick=lambda method, tolerance, frame: (
-            tolerance == 1e-8 if frame == SO3() else method in KINDS and tolerance == 1e-4
-        ),
-    ),
-)
-def test_errors_between_steps_are_those_at_the_steps(method, tolerance, frame):
-    if cg.methods[method].order < 4:
-        tolerance = max(tolerance, 1e-6)  # or the steps would be too many
-    f, y0 = generic(frame, seed=5)
-    options = {"rtol": tolerance, "atol": tolerance, "method": method, "dense_output": True}
-    solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, **options)
-    truth = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="CG7b", h=1 / 24, dense_output=True).sol
-    # the error at both ends of a step may be far below the tolerance by chance
-    least = max(1e-14, 1e-2 * tolerance)
-    assert worst_ratio(solution, np.linspace(0, 1, 6), frame, truth, least) < 3.0
 
 
 def test_times_may_have_any_shape_and_order():

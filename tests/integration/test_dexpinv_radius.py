@@ -28,7 +28,6 @@ from cg.frames import (
 from cg.integration.plan.blocks import dexpinv_of, is_compiled
 
 TURN = 2 * np.pi
-TIMES = np.linspace(0.1, 0.9, 9)
 WITH_SERIES = [
     SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(2), SL(3), Sphere(3), Stiefel(4, 2),
     IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), Semidirect(SO(4)), CLOSED, Power(SU(3), 2), SO(8),
@@ -81,16 +80,6 @@ def test_a_nilpotent_algebra_has_no_radius():
     np.testing.assert_allclose(HEISENBERG_GROUP.dexpinv(u, v), expected, rtol=1e-13)
 
 
-def test_commuting_factors_are_independent():
-    frame = Product(SO3(), Euclidean(2), UnitQuaternion())
-    u = np.array([9.0, 0.0, 0.0, 50.0, 60.0, 0.1, 0.2, 0.3])
-    v = np.array([1.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0])
-    for dexpinv in functions(frame):
-        values = dexpinv(u, v)
-        np.testing.assert_array_equal(values[:5], v[:5])
-        np.testing.assert_allclose(values[5:], frame.factors[2].dexpinv(u[5:], v[5:]), atol=1e-15)
-
-
 FAST = 40.0
 STEPPED = [
     SO3(), SE3("space"), UnitQuaternion(), SU(2), Sphere(2), SO(4), SU(3),
@@ -132,18 +121,3 @@ def test_a_chosen_step_that_is_too_long_is_rejected(frame):
         again.nrejected,
         again.nfev,
     )
-
-
-@pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])
-def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
-    """Coordinates of a step of many turns may not exist if the axis moves."""
-
-    f = lambda t, y: [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
-    solution = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0)
-    interpolant = cg.solve_ivp(
-        f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0, dense_output=True
-    ).sol
-    assert bool(interpolant._steps.t[0, 3]) == coordinates
-    np.testing.assert_array_equal(interpolant(1.0), solution.y[-1])
-    exact = cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11, t_eval=TIMES)
-    assert SO3().distance(interpolant(TIMES), exact.y).max() < 3e-2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crouch_grossman as cg
-from crouch_grossman.frames import SO3, Euclidean
+from crouch_grossman.frames import Euclidean
 
 LINE = {"frame": Euclidean(1)}
 ADAPTIVE = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DOP853", "CG5(4)", "RadauIIA5"]
@@ -97,39 +97,6 @@ def test_stepper():
     assert "f must return finite numbers" in stepper.advance(3.0)
     assert stepper.status == "failed"
     assert abs(stepper.t - 1) < 1e-14
-
-
-def test_derivatives():
-    options = {"rtol": 1e-8, "atol": 1e-8, **LINE}
-    solution = cg.solve_variational(emptying, (0, 5), [1.0], events=low, **options)
-    assert solution.status == 1
-    assert abs(solution.t[-1] - 1.8) < 1e-6
-    solution = cg.solve_variational(emptying, (0, 1.9), [1.0], derivatives="adjoint", **options)
-    assert abs(solution.gradient([1.0]).y0[0] - 0.05) < 1e-6
-
-
-@pytest.mark.parametrize("kind", [{}, {"vectorized": True}], ids=str)
-@pytest.mark.filterwarnings("ignore:Failure of 1 of 3")
-def test_derivatives_of_members(kind):
-    solution = cg.solve_variational_ensemble(
-        clock, (0, 5), np.zeros((3, 1)), parameters=[[0.0], [1.0], [0.0]], **kind, **LINE
-    )
-    assert solution.status.tolist() == [0, -1, 0]
-    assert "f must return finite numbers" in solution.messages[1]
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("method", ["auto", "Magnus8(4)", "CF5(4)"])
-def test_linear(method, vectorized):
-    a = lambda t: np.stack([0 * t, 0 * t, np.where(np.asarray(t) > 1, np.nan, 1.0)], axis=-1)
-    solution = cg.solve_linear(a, (0, 5), np.eye(3), frame=SO3(), method=method,
-                               vectorized=vectorized)  # fmt: skip
-    assert solution.status == -1
-    assert abs(solution.t[-1] - 1) < 1e-14
-    assert "f must return finite numbers" in solution.message
-    with pytest.raises(KeyError, match="mine"):
-        cg.solve_linear(lambda t: raising(t, 0, np.zeros(1)) * np.ones(3), (0, 5), np.eye(3),
-                        frame=SO3(), method=method, vectorized=vectorized)  # fmt: skip
 
 
 def test_compiled():

@@ -88,23 +88,8 @@ class TestEndless:
         assert run.status == -1
         assert counts[2] - counts[1] <= 1.2 * (counts[1] - counts[0]) < 20 * 40
 
-    def test_ensembles_have_output_at_the_start_and_where_it_is_asked_for(self):
-        points, span = np.array([[1.0], [2.0]]), (0, np.inf)
-        run = cg.solve_ensemble(grow, span, points, events=at_ten, **GROWS)
-        assert np.allclose(run.t_end, np.log([10, 5]), rtol=1e-8)
-        assert run.t.tolist() == [0.0]
-        run = cg.solve_ensemble(grow, span, points, events=at_ten, t_eval=[1.0, 2.0], **GROWS)
-        assert np.isnan(run.y[1, 1])
-        assert np.allclose(run.y[1, 0], np.exp(2.0))
-
 
 class TestRelativeTolerances:
-    def test_equal_ones_are_as_one(self):
-        problem = (lambda t, y: [np.sin(t), y[0, 0], 1.0], (0, 3), np.eye(3))
-        one = cg.solve_ivp(*problem, frame=SO3(), rtol=1e-6)
-        each = cg.solve_ivp(*problem, frame=SO3(), rtol=np.full(3, 1e-6))
-        assert np.array_equal(one.t, each.t)
-
     def test_a_coordinate_with_a_loose_one_is_less_accurate(self):
         def solve(rtol):
             frame = Euclidean(2)
@@ -139,15 +124,6 @@ class TestConstantJacobian:
         run = self.solve(convert(self.MATRIX))
         assert reference.njev > 0 == run.njev
         assert np.allclose(run.y, reference.y, rtol=1e-12)
-
-    @pytest.mark.parametrize("convert", [np.asarray, csc_array])
-    def test_vectorized_ensembles(self, convert):
-        options = {"frame": Euclidean(2), "method": "RadauIIA5", "jac": convert(self.MATRIX)}
-        run = cg.solve_ensemble(
-            lambda t, y: y @ self.MATRIX.T, (0, 1), np.ones((2, 2)), vectorized=True, **options
-        )
-        assert run.njev.tolist() == [0, 0]
-        assert np.allclose(run.y[-1, 0], self.solve(self.MATRIX).y[-1], rtol=1e-12)
 
     def test_another_shape_is_refused(self):
         with pytest.raises(ValueError, match=r"jac must return an array of shape \(2, 2\)"):

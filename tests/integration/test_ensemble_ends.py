@@ -11,7 +11,7 @@ from compiled_examples import DOUBLES
 from members import check, members_alone
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Stiefel
+from cg.frames import Euclidean
 from cg.integration.run import drive
 
 LINE = {"frame": Euclidean(1)}
@@ -82,26 +82,6 @@ def test_points_too_large_for_the_solution_within(function):
     assert math.isclose(solution.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
 
 
-def test_one_warning_for_all_members():
-    with pytest.warns(UserWarning, match="rtol") as caught:
-        cg.solve_ensemble(lambda t, y: y, (0, 1), np.zeros((4, 1)), rtol=0.0, **LINE)
-    assert len(caught) == 1
-
-
-@pytest.mark.parametrize("options", [CHOSEN, FIXED], ids=["chosen", "fixed"])
-def test_terminal_events_of_all_members_end_it_all(options, function):
-    event = cg.Event(lambda t, y, row: y[0] - 0.5, terminal=True)
-    # the second function fails later, which is no failure of what has ended before
-    numbers = np.array([[-1.0, NEVER], [-2.0, 0.75]])
-    solution = cg.solve_ensemble(
-        function("decays"), (0, 5), [1.0], parameters=numbers, events=event, **options
-    )
-    assert solution.status.tolist() == [1, 1]
-    assert (solution.success, solution.message) == (True, "A terminal event ended the integration.")
-    np.testing.assert_allclose(solution.t_end, np.log(2) / -numbers[:, 0], rtol=1e-7)
-    assert solution.y_events[0][1] == pytest.approx(0.5)
-
-
 @pytest.mark.parametrize("kind", ["compiled", "python", "vectorized"])
 def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
     monkeypatch.setattr(drive, "_REPORT_SECONDS", 0.0)
@@ -116,67 +96,6 @@ def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
     assert all(a <= b for a, b in itertools.pairwise(done))
     assert done[-1] == 10.0
     assert len({x for x in done if 0 < x < 4}) > 3
-
-
-class TestCommonSteps:
-    """All members take the steps that the one with the largest error calls for."""
-
-    @pytest.mark.parametrize("vectorized", [False, True])
-    def test_one_member_takes_its_own_steps(self, vectorized):
-        y0 = SO3().random_point(np.random.default_rng(1), 1)
-        options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
-
-        f = lambda t, y: np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
-        apart = members_alone(f, (0, 1), y0, **options)
-        check(
-            cg.solve_ensemble(f, (0, 1), y0, vectorized=vectorized, common_steps=True, **options),
-            apart,
-        )
-
-    @pytest.mark.parametrize("frame", [SO3(), SU(2), Stiefel(3, 1)], ids=repr)
-    @pytest.mark.parametrize("vectorized", [False, True])
-    def test_steps(self, frame, vectorized):
-        rng = np.random.default_rng(5)
-        y0 = frame.random_point(rng, 6)
-        weights = rng.standard_normal((frame.dim, y0[0].view(float).size))
-
-        def f(t, y):
-            many = np.ndim(t) == 1
-            flat = np.ascontiguousarray(y).reshape(len(t) if many else 1, -1).view(float)
-            actual = np.cos(flat @ weights.T + np.reshape(t, (-1, 1)))
-            return actual if many else actual[0]
-
-        options = {"frame": frame, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-        actual = cg.solve_ensemble(
-            f, (0, 1), y0, vectorized=vectorized, common_steps=True, t_eval=[0.15, 1], **options
-        )
-        assert len(set(actual.steps.tolist())) == 1
-        alone = members_alone(f, (0, 1), y0, **{**options, "t_eval": [0.15, 1]})
-        most = max(run.steps for run in alone)
-        assert most <= actual.steps[0] <= 1.3 * most
-        for i, run in enumerate(alone):
-            np.testing.assert_array_equal(actual.sol[i].ts, actual.sol.ts)
-            assert frame.distance(actual.y[:, i], run.y).max() < 2e-5
-        assert frame.membership_error(actual.y).max() < 1e-13
-
-    @pytest.mark.parametrize("common", [False, True])
-    @pytest.mark.parametrize("vectorized", [False, True])
-    def test_a_terminal_event_ends_one_member(self, common, vectorized):
-        event = cg.Event(lambda t, y: y[0] - 10.0, terminal=True)
-        solution = cg.solve_ensemble(
-            lambda t, y: y**2, (0, 2), [[1.0], [0.1]], events=event, vectorized=vectorized,
-            common_steps=common, rtol=1e-8, dense_output=True, **LINE,
-        )  # fmt: skip
-        assert solution.status.tolist() == [1, 0]
-        assert solution.success
-        assert solution.messages == {0: "A terminal event ended the integration."}
-        np.testing.assert_allclose(solution.t_end, [0.9, 2.0], rtol=1e-6)
-        assert [len(times) for times in solution.t_events[0]] == [1, 0]
-        np.testing.assert_allclose(solution.y_events[0][0], [[10.0]], rtol=1e-12)
-        assert np.isnan(solution.y[-1, 0, 0])
-        np.testing.assert_allclose(solution.y[-1, 1], 1 / 8, rtol=1e-6)
-        assert np.isnan(solution.sol(1.0)[0, 0])
-        np.testing.assert_allclose(solution.sol(1.0)[1, 0], 1 / 9, rtol=1e-6)
 
 
 def test_a_compiled_function_that_writes_into_its_point(function):
@@ -221,21 +140,3 @@ def test_functions_that_fail_between_steps(which):
     for i in (0, 2):
         alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **expected)
         np.testing.assert_array_equal(solution.y[:, i], alone.y)
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_many_events_of_members_are_in_the_order_of_their_times(vectorized, direction):
-    rates = np.array([[7.0], [40.0], [23.0]])
-    f = lambda t, y, p: p if vectorized else [p[0]]
-    events = [lambda t, y, p: np.sin(y[0]), lambda t, y, p: np.cos(y[0])]
-    run = cg.solve_ensemble(
-        f, (0, 3.0 * direction), [[0.1]] * 3, parameters=rates, events=events,
-        vectorized=vectorized, h=0.03, method="CF4", frame=Euclidean(1),
-    )  # fmt: skip
-    for which, shift in enumerate((0.0, 0.5)):
-        for k, rate in enumerate(rates[:, 0]):
-            n = np.arange(-60, 60)
-            t = ((n + shift) * np.pi - 0.1) / rate
-            t = t[(direction * t > 0) & (np.abs(t) < 3)][:: int(direction)]
-            np.testing.assert_allclose(run.t_events[which][k], t, rtol=0, atol=1e-12)

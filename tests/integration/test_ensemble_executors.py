@@ -4,7 +4,7 @@ import ctypes
 import math
 import pickle
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
@@ -38,10 +38,6 @@ def all_fields(t, y):
     return np.stack([y[:, 0, 0], np.cos(t) * y[:, 1, 1], 0.5 + 0 * t], axis=-1)
 
 
-def quarter(t, y, row):
-    return t - 0.25 * row[0]
-
-
 def turned(t, y):
     return y[0, 0]
 
@@ -51,27 +47,6 @@ turned.terminal = True
 
 def processes():
     return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
-
-
-@pytest.mark.parametrize("step", [{"rtol": 1e-7}, {"h": 0.1}])
-@pytest.mark.parametrize("method", ["auto", "CF4(3)"])
-def test_compiled_members_are_those_of_the_whole(path, step, method):
-    f = cg.CompiledFunction(path, "limited")
-    options = {"frame": FRAME, "parameters": RATES, "t_eval": TIMES, "method": method, **step}
-    options |= {"dense_output": True, "events": quarter}
-    whole = cg.solve_ensemble(f, (0, 1), POINTS, **options)
-    for change in ({"workers": 1}, {"workers": 2}, {"executor": ThreadPoolExecutor(3)}):
-        apart = cg.solve_ensemble(f, (0, 1), POINTS, **options, **change)
-        np.testing.assert_array_equal(apart.y, whole.y)
-        np.testing.assert_array_equal(apart.t, whole.t)
-        np.testing.assert_array_equal(apart.sol(TIMES), whole.sol(TIMES))
-        np.testing.assert_array_equal(apart[7].sol.ts, whole[7].sol.ts)
-        for one, other in zip(apart.y_events[0], whole.y_events[0], strict=True):
-            np.testing.assert_array_equal(one, other)
-        assert apart.message == whole.message
-        for count in ("steps", "nfev", "nexp", "status"):
-            np.testing.assert_array_equal(getattr(apart, count), getattr(whole, count))
-        assert not apart.y.flags.writeable
 
 
 def test_processes_receive_all_arguments(path):
@@ -218,26 +193,6 @@ def test_blas_has_one_thread(workers):
     with threadpool_limits(2):
         cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), frame=LINE, h=1.0, workers=workers)
     assert counts == {1}
-
-
-class UnusualError(Exception):
-    """Can be pickled, but not unpickled."""
-
-    def __init__(self, first, second):
-        super().__init__(f"{first} and {second}")
-
-
-def unusual(t, y):
-    raise UnusualError("one", "two")
-
-
-def test_messages_of_errors_that_cannot_be_pickled():
-    """The parent process takes a worker that sends such an error for dead."""
-    y0 = np.zeros((2, 1))
-    with pytest.raises(RuntimeError, match=r"test_ensemble_executors\.UnusualError: one and two"):
-        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)
-    with pytest.raises(UnusualError, match="one and two"):
-        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, workers=1)
 
 
 class TestCompiledFunction:

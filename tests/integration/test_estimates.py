@@ -9,7 +9,7 @@ from frame_examples import HEISENBERG
 
 import cg
 from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
-from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
 
 ROOT = Path(__file__).parents[2]
@@ -45,41 +45,6 @@ class TestRatios:
         """Estimates of one combination vanish at some times; so do squares, near these times."""
         assert kink_ratio(cg.methods[name]) < 40
         assert kink_ratio(cg.methods["DP5(4)"]) > 1000
-
-    def test_results_that_share_flows(self):
-        """Their difference doesn't see commutators: what the last flow leaves is seen at φ = 0."""
-        pair = cg.methods["DP5(4)"]
-        count = 1 + max(*pair.stage_points, pair.result)
-        change = {
-            k: y - x for k, (x, y) in enumerate(zip(pair.b, pair.b_embedded, strict=True)) if y != x
-        }
-        points = [(point.parent, point.weights) for point in pair.points[:count]]
-        blind = cg.CommutatorFree(
-            [*points, (pair.result, change)], pair.stage_points, pair.result, embedded_result=count
-        )
-        assert blind.embedded_order == pair.embedded_order == 4
-        assert estimate_ratio(blind) > 1e3 * estimate_ratio(pair)
-
-    def test_a_measured_ratio(self):
-        """The ratio at one angle and power agrees with a step on SO(3)."""
-        method, angle, j, size = cg.methods["CF5(4)"], 3.0, 2, 1e-6
-
-        f = lambda t, y: [size * t**j, 0.0, angle]
-        step = [
-            cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method=each, h=1.0).y[-1]
-            for each in (method, method.embedded)
-        ]
-        exact = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CF8a", h=1 / 64).y[-1]
-        from cg.construction.methods.estimate import _flow_response
-
-        nodes, weights = np.polynomial.legendre.leggauss(60)
-        s = (nodes + 1) / 2
-        exact_response = np.exp(-1j * angle * s) @ (weights / 2 * s**j)
-        response = _flow_response(method, method.c**j, np.array([angle]))
-        errors = [SO3().distance(y, exact) / size for y in step]
-        assert errors[0] == pytest.approx(abs(response[0][0] - exact_response), rel=1e-4)
-        difference = SO3().distance(step[0], step[1]) / size
-        assert difference == pytest.approx(abs(response[1][0]), rel=1e-4)
 
     def test_a_jump(self):
         """The trapezoidal rule and its first node: the estimate is half a step."""
@@ -139,11 +104,6 @@ class TestFamilies:
         assert len(quotients) == 210
         assert np.median(quotients) <= 5
         assert max(quotients) <= 50
-
-    @pytest.mark.parametrize("name", ["CF5(4)", "RKMK8(5,3)"])
-    def test_references(self, families, name):
-        for family, exact in families[::3]:
-            assert family.errors(family.solve(name, 1e-12), exact).max() < 1e-10
 
 
 def coefficients(random, dim):
@@ -206,69 +166,6 @@ class TestDiscontinuities:
             ).y[-1]  # fmt: skip
             errors.append(np.abs(run.y[-1] - exact).max() / (1 + np.abs(exact).max()) / tolerance)
         return np.array(errors)
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-class TestTimeAlone:
-    """Equations on which two results of a pair may agree although both are wrong."""
-
-    POLYNOMIAL = staticmethod(lambda t: [5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2])
-
-    @pytest.mark.parametrize("method", ["auto", *DEFAULTS])
-    @pytest.mark.parametrize("frame", [SO3(), SPIN], ids=["SO(3)", "LinearAction"])
-    def test_polynomials(self, method, frame, tolerance):
-        if frame is SPIN and method.startswith("RKMK"):
-            return
-        y0 = np.eye(3) if frame is not SPIN else np.array([1.0, 0.0j])
-        run = cg.solve_ivp(
-            lambda t, y: self.POLYNOMIAL(t), (0, 2), y0, frame=frame, method=method,
-            rtol=tolerance, atol=tolerance,
-        )  # fmt: skip
-        exact = cg.solve_linear(self.POLYNOMIAL, (0, 2), y0, frame=frame, method="CFM8(4)", h=0.005)
-        assert np.abs(run.y[-1] - exact.y[-1]).max() < 10 * tolerance
-
-    @pytest.mark.parametrize("method", ["auto", "CFM6(4)", "CFM6(4)b", "CFM8(4)", "RKMK8(5,3)"])
-    def test_oscillations_of_one_generator(self, method, tolerance):
-        run = cg.solve_linear(
-            lambda t: [0, 0, np.cos(20 * t)], (0, 2.3), np.eye(2), frame=SU(2), method=method,
-            rtol=tolerance, atol=tolerance,
-        )  # fmt: skip
-        exact = SU(2).flow([0, 0, np.sin(46) / 20], np.eye(2))
-        assert np.abs(run.y[-1] - exact).max() < 10 * tolerance
-
-
-class TestLongSteps:
-    METHODS = ("CF5(4)", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)")
-
-    @pytest.mark.parametrize(
-        "frame", [SO3(), UnitQuaternion(), SU(3), SO(4), Sphere(2), SE3()], ids=repr
-    )
-    @pytest.mark.parametrize("method", METHODS)
-    def test_constant_rotations_take_few(self, frame, method):
-        velocity = np.random.default_rng(1).normal(size=frame.dim) * 10
-        run = cg.solve_ivp(
-            lambda t, y: velocity, (0, 100), frame.random_point(np.random.default_rng(2)),
-            frame=frame, method=method, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert run.steps + run.nrejected < 20
-
-    @pytest.mark.parametrize("method", METHODS)
-    @pytest.mark.parametrize("drift", [1e-3, 1e-2])
-    def test_a_drift_shortens_them(self, method, drift):
-        """Steps are at most 20 radians long where coefficients change."""
-        run = cg.solve_ivp(
-            lambda t, y: [drift * np.sin(0.3 * t), 0, 50.0], (0, 20), np.eye(3), frame=SO3(),
-            method=method, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert 49 < run.steps < 1000
-        assert 50 * np.diff(run.t).max() <= 20
-
-    def test_common_steps(self):
-        run = cg.solve_ensemble(
-            lambda t, y, p: [p[0] * np.sin(0.3 * t), 0, 50.0], (0, 20), np.eye(3), frame=SO3(),
-            method="CF5(4)", parameters=[[0.0], [1e-3]], common_steps=True, rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert run.steps[0] == run.steps[1] > 49
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,7 @@ from circle import height, solve
 from refusals import refuses
 
 import cg
-from cg.construction.methods.interpolant import extra_evaluations
-from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
+from cg.frames import SO3, Euclidean, UnitQuaternion
 
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 
@@ -58,30 +57,11 @@ def test_terminal_events_end_the_integration(terminal, stop):
         assert abs(height(0.0, solution.y[-1])) < 1e-14
 
 
-def test_events_after_the_terminal_one_in_the_same_step_are_left_out():
-    events = [marked(lambda t, y: t - 5.02), marked(lambda t, y: t - 5.01, terminal=True)]
-    options = {"method": "CG4a", "h": 0.5, "rtol": None, "atol": None}
-    solution = solve(events, **options)
-    assert solution.t[-1] == pytest.approx(5.01)
-    assert [len(t) for t in solution.t_events] == [0, 1]
-    assert solution.y_events[0].shape == (0, 2)
-    backward = solve(events[::-1], t_span=(10.0, 0.1), **options)
-    assert [len(t) for t in backward.t_events] == [1, 1]
-    assert backward.t[-1] == pytest.approx(5.01)
-
-
 def test_a_zero_at_the_start_or_at_a_step_is_counted_rightly():
     # A grid with steps at the zeros themselves, exactly representable.
     options = {"method": "CG4a", "h": 0.5, "rtol": None, "atol": None}
     solution = solve(lambda t, y: (t - 1.0) * (t - 2.0) * (t - 3.0), t_span=(1.0, 4.0), **options)
     np.testing.assert_array_equal(solution.t_events[0], [2.0, 3.0])
-
-
-def test_without_zeros_the_lists_are_empty():
-    solution = solve([marked(lambda t, y: 1.0), marked(lambda t, y: y[1] - 5)])
-    assert [t.shape for t in solution.t_events] == [(0,), (0,)]
-    assert [y.shape for y in solution.y_events] == [(0, 2), (0, 2)]
-    assert solve([]).t_events == []
 
 
 def test_a_function_far_from_zero_is_called_twice_a_step():
@@ -95,17 +75,6 @@ def test_a_function_far_from_zero_is_called_twice_a_step():
     middles = 0.5 * (solution.t[:-1] + solution.t[1:])
     expected = np.sort(np.concatenate([solution.t, middles]))
     np.testing.assert_allclose(np.sort(calls), expected, rtol=1e-15)
-
-
-def test_events_do_not_change_the_steps():
-    without, watched = solve(None), solve(height)
-    np.testing.assert_array_equal(without.t, watched.t)
-    np.testing.assert_array_equal(without.y, watched.y)
-    assert without.t_events is None
-    # only steps with an event in them take more; those at the ends of steps are used again, except
-    # at the end of the last step
-    extra = extra_evaluations(without.method) * len(watched.t_events[0]) + 1
-    assert watched.nfev == without.nfev + extra
 
 
 @pytest.mark.parametrize(("value", "message"), [
@@ -196,45 +165,10 @@ class TestManyZerosInOneStep:
         np.testing.assert_allclose(run.t_events[0], self.times(200.0), rtol=0, atol=5e-12)
         assert abs(np.abs(run.y_events[0][:, 3]) - self.LEVEL).max() < 1e-14
 
-    def test_on_a_frame_in_python(self):
-        run = cg.solve_ivp(
-            lambda t, y: [self.RATE, 0.0, 0.0], (0, 100), [[0], [1.0], [0]], frame=Stiefel(3, 1),
-            events=lambda t, y: abs(y[1, 0]) - 0.999, rtol=1e-9, max_step=40.0,
-        )  # fmt: skip
-        assert run.steps < 12
-        assert len(run.t_events[0]) == 19
-
     def test_more_than_a_buffer_holds(self):
         run = self.run(end=4000.0)
         assert run.steps < 20
         np.testing.assert_allclose(run.t_events[0], self.times(4000.0), rtol=0, atol=3e-10)
-
-    @pytest.mark.parametrize(
-        ("direction", "part"), [(-1, slice(0, None, 2)), (1, slice(1, None, 2))]
-    )
-    def test_in_one_direction(self, direction, part):
-        run = self.run(cg.Event(self.aligned, direction=direction))
-        np.testing.assert_allclose(run.t_events[0], self.times(200.0)[part], rtol=0, atol=1e-11)
-
-    def test_a_terminal_one_after_others(self):
-        run = self.run([cg.Event(self.aligned, terminal=6), lambda t, q: t - 150.0])
-        assert run.status == 1
-        np.testing.assert_allclose(run.t_events[0], self.times(200.0)[:6], rtol=0, atol=2e-12)
-        assert run.t[-1] == run.t_events[0][-1]
-        assert len(run.t_events[1]) == 0
-
-    def test_jumps(self):
-        # each time it turns back by a right angle
-        back = cg.frames.UnitQuaternion().flow
-        jump = cg.Event(
-            lambda t, q: q[0] - math.sin(1.0), direction=1,
-            jump=lambda t, q: back(np.array([-1.0, 0.0, 0.0]), q),
-        )  # fmt: skip
-        run = self.run(jump, end=60.0)
-        first, period = 2.0 / self.RATE, 1.0 / self.RATE
-        np.testing.assert_allclose(
-            run.t_events[0], np.arange(first, 60.0, period), rtol=0, atol=1e-12
-        )
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
@@ -342,23 +276,6 @@ class TestPeriod:
                 events=cg.Event(lambda t, y, c=middle: (y[0] + c) % (2 * np.pi), period=2 * np.pi),
             )  # fmt: skip
             assert len(run.t_events[0]) == count - (middle == 0)
-
-    def test_callers(self):
-        third = 2.0 + 4 * np.pi
-        run = self.turn((0, 60), terminal=3)
-        np.testing.assert_allclose(run.t[-1], third, rtol=1e-10)
-        back = self.turn((0, 59.5), jump=lambda t, y: SO3().flow([0.0, 0.0, -1.0], y))
-        np.testing.assert_allclose(back.t_events[0], 2.0 + np.arange(58), rtol=1e-10)
-        stepper = cg.Stepper(lambda t, y: [0.0, 0.0, 1.0], 0.0, np.eye(3), 60.0, frame=SO3(),
-                             events=cg.Event(azimuth, terminal=3, period=2 * np.pi))  # fmt: skip
-        assert stepper.advance(60.0)
-        np.testing.assert_allclose(stepper.t, third, rtol=1e-10)
-        runs = cg.solve_ensemble(
-            lambda t, y, row: [0.0, 0.0, row[0]], (0, 9), np.eye(3), parameters=[[1.0], [2.0]],
-            frame=SO3(), events=cg.Event(azimuth, period=2 * np.pi), common_steps=True,
-        )  # fmt: skip
-        for times, rate in zip(runs.t_events[0], (1, 2), strict=True):
-            np.testing.assert_allclose(times, (2 + 2 * np.pi * np.arange(rate + 1)) / rate)
 
     @pytest.mark.parametrize("angle", [lambda t, y: azimuth(t, y) % (2 * np.pi), compiled_azimuth])
     def test_derivatives_of_times(self, angle):

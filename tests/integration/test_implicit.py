@@ -6,7 +6,7 @@ from kinds import FROZEN
 
 import cg
 from cg.construction.methods.tableau import Tableau
-from cg.frames import SE3, SO3, Euclidean, Product, Sphere
+from cg.frames import SO3, Euclidean, Product
 from cg.integration.plan.stage_solver import STAGE_SOLVERS
 from cg.problems import StateDependentRotation
 
@@ -63,23 +63,6 @@ def test_stages_solve_their_equations(method, kind):
         point = frame.flow(h * b * v, point)
     np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-13)
     assert solution.nfev == len(calls)
-
-
-@pytest.mark.parametrize("frame", [SO3(), SE3(), Sphere(2), BODY], ids=repr)
-@pytest.mark.parametrize("method", [MIDPOINT, GAUSS], ids=lambda m: m.name)
-def test_both_solvers_find_the_same_solution(frame, method):
-    rng = np.random.default_rng(4)
-    y0 = frame.random_point(rng)
-    weights = rng.standard_normal((frame.dim, y0.size))
-
-    f = lambda t, y: np.sin(weights @ y.ravel() + t)
-    newton, fixed = (
-        cg.solve_ivp(f, (0, 2), y0, frame=frame, method=method, h=0.1, stage_solver=kind)
-        for kind in KINDS
-    )
-    np.testing.assert_allclose(newton.y, fixed.y, rtol=0, atol=1e-12)
-    assert 0 < newton.njev == newton.nlu
-    assert fixed.njev == fixed.nlu == 0
 
 
 def test_newton_needs_fewer_evaluations_where_steps_are_large():

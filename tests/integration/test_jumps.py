@@ -5,10 +5,7 @@ import pytest
 from bouncing_ball import GRAVITY, KEPT, bounce, fall, height
 
 import cg
-from cg.frames import SO3, Euclidean, Product
-
-BODY = Product(SO3(), Euclidean(3))
-
+from cg.frames import SO3, Euclidean
 
 FLOOR = cg.Event(height, direction=-1, jump=bounce)
 
@@ -57,47 +54,6 @@ def test_a_bouncing_ball_is_the_closed_form(options):
     np.testing.assert_allclose(at_times.t_events[0], times, rtol=0, atol=1e-11)
 
 
-def test_t_eval_and_dense_output_give_the_point_after_a_jump():
-    first = drop(dense_output=True)
-    for t, before, after in zip(
-        first.t_events[0], first.y_events[0], first.y_after[0], strict=True
-    ):
-        assert t in first.t
-        np.testing.assert_array_equal(first.y[first.t == t], [after])
-        np.testing.assert_array_equal(first.sol(t), after)
-        np.testing.assert_allclose(first.sol(np.nextafter(t, 0.0)), before, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(first.sol(np.nextafter(t, 9.0)), after, rtol=0, atol=1e-12)
-    t = first.t_events[0]
-    np.testing.assert_array_equal(drop(t_eval=t).y, first.y_after[0])
-    assert (np.diff(first.t) > 0.0).all()
-
-
-@pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.parametrize("shift", [0.0, 1e-13, -1e-13])
-def test_an_event_does_not_happen_again_where_it_jumped(backward, shift):
-    """The jump leaves the function at its zero, or a rounding to either side."""
-    sign = -1.0 if backward else 1.0
-
-    jump = lambda t, y: [y[0], y[1] + 1.0]
-    solution = cg.solve_ivp(
-        lambda t, y: [1.0, 0.0], (0, 6 * sign), [0.0, 0.0], frame=Euclidean(2), max_step=0.4,
-        events=cg.Event(lambda t, y: np.sin(np.pi * (t - 0.5 * sign)) + shift, jump=jump),
-    )  # fmt: skip
-    zeros = sign * (np.arange(6) + 0.5)
-    np.testing.assert_allclose(solution.t_events[0], zeros, rtol=0, atol=1e-12)
-    assert solution.y[-1, 1] == 6.0
-
-
-def test_a_zero_of_the_other_direction_after_a_jump():
-    """In the step after its jump the function falls further, and rises through zero."""
-    event = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -0.1])
-    solution = cg.solve_ivp(
-        lambda t, y: [y[1], 1.0], (0, 2), [1.0, -2.0], frame=Euclidean(2), method="CG4a", h=1.0,
-        events=event,
-    )  # fmt: skip
-    np.testing.assert_allclose(solution.t_events[0], [2.0 - np.sqrt(2.0)], rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("h", [0.3, 0.5])
 def test_a_return_to_zero_within_the_first_part_of_a_step(h):
     """The force turns, so that the ball is in the air again at the end of the step."""
@@ -112,35 +68,6 @@ def test_a_return_to_zero_within_the_first_part_of_a_step(h):
     )
     assert exact.t_events[0].size >= 2
     np.testing.assert_allclose(coarse.t_events[0], exact.t_events[0], rtol=0, atol=2e-14)
-
-
-@pytest.mark.parametrize("terminal", [1, 2, 4])
-def test_a_terminal_event_ends_without_its_last_jump(terminal):
-    solution = drop(
-        events=cg.Event(height, direction=-1, jump=bounce, terminal=terminal), dense_output=True
-    )
-    times, _ = impacts(terminal)
-    assert (solution.status, solution.success) == (1, True)
-    np.testing.assert_allclose(solution.t_events[0], times, rtol=0, atol=6e-13)
-    assert solution.t[-1] == solution.t_events[0][-1] == solution.sol.t_max
-    np.testing.assert_array_equal(solution.y_after[0][-1], solution.y_events[0][-1])
-    np.testing.assert_array_equal(solution.y[-1], solution.y_events[0][-1])
-    np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
-
-
-@pytest.mark.parametrize("options", [{"h": 0.25}, {"h": 0.4}, {"max_step": 0.3}])
-def test_a_jump_at_the_end_of_the_span(options):
-    solution = cg.solve_ivp(
-        lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), dense_output=True,
-        **({"method": "CG4a"} if "h" in options else {}), **options,
-        events=cg.Event(lambda t, y: t - 1.0, jump=lambda t, y: y + 5.0),
-    )  # fmt: skip
-    assert solution.t_events[0].tolist() == [1.0]
-    assert solution.y_events[0] == pytest.approx(np.array([[1.0]]), abs=1e-14)
-    np.testing.assert_array_equal(solution.y_after[0], solution.y_events[0] + 5.0)
-    assert (solution.t[-1], solution.status) == (1.0, 0)
-    np.testing.assert_array_equal(solution.y[-1], solution.y_after[0][0])
-    np.testing.assert_array_equal(solution.sol(1.0), solution.y[-1])
 
 
 def test_jumps_without_progress_end_the_integration():
@@ -171,18 +98,6 @@ def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options
     assert rest.y[:, 0].min() > -1e-13
 
 
-@pytest.mark.parametrize("method", ["DP5(4)", "RKMK5(4)"])
-def test_bounces_end_where_a_ball_returns_to_the_rounding_of_its_height(method):
-    """Also where equal steps end there, each of which would give the ball the same speed."""
-    floor = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
-    rest = cg.solve_ivp(
-        lambda t, y: [y[1], -350.0], (0.0, 9.0), [1.0, 0.0], frame=Euclidean(2), events=floor,
-        method=method, max_steps=2000,
-    )  # fmt: skip
-    assert "events[0] leaves its function at zero" in rest.message
-    assert rest.t[-1] == pytest.approx(np.sqrt(2.0 / 350.0) * 1.7 / 0.3, abs=1e-10)
-
-
 @pytest.mark.parametrize("start", np.linspace(0.9, 1.1, 5))
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.5}])
 def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
@@ -198,26 +113,6 @@ def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
     )  # fmt: skip
     assert "events[0] leaves its function at zero" in rest.message
     assert len(rest.t_events[0]) == 1
-
-
-@pytest.mark.parametrize("h", [3e-6, 1e-5, 1e-4])
-def test_a_ball_that_rests_within_rounding_for_many_steps(h):
-    """At a height of 1e6 it falls by less than rounding in some 10 steps of 3e-6."""
-    floor = cg.Event(lambda t, y: y[0] - 1e6, direction=-1, jump=lambda t, y: [1e6, -1e-4 * y[1]])
-    rest = cg.solve_ivp(
-        fall, (0.0, 3e-3), [1e6 + 1e-6, 0.0], frame=Euclidean(2), events=floor, method="CG4a", h=h
-    )
-    assert "events[0] leaves its function at zero" in rest.message
-    assert len(rest.t_events[0]) == 1
-    assert rest.y[-1, 0] - 1e6 > -1e-6
-
-
-def test_a_jump_may_leave_a_solution_that_passes_slowly():
-    """Behind a pane of glass, which takes nearly all of its speed, a ball falls on."""
-    pane = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, 1e-6 * y[1]])
-    solution = drop((0.0, 1.0), events=pane)
-    assert (solution.status, len(solution.t_events[0])) == (0, 1)
-    assert solution.y[-1, 0] == pytest.approx(-GRAVITY * (1 - impacts(1)[0][0]) ** 2 / 2, abs=1e-5)
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]])
@@ -247,32 +142,6 @@ def test_events_at_the_same_time_happen_in_any_order(order, spread):
     np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
 
 
-@pytest.mark.parametrize("start", [0.9, 1.0, 1.3])
-def test_a_zero_that_rounding_puts_behind_a_jump_is_not_lost(start):
-    """The last function is zero at all heights below 6e-14."""
-    ends = cg.Event(lambda t, y: (y[0] + 1e3) - 1e3, direction=-1, terminal=True)
-    for events in ([FLOOR, ends], [ends, FLOOR]):
-        assert drop((0.0, 1.0), (start, 0.0), events=events).status == 1
-
-
-def test_other_events_in_the_step_of_a_jump():
-    """Those before it happen, those after it only if the solution gets there."""
-    events = [
-        cg.Event(lambda t, y: y[0] - 0.4),
-        cg.Event(lambda t, y: y[0] - 0.5, jump=lambda t, y: [0.0]),
-        cg.Event(lambda t, y: y[0] - 0.6),
-    ]
-    solution = cg.solve_ivp(
-        lambda t, y: [1.0], (0, 1.95), [0.0], frame=Euclidean(1), method="CG4a", h=2.0,
-        events=events,
-    )  # fmt: skip
-    np.testing.assert_allclose(solution.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(solution.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
-    assert len(solution.t_events[2]) == 0
-    for before, after in zip(solution.y_events[0], solution.y_after[0], strict=True):
-        np.testing.assert_array_equal(before, after)
-
-
 @pytest.mark.parametrize(("value", "message"), [
     ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
     ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
@@ -291,21 +160,6 @@ def test_a_point_off_the_manifold_after_a_jump_is_refused():
     event = cg.Event(lambda t, y: t - 0.5, jump=lambda t, y: 1.1 * y)
     with pytest.raises(ValueError, match=r"events\[0\]\.jump\(t, y\) must be a point of SO3"):
         cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1), np.eye(3), frame=SO3(), events=event)
-
-
-def test_functions_with_attributes_jump_as_events_do():
-    floor = lambda t, y: y[0] - 0.5
-    double = lambda t, y: 2.0 * y
-    attached = cg.Event(floor, direction=-1, jump=double)
-    floor.direction, floor.jump = -1, double
-    options = {"frame": Euclidean(1), "rtol": 1e-8, "atol": 1e-8}
-    runs = [
-        cg.solve_ivp(lambda t, y: -y, (0, 3), [1.0], events=e, **options) for e in (attached, floor)
-    ]
-    np.testing.assert_allclose(
-        runs[0].t_events[0], np.log(2.0) * np.arange(1, 5), rtol=0, atol=5e-10
-    )
-    np.testing.assert_array_equal(runs[0].y, runs[1].y)
 
 
 @pytest.mark.parametrize("gap", [1e-10, -1e-10, 0.0, 1e-8])

@@ -105,17 +105,6 @@ def test_an_unused_third_result_is_no_estimate():
     np.testing.assert_allclose(run.y[-1], SO3().flow([0, 0, 2.0], np.eye(3)), rtol=0, atol=1e-14)
 
 
-def test_output_between_steps_is_as_accurate_as_steps():
-    frame = SO3()
-    a = coefficients_for(frame)
-    times = np.linspace(0, 2, 41)
-    exact = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-12, t_eval=times)
-    for output in ({"t_eval": times}, {"dense_output": True}):
-        run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **output)
-        y = run.y if run.sol is None else run.sol(times)
-        np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
-
-
 @pytest.mark.parametrize("node", ["1/2", "1/3", "1"])
 def test_a_single_node_that_is_not_at_the_start(node):
     method = cg.MagnusMethod([node], [[1]])
@@ -136,29 +125,6 @@ class TestStagesWithoutPoints:
     @staticmethod
     def a(t):
         return [np.sin(3 * t), np.cos(t), t]
-
-    @pytest.mark.parametrize(
-        "method", ["RKMK8(5,3)", "RKMK5(4)", "CF6(5)", "DOP853", "CG4(3)", "CF7(6)", "RadauIIA5"]
-    )
-    @pytest.mark.parametrize(
-        "options",
-        [
-            {"h": 0.1},
-            {"rtol": 1e-8, "atol": 1e-8},
-            {"rtol": 1e-6, "t_eval": [0.2, 0.21, 1.9], "events": lambda t, y: y[0, 1]},
-            {"h": 0.1, "dense_output": True, "breakpoints": [0.33]},
-        ],
-    )
-    def test_solutions_are_those_of_solve_ivp(self, method, options):
-        linear = cg.solve_linear(self.a, (0, 2), np.eye(3), frame=SO3(), method=method, **options)
-        other = cg.solve_ivp(
-            lambda t, y: self.a(t), (0, 2), np.eye(3), frame=SO3(), method=method, **options
-        )
-        np.testing.assert_allclose(linear.t, other.t, rtol=1e-11)
-        np.testing.assert_allclose(linear.y, other.y, rtol=0, atol=1e-11)
-        # a stage at the end of the step begins the next one, wherever its point is
-        assert linear.nfev <= other.nfev
-        assert linear.nexp <= other.nexp
 
     @pytest.mark.parametrize("vectorized", [False, True])
     def test_munthe_kaas_methods_take_one_flow_per_step(self, vectorized):

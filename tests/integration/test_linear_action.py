@@ -66,13 +66,6 @@ class TestLinearAction:
         with pytest.raises(cg.frames.FlowOverflowError, match=r"\|v\| = 1e\+20"):
             overflowing.flow([1e20, 1e20], np.ones(2))
 
-    def test_products_with_other_frames_measured_by_entries(self):
-        action = LinearAction(list(self.DENSE))
-        pair, y = cg.frames.Power(action, 2), self.RNG.standard_normal((2, 6))
-        a = np.array([0.3, -0.2, 0.5])
-        run = cg.solve_linear(lambda t: np.tile(a, 2), (0, 1), y, frame=pair, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(run.y[-1], action.flow(a, y), rtol=0, atol=1e-9)
-
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("columns", [1, 4])
     def test_columns_move_like_vectors(self, factor, columns):
@@ -208,15 +201,6 @@ class TestPolynomialFlows:
         assert counts[0] < counts[1] < 12 * norm
         assert counts[0] < 6.5 * norm
 
-    @pytest.mark.parametrize("scale", [1.0, 10.0])
-    def test_steps_whose_coefficients_vary_most_at_their_ends(self, scale):
-        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
-        run = cg.solve_linear(
-            lambda t: [scale * (2 * t - 1) ** 8], (0, 1), [1.0, 0.0], frame=frame, h=1.0
-        )
-        exact = [np.cos(scale / 9), -np.sin(scale / 9)]
-        np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-14)
-
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])
     @pytest.mark.parametrize("scale", [1e-9, 0.3, 5.0])
@@ -237,48 +221,6 @@ class TestPolynomialFlows:
         matrices = cg.frames.MatrixFrame(list(generators))
         product = cg.solve_linear(a, (0, 1), y0, frame=matrices, method="CFM8(4)", h=0.01).y[-1]
         np.testing.assert_allclose(whole, product, rtol=0, atol=1e-10 * np.abs(whole).max())
-
-    def test_output_between_steps_is_as_accurate_as_steps(self):
-        generators = self.DENSE - self.DENSE.mT
-        frame, y0, times = LinearAction(generators), np.ones(5), np.linspace(0, 2, 23)
-        exact = cg.solve_linear(
-            self.a, (0, 2), y0, frame=frame, rtol=1e-13, atol=1e-13, t_eval=times
-        )
-        np.testing.assert_allclose(exact.y[-1], self.exact(generators, y0, 2.0), atol=1e-11)
-        for given in ({"t_eval": times}, {"dense_output": True}):
-            run = cg.solve_linear(self.a, (0, 2), y0, frame=frame, rtol=1e-8, atol=1e-8, **given)
-            y = run.y if run.sol is None else run.sol(times)
-            np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
-            assert run.nfev < 200
-
-    @pytest.mark.parametrize("skew", [False, True])
-    @pytest.mark.parametrize("end", [1.0, -1.0])
-    def test_many_output_times_in_a_step_take_few_flows(self, skew, end):
-        generators = self.DENSE - self.DENSE.mT if skew else 2 * self.DENSE
-        times = end * np.linspace(0, 1, 203)
-        options = {"frame": LinearAction(list(generators)), "method": "CFM8(4)"}
-
-        def a(t):  # of degree three, which one step interpolates exactly
-            return [1 - 3 * t**3, t]
-
-        run = cg.solve_linear(
-            a, (0, end), np.ones(5), h=1.0, t_eval=times, dense_output=True, **options
-        )
-        assert run.steps == 1
-        assert run.nexp <= 5  # at most 64 times for each
-        steps = cg.solve_linear(a, (0, end), np.ones(5), h=1 / 202, **options)
-        np.testing.assert_allclose(run.y, steps.y, rtol=0, atol=1e-13 * np.abs(steps.y).max())
-        shuffled = np.random.default_rng(1).permutation(203)
-        np.testing.assert_allclose(run.sol(times[shuffled]), run.y[shuffled], rtol=1e-12)
-
-    def test_an_event_leaves_out_later_output_times(self):
-        frame, times = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]]), np.linspace(0, 5, 501)
-        run = cg.solve_linear(
-            lambda t: [1.0], (0, 5), [1.0, 0.0], frame=frame, h=2.5, t_eval=times, method="CFM4",
-            events=cg.Event(lambda t, y: y[0], terminal=True),
-        )  # fmt: skip
-        assert run.t[-1] == times[157] < np.pi / 2
-        np.testing.assert_allclose(run.y[:, 0], np.cos(run.t), atol=1e-13)
 
     def test_a_step_beyond_double_precision_ends_the_integration(self):
         frame = LinearAction([np.diag([-1.0, -2.0])])

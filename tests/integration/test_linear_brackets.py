@@ -7,7 +7,7 @@ from frame_examples import HEISENBERG, name
 from refusals import refuses
 
 import cg
-from cg.frames import SO, SO3, SU, Euclidean, LinearAction, Product, U, UnitQuaternion
+from cg.frames import SO, SU, LinearAction, U, UnitQuaternion
 
 METHOD = cg.methods["Magnus8(4)"]
 
@@ -90,49 +90,3 @@ def test_frames_without_brackets_are_refused():
         r"<MagnusMethod Magnus8\(4\).*which needs brackets", cg.solve_linear, lambda t: [1.0, t],
         (0, 1), np.zeros(3), frame=HEISENBERG, method=METHOD,
     )  # fmt: skip
-
-
-class TestOptions:
-    FRAME = Product(SO3(), Euclidean(2))
-
-    def test_output_breakpoints_and_inputs(self):
-        y0, times = self.FRAME.random_point(np.random.default_rng(4)), np.linspace(0, 2, 31)
-        inputs = cg.Samples(np.linspace(0, 2, 9), np.random.default_rng(5).normal(size=(9, 5)))
-        runs = [
-            cg.solve_linear(
-                lambda t, u: u, (0, 2), y0, method=method, inputs=inputs, t_eval=times,
-                dense_output=True, breakpoints=[0.8], frame=self.FRAME,
-                rtol=1e-9, atol=1e-9,
-            )
-            for method in (METHOD, "RKMK8(5,3)")
-        ]  # fmt: skip
-        np.testing.assert_allclose(runs[0].y, runs[1].y, rtol=0, atol=3e-8)
-        np.testing.assert_allclose(runs[0].sol(times), runs[0].y, rtol=0, atol=3e-8)
-
-    def test_propagators_of_members(self):
-        def a(t, row):
-            return [row[0], np.sin(t), 1.0]
-
-        rows = np.array([[0.0], [2.0]])
-        many = cg.solve_linear_ensemble(
-            a, (0, 2), np.eye(2), frame=SU(2), parameters=rows, rtol=1e-9, atol=1e-9
-        )
-        for row, y in zip(rows, many.y[-1], strict=True):
-            alone = cg.solve_linear(
-                lambda t, row=row: a(t, row), (0, 2), np.eye(2), frame=SU(2), rtol=1e-9, atol=1e-9
-            )
-            np.testing.assert_array_equal(y, alone.y[-1])
-
-    def test_gradients(self):
-        p = np.array([0.4, 1.3])
-
-        def solve(p, method=METHOD):
-            return cg.solve_linear(
-                lambda t, row: [row[0], np.sin(t) * row[1], 1.0], (0, 2), np.eye(3), frame=SO3(),
-                method=method, parameters=p, derivatives="adjoint", rtol=1e-10, atol=1e-10,
-            )  # fmt: skip
-
-        gradients = [solve(p, method).gradient([1.0, 2.0, 3.0]) for method in (METHOD, "CFM8(4)")]
-        for part in ("y0", "parameters"):
-            one, other = (getattr(gradient, part) for gradient in gradients)
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)

@@ -6,7 +6,6 @@ The first and the third state turn, the second one doesn't; each keeps its popul
 import numpy as np
 import pytest
 from kinds import MAGNUS
-from scipy.linalg import block_diag
 
 import cg
 from cg import _core_r64
@@ -44,42 +43,6 @@ def test_errors_do_not_grow_with_the_time(turns):
     run = cg.solve_linear(lambda t: [1.0], (turns, 0), Y0, frame=frame(0.0))
     assert _core_r64.linear_products() - before < 6 * turns
     assert population_error(run.y[-1]) < 1e-3
-
-
-@pytest.mark.parametrize("given", [
-    {"max_step": 1e-3}, {"breakpoints": np.arange(1, 1000) / 1000},
-    {"t_eval": np.linspace(0, 1, 301)}, {"dense_output": True},
-    {"events": lambda t, y: np.sin(300 * t) - 0.3},
-], ids=lambda given: next(iter(given)))  # fmt: skip
-def test_many_steps_and_outputs(given):
-    run = cg.solve_linear(
-        lambda t: [TURNS], (0, 1), Y0, frame=frame(0.0), rtol=1e-6, atol=1e-6,
-        **given,
-    )  # fmt: skip
-    points = [run.y, *(run.y_events or ())]
-    if run.sol is not None:
-        points.append(run.sol(np.linspace(0, 1, 301)))
-    assert population_error(np.concatenate(points)) < 1e-6
-
-
-def test_columns_members_and_real_generators():
-    options = {"rtol": 1e-6, "atol": 1e-6}
-    columns = np.stack([Y0, 2 * Y0], axis=1)
-    run = cg.solve_linear(
-        lambda t: [TURNS], (0, 1), columns, frame=frame(0.0, columns=2), **options
-    )
-    assert population_error(run.y[-1, :, 0]) < 1e-6
-    members = cg.solve_linear_ensemble(
-        lambda t, row: [row[0]], (0, 1), Y0, frame=frame(0.0), t_eval=[0.4, 1.0],
-        parameters=[[0.01], [TURNS]], **options,
-    )  # fmt: skip
-    assert population_error(members.y) < 1e-6
-    turn, rest = [[0.0, 1.0], [-1.0, 0.0]], [[0.0]]
-    real = LinearAction([block_diag(turn, rest, turn)])
-    run = cg.solve_linear(lambda t: [TURNS], (0, 1), [0.6, 0, 0.8, 0, 0], frame=real,
-                          **options)  # fmt: skip
-    assert abs(run.y[-1, 2] - 0.8) < 1e-6
-    assert abs(np.hypot(*run.y[-1, :2]) - 0.6) < 1e-6
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])

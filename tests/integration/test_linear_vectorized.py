@@ -5,7 +5,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.frames import SO3, LinearAction
+from cg.frames import SO3
 
 
 class TestVectorized:
@@ -14,23 +14,6 @@ class TestVectorized:
         return cg.solve_linear(
             a, (0, 1), np.eye(3), frame=SO3(), vectorized=vectorized, **({"h": 0.25} | options)
         )
-
-    @pytest.mark.parametrize(
-        "method", ["CFM6(4)", "CFM8(4)", "CF5(4)", "RKMK8(5,3)", "CG4(3)", "RadauIIA5"]
-    )
-    @pytest.mark.parametrize("options", [
-        {},
-        {"h": None, "rtol": 1e-8, "dense_output": True},
-        {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
-    ])  # fmt: skip
-    def test_results_are_those_of_single_times(self, method, options):
-        a = lambda t: np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
-        together, single = (
-            self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
-        )
-        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
-        assert (together.nfev, together.nexp) == (single.nfev, single.nexp)
-        np.testing.assert_array_equal(together.t, single.t)
 
     def test_all_nodes_of_a_step_are_in_one_call(self):
         calls = []
@@ -82,37 +65,3 @@ class TestVectorized:
             return np.ones((len(t), 3))
 
         refuses(LookupError, "no such field", self.solve, a, True, method="CFM6(4)")
-
-
-def coefficients_of_rows(t, rows):
-    """Return coefficients of many times, along two generators or three fields."""
-    first, second = np.moveaxis(np.atleast_2d(rows), -1, 0)
-    t = np.atleast_1d(t)
-    return np.stack([first * np.cos(t), second + 0 * t, np.sin(first * t)], axis=-1)
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("common", [False, True])
-@pytest.mark.parametrize("kind", ["rotations", "vectors", "propagators"])
-def test_members_of_ensembles_are_single_solutions(kind, vectorized, common):
-    rng = np.random.default_rng(3)
-    rows = rng.standard_normal((4, 2))
-    frame, y0 = SO3(), np.array([SO3().random_point(rng) for _ in rows])
-    if kind != "rotations":
-        generators = rng.standard_normal((3, 5, 5))
-        frame = LinearAction(list(generators), columns=None if kind == "vectors" else 2)
-        y0 = rng.standard_normal((4, *frame.point_shape))
-
-    def a(t, row):
-        values = coefficients_of_rows(t, row)
-        return values if vectorized else values[0]
-
-    options = {"frame": frame, "vectorized": vectorized, "rtol": 1e-9, "atol": 1e-9}
-    many = cg.solve_linear_ensemble(
-        a, (0, 2), y0, parameters=rows, common_steps=common, t_eval=[1.0, 2.0], **options
-    )
-    for k, row in enumerate(rows):
-        one = cg.solve_linear(a, (0, 2), y0[k], parameters=row, t_eval=[1.0, 2.0], **options)
-        size = 1e-8 * np.abs(one.y).max() if common else 0.0
-        np.testing.assert_allclose(many[k].y, one.y, rtol=0, atol=size)
-        assert common or many[k].nfev == one.nfev

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Power, Product, Sphere, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
 
 FRAMES = [SO3(), UnitQuaternion(), SE3(), Sphere(2), SU(3), Product(Euclidean(2), SO3("space"))]
 MESSAGE = "h = 50 is far too long a step: between the stages of the last step h f changes by"
@@ -54,20 +54,3 @@ def test_the_caller_is_named():
         cg.integrate(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
         cg.solve_ivp(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
     assert [warning.filename for warning in caught] == [__file__, __file__]
-
-
-@pytest.mark.parametrize(
-    "frame", [Euclidean(3), Power(SO(2), 3), Product(Euclidean(2), SO(2))], ids=repr
-)
-def test_fields_that_commute(frame):
-    """Such a step may be inaccurate, but no radius tells."""
-    integrate(wild(frame.dim)[0], frame)
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_large_coefficients_that_change_little(frame):
-    """The flow along what the stages have in common is exact, however long it is."""
-    common = np.linspace(1.0, 2.0, frame.dim)
-    f, _ = wild(frame.dim, 1e-3)
-    integrate(lambda t, y: common, frame)
-    integrate(lambda t, y: common + f(t, y), frame)

@@ -1,11 +1,10 @@
 """Splitting methods on phase spaces: orders, structure, and every way to integrate."""
 
 import ctypes
-import pickle
 
 import numpy as np
 import pytest
-from mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
+from mechanics import INERTIA, MATRIX, SPLITTINGS, system
 from quotients import jacobian
 from scipy import LowLevelCallable
 
@@ -23,7 +22,6 @@ SYSTEMS = [
     system(Power(Product(Euclidean(3), UnitQuaternion()), 3), (MATRIX, INERTIA)),
     system(Product(Sphere(2), SU(3), Power(SO3(), 2))),
 ]  # fmt: skip
-NAMES = [repr(each.frame.configuration) for each in SYSTEMS]
 DRIFT_FIRST = [name for name in SPLITTINGS if cg.methods[name].drifts[0]]
 
 
@@ -40,23 +38,6 @@ def test_slopes_are_orders(problem, method):
     errors = [error(problem.run(method, span, h=span[1] / n), exact) for n in (coarse, 2 * coarse)]
     assert errors[1] > 1e-13  # more than rounding
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.2
-
-
-@pytest.mark.parametrize("problem", SYSTEMS, ids=NAMES)
-def test_ordinary_and_splitting_methods_agree_and_steps_can_be_undone(problem):
-    exact = problem.reference()
-    assert np.ptp(problem.energy(exact.y)) < 1e-11 * (1 + abs(problem.energy(exact.y[0])))
-    run = problem.run("BlanesMoan6", h=0.05)
-    assert error(run, exact) < 1e-9
-    back = problem.run("BlanesMoan6", (1.0, 0.0), y0=run.y[-1], h=0.05)
-    assert np.abs(back.y[-1] - problem.y0).max() < 1e-12
-
-
-@pytest.mark.parametrize("method", ORDINARY)
-def test_all_methods_solve_the_full_equations(method):
-    order, exact = cg.methods[method].order, TOP.reference()
-    errors = [error(TOP.run(method, h=1 / n), exact) for n in (12, 24)]
-    assert errors[1] < max(2.0 ** (0.4 - order) * errors[0], 1e-12)
 
 
 def poisson(frame, y):
@@ -103,17 +84,6 @@ def heavy(function):
     return force, problem
 
 
-def test_a_compiled_force_is_that_of_python(heavy):
-    force, problem = heavy
-    runs = [
-        cg.solve_ivp(f, (0.0, 2.0), problem.y0, frame=problem.frame, method=method, h=0.1)
-        for method in ("BlanesMoan4", "CF4")
-        for f in (force, problem.f)
-    ]
-    assert np.abs(runs[0].y - runs[1].y).max() < 1e-13
-    assert np.abs(runs[2].y - runs[3].y).max() < 1e-13
-
-
 def test_the_energy_error_does_not_grow(heavy):
     force, problem = heavy
     times = np.linspace(0.0, 20_000.0, 2001)
@@ -127,35 +97,6 @@ def test_the_energy_error_does_not_grow(heavy):
     assert errors[0][-200:].max() <= 3 * errors[0][:200].max()
 
 
-def test_momenta_on_spheres_are_tangential():
-    frame = PhaseSpace(Sphere(2))
-    y0 = frame.join([0.6, 0.0, 0.8], [1.0, 1.0, 1.0])
-    q, momentum = frame.split(y0)
-    assert abs(q @ momentum) < 1e-15
-    assert np.allclose(momentum, [1.0, 1.0, 1.0] - 1.4 * q)
-    run = cg.integrate(
-        lambda t, y: np.cross(y[:3], [0.0, 0.0, 1.0]) + 3.0 * y[:3],  # the latter has no effect
-        (0, 50), y0, frame=frame, method="BlanesMoan4", h=0.1,
-    )  # fmt: skip
-    q, momentum = frame.split(run.y)
-    assert np.abs(np.vecdot(q, momentum)).max() < 1e-14
-    assert np.ptp(frame.kinetic_energy(run.y) - q[:, 2]) < 5e-8
-
-
-def test_forces_may_depend_on_time():
-    frame = PhaseSpace(Product(SO3(), Euclidean(1)), (INERTIA, 1.0))
-
-    f = lambda t, y: [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
-    y0 = frame.join(np.concatenate([np.eye(3).ravel(), [1.0]]), [0.3, 0.5, 1.0, 0.2])
-    exact = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DOP853", rtol=1e-13, atol=1e-13)
-    for method in ("McLachlan2", "BlanesMoan4"):
-        errors = [
-            error(cg.solve_ivp(f, (0, 1), y0, frame=frame, method=method, h=1 / n), exact)
-            for n in (16, 32)
-        ]
-        assert abs(np.log2(errors[0] / errors[1]) - cg.methods[method].order) < 0.3
-
-
 def test_one_force_for_each_kick():
     for method in SPLITTINGS:
         kicks, again = cg.methods[method].stages, method not in DRIFT_FIRST
@@ -164,97 +105,6 @@ def test_one_force_for_each_kick():
         halfway = TOP.run(method, h=0.1, t_eval=[0.55, 1.0])
         within = extra_evaluations(cg.methods[method])
         assert halfway.nfev == run.nfev + within + (0 if again else 2)
-
-
-@pytest.mark.parametrize("method", SPLITTINGS)
-def test_output_within_steps_is_as_accurate(method):
-    exact = TOP.reference((0.0, 2.0), dense_output=True)
-    times = np.linspace(0.0, 2.0, 37)
-    for h in (0.2, 0.1):
-        run = TOP.run(method, (0.0, 2.0), h=h, dense_output=True)
-        between = np.abs(run.sol(times) - exact.sol(times)).max()
-        assert between < 2 * np.abs(run.y - exact.sol(run.t)).max() + 1e-12
-        assert TOP.frame.membership_error(run.sol(times)).max() < 1e-14
-
-
-BODIES = Product(SO3(), UnitQuaternion("space"), Sphere(2), Power(Euclidean(1), 2))
-
-
-@pytest.mark.parametrize("force", [0.0, 1e-3])
-@pytest.mark.parametrize("span", [(0.0, 6.0), (6.0, 0.0)])
-@pytest.mark.parametrize("method", SPLITTINGS)
-def test_output_of_weak_forces_is_as_accurate_as_steps(method, span, force):
-    """Fast bodies, whose free motion is known exactly: through every kind of output."""
-    problem = system(BODIES, (INERTIA, 1.5, 2.0, 1.0))
-    problem.weights = force * problem.weights
-    q, momenta = problem.frame.split(problem.y0)
-    problem.y0 = problem.frame.join(q, 2.0 * momenta)
-    times = np.linspace(*span, 25)  # every other one is a step
-    exact = problem.reference(span, t_eval=times).y
-    options = {"frame": problem.frame, "method": method, "h": 0.5}
-    run = cg.solve_ivp(problem.f, span, problem.y0, t_eval=times, dense_output=True, **options)
-    error = lambda y: np.abs(y - exact).max(axis=1)
-    at_steps = error(run.y)[::2].max()
-    assert error(run.y)[1::2].max() < 1.5 * at_steps + 1e-12
-    members = cg.solve_ensemble(
-        problem.f, span, np.stack([problem.y0] * 2), t_eval=times, vectorized=True, **options
-    )
-    stepper = cg.Stepper(problem.f, span[0], problem.y0, span[1], **options)
-    stepper.step()
-    assert np.abs(run.sol(times) - run.y).max() < 1e-13
-    assert np.abs(members.y[:, 1] - run.y).max() < 1e-13
-    assert np.abs(stepper.dense_output()(times[1]) - run.y[1]).max() < 1e-13
-
-
-@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
-@pytest.mark.parametrize("spin", [[0.0, 0.0, 80.5], [3.0, 5.0, 80.5]])
-def test_events_of_free_bodies_at_35_radians_a_step(span, spin):
-    frame, start = TOP.frame, TOP.frame.join(np.eye(3), spin)
-    options = {"frame": frame, "events": lambda t, y: frame.split(y)[0][0, 1] - 0.3}
-    rest = lambda t, y: np.zeros(3)
-    exact = cg.solve_ivp(rest, span, start, rtol=1e-13, atol=1e-13, **options)
-    run = cg.solve_ivp(rest, span, start, method="Leapfrog", h=1.0, **options)
-    assert len(run.t_events[0]) == len(exact.t_events[0]) > 32
-    assert np.abs(run.t_events[0] - exact.t_events[0]).max() < 1e-12
-
-
-def turning(t, y):
-    return y[6]
-
-
-TURN = cg.Event(turning, jump=lambda t, y: np.concatenate([y[:-3], [-0.5, 0.4, 0.6]]))
-
-
-@pytest.mark.parametrize("method", ["Leapfrog", "McLachlan2", "BlanesMoan6"])
-@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
-def test_events_with_breakpoints(method, span):
-    """A force that jumps at a time, and jumps of the momentum, forward and backward."""
-    options = {"frame": TOP.frame, "events": TURN, "breakpoints": [1.0]}
-    exact = cg.solve_ivp(switched, span, TOP.y0, method="DOP853", rtol=1e-12, atol=1e-12, **options)
-    run = cg.solve_ivp(switched, span, TOP.y0, method=method, h=0.01, **options)
-    assert len(run.t_events[0]) == len(exact.t_events[0]) > 0
-    tolerance = 2e-3 if cg.methods[method].order == 2 else 1e-9
-    assert np.abs(run.t_events[0] - exact.t_events[0]).max() < tolerance
-    assert error(run, exact) < tolerance
-
-
-@pytest.mark.parametrize("method", ["Leapfrog", "McLachlan2", "BlanesMoan6"])
-@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
-def test_steps_one_at_a_time_with_copies(method, span):
-    """A Stepper that is pickled between steps, with breakpoints and output within steps."""
-    options = {"frame": TOP.frame, "method": method, "h": 0.1, "breakpoints": [1.0]}
-    run = cg.solve_ivp(switched, span, TOP.y0, dense_output=True, **options)
-    stepper = cg.Stepper(switched, span[0], TOP.y0, span[1], **options)
-    while stepper.status == "running":
-        stepper.step()
-        middle = 0.5 * (stepper.t_old + stepper.t)
-        assert np.abs(stepper.dense_output()(middle) - run.sol(middle)).max() < 1e-14
-        stepper = pickle.loads(pickle.dumps(stepper))
-    assert np.array_equal(stepper.y, run.y[-1])
-
-
-def switched(t, y):
-    return TOP.f(t, y) * (2.0 if t < 1.0 else -0.5)
 
 
 def test_a_force_of_another_shape_is_refused():
@@ -313,21 +163,3 @@ def test_friction_is_seen_in_any_member(vectorized):
     pushed = lambda t, y, u: f(t, y, u)  # noqa: PLW0108 - f may name its arguments otherwise
     with refused:
         cg.solve_ensemble(pushed, (0, 1), start, inputs=inputs, **options)
-
-
-def test_derivatives_of_solutions():
-    options = {"frame": TOP.frame, "method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
-    run = cg.solve_variational(TOP.f, (0, 1), TOP.y0, **options)
-
-    def end(v):
-        y = cg.solve_ivp(TOP.f, (0, 1), TOP.frame.flow(v, TOP.y0), **options).y[-1]
-        return TOP.frame.exp_coordinates(run.y[-1], y)
-
-    expected = jacobian(end, 6, bound=1e-8)
-    np.testing.assert_allclose(run.transition[-1], expected, rtol=0, atol=1e-8)
-    with pytest.raises(ValueError, match="jac must be None on a phase space"):
-        cg.solve_variational(TOP.f, (0, 1), TOP.y0, jac=lambda t, y: np.eye(6), **options)
-    with pytest.raises(ValueError, match="method must not be a splitting"):
-        cg.solve_variational(TOP.f, (0, 1), TOP.y0, frame=TOP.frame, method="Leapfrog", h=0.1)
-    with pytest.raises(ValueError, match="frame must not be a phase space"):
-        cg.solve_linear(lambda t: np.zeros(3), (0, 1), TOP.y0, frame=TOP.frame)

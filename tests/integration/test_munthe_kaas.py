@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import scipy.integrate
-from bracket_examples import WITH
-from frame_examples import HEISENBERG, MAX_SCALE, generic, name
+from frame_examples import HEISENBERG, generic, name
 from kinds import MUNTHE_KAAS
 from python_steps import Step
 
@@ -15,38 +14,13 @@ from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.interpolant import extension_of
 from cg.construction.methods.low_storage import from_two_registers
 from cg.frames import (
-    SE3,
     SO,
     SO3,
-    SU,
     Euclidean,
     MatrixFrame,
     Product,
     Sphere,
-    Stiefel,
-    UnitQuaternion,
 )
-
-STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
-
-
-@pytest.mark.parametrize("frame", WITH, ids=name)
-def test_order_on_all_frames_with_brackets(frame):
-    f, y0 = generic(frame)
-    first = 0.06 if frame in MAX_SCALE else 0.125  # flows that grow
-
-    def solution(key, steps):
-        options = {"frame": frame, "method": key, "h": first / steps, "save_every": steps}
-        return cg.integrate(f, (0, 4 * first), y0, **options).y[1:]
-
-    fine = solution("RKMK8(5,3)", 4)
-    for key, counts in STEPS.items():
-        errors = [frame.distance(solution(key, n), fine).max() for n in counts]
-        if min(errors) > 2e-12:
-            assert np.log2(errors[0] / errors[1]) / 2 > MUNTHE_KAAS[key].order - 0.5
-        else:
-            assert max(errors) < 1e-8  # next to exact: one field, or flows that commute
-    assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
 
 
 def test_reuse_of_the_last_stage():
@@ -103,19 +77,6 @@ class TestEuclideanSpaceIsScipy:
         # the first time after the first step is that of the second stage of the second one
         after = next(time for time in times if time > run.t[1] + 1e-12)
         return run.y[1], (after - run.t[1]) / float(method.c[1]) / (run.t[1] - t)
-
-
-@pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
-@pytest.mark.parametrize("frame", [
-    SO3(), SE3("space"), UnitQuaternion(), SU(3), Sphere(2), Sphere(3), Stiefel(4, 2)
-], ids=name)  # fmt: skip
-def test_errors_follow_tolerances(frame, key):
-    f, y0 = generic(frame)
-    fine = cg.integrate(f, (0, 2), y0, frame=frame, method="RKMK8(5,3)", h=0.02).y[-1]
-    for tolerance in (1e-4, 1e-7):
-        run = cg.solve_ivp(f, (0, 2), y0, frame=frame, method=key, rtol=tolerance, atol=tolerance)
-        assert run.success
-        assert 1e-5 * tolerance < frame.distance(run.y[-1], fine) < 20 * tolerance
 
 
 def test_turns_about_the_point_of_a_sphere_are_no_error():

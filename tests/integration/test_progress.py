@@ -1,7 +1,5 @@
 """Progress of integrations, and results as datasets of xarray."""
 
-import time
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -42,20 +40,6 @@ class TestProgress:
         )
         check(reports, 3.0)
 
-    def test_of_slow_steps(self, reports):
-        """Compiled code pauses after each step that takes longer than a user waits."""
-
-        def slow(t, y):
-            time.sleep(0.01)
-            return [0.1, 0.2, -0.1, np.cos(t)]
-
-        run = cg.solve_ivp(
-            slow, (0, 1), np.eye(2), frame=cg.frames.GL(2), max_step=0.1, method="CF4(3)",
-            progress=reports,
-        )  # fmt: skip
-        check(reports, 1.0)
-        assert len(reports) == run.steps + 1  # each step, and the end
-
     def test_of_integrations_that_end_early(self, reports):
         event = lambda t, y: t - 1.25
         event.terminal = True
@@ -65,27 +49,6 @@ class TestProgress:
         assert run.status == 1
         assert reports[-1][0] < 3.0
         check(reports, 3.0, reports[-1][0])
-
-    def test_of_members_with_separate_steps(self, reports, affine):
-        problem = cg.problems.AffineField(FRAME, np.eye(3))
-        compiled, _kept = affine(problem)
-        y0 = np.broadcast_to(np.eye(3), (4, 3, 3))
-        options = {"frame": FRAME, "max_step": 0.1, "progress": reports}
-        for span in ((0, 0.5), (1, 0.5)):
-            for workers in (None, 2):
-                reports.clear()
-                cg.solve_ensemble(compiled, span, y0, workers=workers, **options)
-                check(reports, 2.0)
-                assert len(reports) >= 2
-
-    def test_of_members_that_end_early(self, reports):
-        event = lambda t, y: t - 1.25
-        run = cg.solve_ensemble(
-            turn, (0, 3), np.broadcast_to(np.eye(3), (3, 3, 3)), frame=FRAME, progress=reports,
-            events=cg.Event(event, terminal=True),
-        )  # fmt: skip
-        assert run.status.tolist() == [1, 1, 1]
-        check(reports, 9.0)
 
     def test_seldom_and_at_the_end(self):
         reports = Reports()
@@ -117,18 +80,3 @@ class TestDatasets:
             "steps": 4, "nrejected": 0, "status": 0, "message": run.message, "h": 0.25,
         }  # fmt: skip
         assert_array_equal(data.y.sel(t=0.5), run.y[2])
-
-    def test_of_derivatives(self):
-        options = {"frame": FRAME, "parameters": [[1.0, 2.0]] * 2, "P0": np.eye(3)}
-        run = cg.solve_variational_ensemble(
-            lambda t, y, p: [0.0, p[0], p[1]], (0, 1), np.stack([np.eye(3)] * 2), **options
-        )
-        axes = {"transition": "initial_coordinate", "sensitivity": "parameter"}
-        assert run.to_xarray().y.dims == ("t", "member", "row", "column")
-        points = cg.solve_ivp(lambda t, y: y, (0, 1), [1.0, 2.0], frame=cg.frames.Euclidean(2))
-        assert points.to_xarray().y.dims == ("t", "component")
-        for name, last in (axes | {"covariance": "other_coordinate"}).items():
-            for result, members in ((run, ("member",)), (run[1], ())):
-                variable = result.to_xarray()[name]
-                assert variable.dims == ("t", *members, "coordinate", last)
-                assert_array_equal(variable, getattr(result, name))

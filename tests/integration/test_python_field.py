@@ -69,29 +69,6 @@ def test_other_results_are_rejected(value, message, way):
         cg.solve_ensemble(lambda t, y: value, (0, 1), [Y0, Y0], vectorized=True, **options)
 
 
-def test_an_ensemble_needs_the_shape_of_its_coefficients():
-    y0 = np.stack([Y0, Y0])
-
-    def together(value):
-        shapes.clear()
-
-        def f(t, y):
-            shapes.append((len(y), 6))
-            return value(len(y))
-
-        return cg.solve_ensemble(f, (0.0, 1.0), y0, vectorized=True, **OPTIONS).y
-
-    shapes = []
-    nested = together(lambda k: [[1.0] * 6] * k)
-    np.testing.assert_array_equal(nested, together(lambda k: np.ones((k, 6))))
-    assert (2, 6) in shapes
-    for flat in (lambda k: np.ones(6 * k), lambda k: [1.0] * (6 * k)):
-        with pytest.raises(ValueError, match="f must return an array of shape") as caught:
-            together(flat)
-        assert f"shape {shapes[-1]}, a row for each member" in str(caught.value)
-        assert f"got shape ({6 * shapes[-1][0]},)" in str(caught.value)
-
-
 def points_seen(keep, frame=FRAME, y0=Y0):
     """Return the objects that f stored of its points, and copies of the points."""
     stored, copies = [], []
@@ -143,40 +120,6 @@ def test_changes_of_the_point_by_f_have_no_effect(frame):
     actual = run(spoil, y0, frame=frame)
     np.testing.assert_array_equal(actual, run(lambda t, y: v, y0, frame=frame))
     assert set(points) == {(frame.point_shape, frame.dtype, False)}
-
-
-def test_f_may_integrate_itself():
-    depth = [0]
-
-    def f(t, y):
-        before = y.copy()
-        if depth[0] < 2:
-            depth[0] += 1
-            inner = run(f)
-            depth[0] -= 1
-            assert inner.shape == (9, 12)
-        np.testing.assert_array_equal(y, before)
-        return rates(t, y)
-
-    solution = cg.integrate(f, (0.0, 0.25), Y0, **OPTIONS).y
-    np.testing.assert_array_equal(solution, cg.integrate(rates, (0.0, 0.25), Y0, **OPTIONS).y)
-
-
-@pytest.mark.parametrize("count", [0, 1, 32, 33, 1000])
-@pytest.mark.parametrize("method", ["auto", "CG3"])
-@pytest.mark.parametrize("frame", [Euclidean(1), SU(2)])
-def test_any_number_of_further_arguments(frame, method, count):
-    def f(t, y, *args):
-        assert args == tuple(range(count))
-        return np.zeros(frame.dim)
-
-    point = frame.random_point(np.random.default_rng(3), ())
-    options = {"h": 0.5} if method == "CG3" else {}
-    solution = cg.solve_ivp(
-        f, (0, 1), point, frame=frame, method=method, args=range(count), **options
-    )
-    assert solution.success
-    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(("frame", "y0", "value", "hint"), [

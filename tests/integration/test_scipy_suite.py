@@ -1,13 +1,16 @@
-"""SciPy's own tests of `solve_ivp`, run with this package's."""
+"""SciPy's own tests of `solve_ivp`, run with this package's, and with the solvers for SciPy's."""
 
 import re
+import types
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.optimize import OptimizeResult
 
 import cg
+import cg.scipy
 
 suite = pytest.importorskip("scipy.integrate._ivp.tests.test_ivp")
 
@@ -76,9 +79,26 @@ def solve_ivp(fun, t_span, y0, method="RK45", vectorized=False, jac=None, **opti
     return result
 
 
+class OfAnySize(cg.scipy.FrameSolver):
+    """The solver on Euclidean space of the size of a point; a subclass has a method."""
+
+    def __init__(self, fun, t0, y0, *rest, jac=None, jac_sparsity=None, **options):
+        self.frame = cg.frames.Euclidean(np.size(y0))
+        super().__init__(fun, t0, y0, *rest, **options)
+
+
 @pytest.fixture(autouse=True)
-def replaced(monkeypatch):
-    monkeypatch.setattr(suite, "solve_ivp", solve_ivp)
+def replaced(monkeypatch, request):
+    if not request.node.name.startswith("test_class_"):
+        monkeypatch.setattr(suite, "solve_ivp", solve_ivp)
+        return
+    from scipy.integrate._ivp import ivp
+
+    for name in ivp.METHODS:
+        members = {"method": METHODS.get(name, "RadauIIA5")}
+        solver = type(name, (OfAnySize,), members)
+        monkeypatch.setitem(ivp.METHODS, name, solver)
+        monkeypatch.setattr(suite, name, solver)
 
 
 @pytest.fixture
@@ -99,11 +119,145 @@ TESTS = {
     for name, test in vars(suite).items()
     if name.startswith("test_") and "solve_ivp" in test.__code__.co_names
 }
-for name, test in TESTS.items():
-    error, reason = DIFFERENCES.get(name, (None, ""))
-    mark = pytest.mark.xfail(bool(reason), raises=error, reason=reason, strict=True)
-    globals()[name] = mark(test)
+# and those of the class
+CLASS_DIFFERENCES = {
+    "test_integration": (AssertionError, "interpolants take evaluations"),
+    "test_integration_complex": (ValueError, "Euclidean space is real"),
+    "test_integration_const_jac": (AssertionError, "RadauIIA5 in place of LSODA counts Jacobians"),
+    "test_max_step": (RuntimeError, "a step that is too small fails at once"),
+    "test_no_integration_class": (ValueError, "a frame has at least one dimension"),
+    "test_empty": (ValueError, "a frame has at least one dimension"),
+    "test_classes": (AssertionError, "the constructor doesn't call f"),
+    "test_inital_maxstep": (AttributeError, "it reads the orders of SciPy's methods"),
+}
+CLASS_TESTS = {
+    name: types.FunctionType(test.__code__, vars(suite), name, test.__defaults__)
+    for name, test in vars(suite).items()
+    if name.startswith("test_")
+}
+for prefix, tests, differences in (
+    ("", TESTS, DIFFERENCES), ("class_", CLASS_TESTS, CLASS_DIFFERENCES)
+):  # fmt: skip
+    for name, function in tests.items():
+        error, reason = differences.get(name, (None, ""))
+        marks = getattr(vars(suite)[name], "pytestmark", [])
+        function.pytestmark = [mark for mark in marks if mark.name == "parametrize"]
+        mark = pytest.mark.xfail(bool(reason), raises=error, reason=reason, strict=True)
+        globals()[f"test_{prefix}{name.removeprefix('test_')}"] = mark(function)
 
 
 def test_differences_are_of_tests_that_exist():
     assert set(DIFFERENCES) < set(TESTS)
+    assert set(CLASS_DIFFERENCES) < set(CLASS_TESTS)
+
+
+FRAME = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+Y0 = np.array([0.0, 0.6, 0.0, 0.8, 1.0, 2.0, -0.5])
+SOLVER = cg.scipy.Solver(FRAME)
+FINE = {"rtol": 1e-10, "atol": 1e-10}
+
+
+def body(t, y):
+    """Return the derivative of a free rigid body's state, as a list."""
+    coefficients = np.concatenate([y[4:], np.cross([1.0, 2.0, 2.5] * y[4:], y[4:]) / [1, 2, 2.5]])
+    return FRAME.field(coefficients, y).tolist()
+
+
+@pytest.mark.parametrize("frame", [
+    cg.frames.SO3(), cg.frames.SE3(), cg.frames.SU(2), cg.frames.Stiefel(4, 2), cg.frames.SPD(2),
+    cg.frames.Power(cg.frames.Sphere(2), 2), cg.frames.IsospectralOrbit((0.0, 1.0), hermitian=True),
+], ids=repr)  # fmt: skip
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_solutions_in_scipy_are_those_here(frame, vectorized):
+    from scipy.integrate import solve_ivp as theirs
+
+    rng = np.random.default_rng(2)
+    y0, v = frame.random_point(rng), frame.random_vector(rng)
+    f = lambda t, y: frame.field(np.cos(t) * v, y)
+
+    def flat(t, y):
+        columns = y.T.reshape(-1, *frame.point_shape)
+        return np.stack([f(t, each).ravel() for each in columns], axis=1).reshape(y.shape)
+
+    solver, options = cg.scipy.Solver(frame, "CF5(4)"), {"t_eval": [0.5, 0.1], "rtol": 1e-6}
+    here = cg.solve_ivp(f, (1, 0), y0, frame=frame, rhs="derivative", method="CF5(4)", **options)
+    run = theirs(flat, (1, 0), y0.ravel(), solver, vectorized=vectorized, **options)
+    assert run.success
+    np.testing.assert_allclose(run.y.T.reshape(here.y.shape), here.y, rtol=0, atol=1e-14)
+    with pytest.raises(ValueError, match=r"y0 must be the \d+ entries of a point"):
+        solver(flat, 0, np.append(y0.ravel(), 1.0), 1)
+
+
+def test_hosts_may_move_the_point_and_the_end():
+    times, h = np.linspace(0.0, 3.0, 7), 1e-9
+    solver = SOLVER(body, 0.0, Y0, 10.0, **FINE)
+    for k, end in enumerate(times[1:]):
+        solver.t_bound, solver.status = end, "running"
+        while solver.status == "running":
+            assert solver.step() is None
+        assert solver.t == end
+        solver.y[4 + k % 3] += 0.1
+        output = solver.dense_output()
+        assert FRAME.membership_error(output(np.linspace(end - h, end + 0.1, 5)).T).max() < 1e-15
+    y = Y0
+    for k, span in enumerate(pairwise(times)):
+        y = cg.solve_ivp(body, span, y, frame=FRAME, rhs="derivative", **FINE).y[-1].copy()
+        y[4 + k % 3] += 0.1
+    np.testing.assert_allclose(solver.y, y, rtol=0, atol=1e-8)
+    solver.y, solver.t, solver.t_bound, solver.status = Y0, 0.0, 0.5, "running"
+    while solver.status == "running":
+        solver.step()
+    first = cg.solve_ivp(body, (0, 0.5), Y0, frame=FRAME, rhs="derivative", **FINE).y[-1]
+    np.testing.assert_allclose(solver.y, first, rtol=0, atol=1e-8)
+    solver.y[0], solver.t_bound, solver.status = 7.0, 1.0, "running"
+    with pytest.raises(ValueError, match="y must be a point of"):
+        solver.step()
+
+
+def test_tolerances_of_entries_and_what_is_dropped():
+    from scipy.integrate import solve_ivp as theirs
+
+    loose = [1e-2] * 4 + [1e-9] * 3
+    by_entries = theirs(body, (0, 2), Y0, SOLVER, rtol=1e-9, atol=loose)
+    coordinates = [1e-2] * 3 + [1e-9] * 3
+    here = cg.solve_ivp(
+        body, (0, 2), Y0, frame=FRAME, rhs="derivative", rtol=1e-9, atol=coordinates
+    )
+    np.testing.assert_array_equal(by_entries.y.T, here.y)
+    pull = lambda t, y: body(t, y) + np.append(y[:4], np.zeros(3))
+    with pytest.warns(UserWarning, match="which is dropped") as caught:
+        theirs(pull, (0, 2), Y0, SOLVER)
+    assert len(caught) == 1
+    with pytest.warns(UserWarning, match="no effect for a chosen solver: `min_step`"):
+        SOLVER(body, 0, Y0, 1, min_step=0.1)
+    with pytest.raises(ValueError, match="atol must be a number or 7 numbers"):
+        SOLVER(body, 0, Y0, 1, atol=[1e-3, 1e-3])
+    ended = theirs(lambda t, y: np.full(7, np.nan) if t > 1 else body(t, y), (0, 2), Y0, SOLVER)
+    assert ended.status == -1
+    assert "f must return finite numbers" in ended.message
+    with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
+        cg.scipy.Solver(3)
+
+
+@pytest.mark.filterwarnings("ignore:The following arguments have no effect")
+def test_the_quaternion_of_a_rocket_keeps_its_norm(monkeypatch):
+    rocketpy = pytest.importorskip("rocketpy")
+    from rocketpy.simulation import flight
+
+    frames = cg.frames.Euclidean(6), cg.frames.UnitQuaternion(scalar_first=True)
+    solver = cg.scipy.Solver(cg.frames.Product(*frames, cg.frames.Euclidean(3)))
+    monkeypatch.setitem(flight.ODE_SOLVER_MAP, "cg", solver)
+    motor = rocketpy.GenericMotor(
+        thrust_source=[[0, 0], [0.1, 1800], [1.0, 1500], [1.1, 0]], burn_time=1.1,
+        chamber_radius=0.03, chamber_height=0.5, chamber_position=0, nozzle_radius=0.03,
+        propellant_initial_mass=1.0, dry_mass=1.0, dry_inertia=(0.1, 0.1, 0.002),
+        center_of_dry_mass_position=0,
+    )  # fmt: skip
+    rocket = rocketpy.Rocket(0.06, 14.0, (6.3, 6.3, 0.03), 0.45, 0.45, 0)
+    rocket.add_motor(motor, -1.2)
+    rocket.add_nose(0.5, "von karman", 1.3)
+    rocket.add_trapezoidal_fins(4, 0.12, 0.06, 0.11, -1.0, cant_angle=0.5)
+    run = rocketpy.Flight(rocket, rocketpy.Environment(), 5.0, 80, ode_solver="cg", max_time=4.0)
+    states = np.array(run.solution)
+    assert states[-1, 0] == 4.0
+    assert np.abs(np.linalg.norm(states[:, 7:11], axis=1) - 1.0).max() < 4e-16

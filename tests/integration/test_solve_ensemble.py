@@ -1,15 +1,14 @@
 """Ensembles: each member equals its solution alone, with all options."""
 
-import itertools
 import tracemalloc
 
 import numpy as np
 import pytest
-from members import COUNTS, check, members_alone
+from members import COUNTS
 from refusals import refuses
 
 import cg
-from cg.frames import GL, SE3, SO3, SU, Euclidean, Sphere, Stiefel, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, Sphere, UnitQuaternion
 from cg.integration import ensemble
 from cg.integration.arguments import check_points
 from cg.integration.plan.plan import plan_of
@@ -17,103 +16,7 @@ from cg.integration.run import drive
 from cg.integration.run import run as run_module
 from cg.tables import table_of
 
-FRAMES = {
-    "SO3": SO3(), "SU2": SU(2), "Euclidean": Euclidean(3), "Stiefel": Stiefel(4, 2), "GL": GL(2),
-}  # fmt: skip
-STEPS = {
-    "fixed": {"method": "CG4a", "h": 0.3},
-    "chosen": {"method": "CF4(3)", "rtol": 1e-5, "atol": 1e-5},
-    "implicit": {"method": "DICG4", "h": 0.3},
-    "Munthe-Kaas": {"method": "RKMK5(4)", "rtol": 1e-5, "atol": 1e-5},
-    "fixed Munthe-Kaas": {"method": "RKMK4", "h": 0.3},
-}
-# steps of Munthe-Kaas methods with error estimates are those of groups
-COMBINED = [pair for pair in itertools.product(FRAMES, STEPS) if pair != ("Stiefel", "Munthe-Kaas")]
-MEMBERS = 3
-BACKWARDS = ["dense and times", "jumps"]
-
-
-def driven(t, y, weight, row):
-    """Return the coefficients of one point in Python."""
-    values = y.reshape(-1).view(float)
-    i = np.arange(int(row[2]))
-    return row[0] * np.cos(t + i) + weight * values[(5 * i + 1) % values.size]
-
-
-def all_driven(t, y, weight, rows):
-    """Return the coefficients of any number of points."""
-    values = y.reshape(len(t), -1).view(float)
-    i = np.arange(int(rows[0, 2]))
-    mixed = values[:, (5 * i + 1) % values.shape[1]]
-    return rows[:, :1] * np.cos(t[:, None] + i) + weight * mixed
-
-
-def one_driven(t, y, weight, row):
-    """Return the coefficients of one point, rounded as those of many are."""
-    return all_driven(np.array([t]), y[None], weight, row[None])[0]
-
-
-def time_of(value, **attributes):
-    def event(t, y, *others):
-        assert len(others) in (1, 2)
-        assert others[-1].shape == (4,)  # the member's own row
-        assert not y.flags.writeable
-        return t - value * others[-1][0]
-
-    vars(event).update(attributes)
-    return event
-
-
-def halfway(t, y, *others):
-    assert not y.flags.writeable
-    return y
-
-
-def outputs(span):
-    between = np.linspace(*span, 7)
-    middle = 0.5 * sum(span)
-    return {
-        "ends": {},
-        "times": {"t_eval": between[1:-1]},
-        "no times": {"t_eval": []},
-        "dense": {"dense_output": True},
-        "dense and times": {"dense_output": True, "t_eval": between},
-        "events": {"events": [time_of(0.6), time_of(middle, direction=-1)]},
-        "terminal": {"events": time_of(0.6, terminal=True), "dense_output": True},
-        "jumps": {"events": cg.Event(time_of(0.5), jump=halfway), "t_eval": between},
-        "breakpoints": {"breakpoints": [middle], "t_eval": between, "dense_output": True},
-    }
-
-
-def problem(kind, frame, function):
-    """Return the function, its points, rows of parameters, and further arguments."""
-    points = frame.random_point(np.random.default_rng(7), MEMBERS)
-    width = points[0].view(float).size
-    rows = np.array([[1.0 + 0.2 * k, 0.5, frame.dim, width] for k in range(MEMBERS)])
-    options = {"frame": frame, "parameters": rows}
-    if kind == "compiled":
-        return function("driven"), points, options
-    options["args"] = (0.5,)
-    return (driven if kind == "python" else all_driven), points, options
-
-
-@pytest.mark.parametrize(("frame", "steps"), COMBINED)
-@pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])
-def test_members_equal_single_solutions(kind, frame, steps, function):
-    f, y0, numbers = problem(kind, FRAMES[frame], function)
-    alone = one_driven if kind == "vectorized" else f
-    for span, names in (((0.0, 1.0), None), ((1.0, -0.25), BACKWARDS)):
-        by_name = outputs(span)
-        for output in (by_name[name] for name in names or by_name):
-            options = {**numbers, **STEPS[steps], **output}
-            solution = cg.solve_ensemble(f, span, y0, vectorized=kind == "vectorized", **options)
-            # an error estimate is a small difference, so that steps agree to fewer digits
-            atol = (1e-10 if "rtol" in options else 1e-13) if kind == "vectorized" else 0.0
-            check(solution, members_alone(alone, span, y0, **options), atol=atol)
-
-
 LINE = {"frame": Euclidean(1)}
-RATES = np.array([-1.0, -2.0, 0.5, 0.0])
 
 
 def growth(t, y, rate):
@@ -126,18 +29,6 @@ def grown(t, y, rates):
 
 def rotated(t, y):
     return np.stack([np.cos(t), y[..., 0, 0], y[..., 1, 2]], axis=-1)
-
-
-def test_one_point_serves_all_rows_of_parameters():
-    solution = cg.solve_ensemble(
-        growth, (0, 1), [2.0], parameters=RATES[:, None], rtol=1e-9, **LINE
-    )
-    assert solution.y.shape == (2, 4, 1)
-    np.testing.assert_allclose(solution.y[-1, :, 0], 2.0 * np.exp(RATES), rtol=1e-7)
-    alone = cg.solve_ivp(growth, (0, 1), [2.0], parameters=RATES[:1], rtol=1e-9, **LINE)
-    np.testing.assert_array_equal(solution[0].y[-1], alone.y[-1])
-    one = cg.solve_ensemble(lambda t, y: -y, (0, 1), [2.0], **LINE)
-    assert (len(one), one.y.shape) == (1, (2, 1, 1))
 
 
 def test_indices_and_copies():

@@ -9,35 +9,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from scipy import LowLevelCallable
-from scipy.sparse import csc_array
 from turning import OPTIONS, turning
 
 import cg
-from cg.frames import GL, SO3, Euclidean
+from cg.frames import SO3, Euclidean
 
 METHODS = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DICG3(2)"]
-
-
-def shearing(t, y):
-    return [0.1, 0.3 * np.sin(t), 0.2 * y[0, 0], -0.1]
-
-
-def matrix(t, y):
-    return np.diag([0.1, 0.0, 0.2])  # near the Jacobian of the first function
-
-
-def sparse_matrix(t, y):
-    return csc_array(matrix(t, y))
-
-
-GAUSS = cg.Tableau(
-    [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]], ["1/2", "1/2"]
-)
-RESUMED = [
-    *({"method": method, **OPTIONS} for method in METHODS),
-    *({"method": "RadauIIA5", "jac": jac, **OPTIONS} for jac in (None, matrix, sparse_matrix)),
-    *({"method": GAUSS, "h": 0.125, "stage_solver": kind} for kind in ("newton", "fixed-point")),
-]
 
 
 def taken(stepper):
@@ -66,58 +43,10 @@ def test_steps_are_those_of_solve_ivp(method, span):
     assert stepper.step_size == abs(t[-1] - t[-2])
 
 
-@pytest.mark.parametrize("frame", [SO3(), GL(2)], ids=["compiled", "in Python"])
-@pytest.mark.parametrize("method", ["CF4", "ImplicitMidpoint"])
-def test_fixed_steps_have_no_end_unless_one_is_given(frame, method):
-    f, y0 = (turning, np.eye(3)) if frame.dim == 3 else (shearing, np.eye(2))
-    whole = cg.integrate(f, (0, 1), y0, frame=frame, method=method, h=0.1)
-    stepper = cg.Stepper(f, 0, y0, frame=frame, method=method, h=0.1)
-    for k in range(1, 11):
-        assert stepper.step() is None
-        assert_array_equal(stepper.y, whole.y[k])
-    assert stepper.status == "running"
-
-
-@pytest.mark.parametrize(
-    "copied",
-    [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))],
-    ids=["copy", "deepcopy", "pickle"],
-)
-@pytest.mark.parametrize("options", RESUMED, ids=range(len(RESUMED)))
-def test_resumed_steppers_continue_bit_for_bit(options, copied):
-    options = {"frame": SO3(), **options}
-    stepper = cg.Stepper(turning, 0, np.eye(3), 3.0, **options)
-    for _ in range(4):
-        stepper.step()
-    other = copied(stepper)
-    assert (other.t, other.t_old, other.nfev) == (stepper.t, stepper.t_old, stepper.nfev)
-    whole = cg.solve_ivp(turning, (0, 3), np.eye(3), dense_output=True, **options)
-    middle = 0.5 * (other.t_old + other.t)
-    assert_array_equal(copied(other).dense_output()(middle), whole.sol(middle))
-    for one, two in zip(taken(stepper), taken(other), strict=True):
-        assert_array_equal(one, two)
-    for name in ("nfev", "nexp", "njev", "nlu"):
-        assert getattr(other, name) == getattr(stepper, name)
-
-
 def test_a_function_that_cannot_be_pickled_is_named():
     stepper = cg.Stepper(lambda t, y: [1.0], 0, [0.0], 1.0, frame=Euclidean(1), method="CF4", h=0.1)
     with pytest.raises(TypeError, match=r"f must be such that it can be pickled.*CompiledFunction"):
         pickle.dumps(stepper)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_solution_within_a_step(method):
-    stepper = cg.Stepper(turning, 0, np.eye(3), 2.0, frame=SO3(), method=method, **OPTIONS)
-    other = copy.copy(stepper)
-    for _ in range(3):
-        stepper.step()
-        other.step()
-        within = stepper.dense_output()
-        assert_array_equal(within(stepper.t), stepper.y)
-        assert_array_equal(stepper.y, other.y)  # it changes nothing of the steps
-    with pytest.raises(RuntimeError, match="after a step"):
-        cg.Stepper(turning, 0, np.eye(3), frame=SO3()).dense_output()
 
 
 def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
@@ -135,15 +64,6 @@ def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
     assert stepper.advance(9.0) is None
     assert (stepper.t, stepper.status) == (9.0, "finished")
     refuses(RuntimeError, "has finished", stepper.step)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_last_step_of_advance(sign):
-    bound = {} if sign > 0.0 else {"t_bound": -9.0}
-    stepper = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3(), method="CF4", h=0.125, **bound)
-    stepper.advance(0.4375 * sign)
-    assert (stepper.t_old, stepper.step_size) == (0.375 * sign, 0.0625)
-    assert_array_equal(stepper.dense_output().ts, [0.375 * sign, 0.4375 * sign])
 
 
 @pytest.mark.parametrize("options", [{"first_step": 0.01}, {"max_step": 0.01}])
@@ -212,51 +132,6 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
     np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
-
-
-@pytest.mark.parametrize("copied", [False, True])
-@pytest.mark.parametrize("ways", ["step", "advance"])
-@pytest.mark.parametrize("control", [{"method": "CF5(4)"}, {"method": "CF4", "h": 0.25}])
-def test_the_solution_within_a_step_that_ends_at_a_breakpoint(control, ways, copied):
-    times = []
-
-    def f(t, y):
-        times.append(t)
-        return [0.0 if t < 1.0 else 5.0 if t < 2.0 else 0.0]
-
-    stepper = cg.Stepper(f, 0.0, [2.0], 3.0, frame=Euclidean(1), breakpoints=[1.0, 2.0], **control)
-    for end, low, high in ((1.0, 2.0, 2.0), (2.0, 2.0, 7.0), (3.0, 7.0, 7.0)):
-        while stepper.t < end:
-            stepper.step() if ways == "step" else stepper.advance(end)
-        stepper = copy.copy(stepper) if copied else stepper
-        assert max(times) < end or end == 3.0
-        assert stepper.y == pytest.approx(high, abs=1e-12)
-        times.clear()
-        within = stepper.dense_output()
-        t = np.linspace(stepper.t_old, end, 9)
-        np.testing.assert_allclose(
-            within(t)[:, 0], np.interp(t, [end - 1.0, end], [low, high]), rtol=0, atol=1e-12
-        )
-        assert stepper.t_old < min(times) <= max(times) <= end
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_equal_steps_go_on_from_any_time(direction):
-    """Also from one that lies far from the first, and with the same times in a copy."""
-    bound = {} if direction > 0.0 else {"t_bound": -1.8e9}
-    stepper = cg.Stepper(shearing, 0.0, np.eye(2), frame=GL(2), method="CF4", h=1e-3, **bound)
-    stepper.restart(t=direction * 1.7e9)
-    stepper.step()
-    assert stepper.t == direction * (1.7e9 + 1e-3)
-    stepper.restart(t=0.1)
-    other = stepper
-    for _ in range(20):
-        other = copy.copy(other)
-        stepper.dense_output() if stepper.t_old is not None else None
-        stepper.step()
-        other.step()
-        assert (other.t, other.t_old) == (stepper.t, stepper.t_old)
-    assert_array_equal(other.y, stepper.y)
 
 
 def test_equal_steps_that_the_time_cannot_resolve_are_refused():

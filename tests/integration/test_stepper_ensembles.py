@@ -1,7 +1,5 @@
 """Steppers of ensembles."""
 
-import copy
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -46,22 +44,6 @@ def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorize
 
 def turning_together(t, y):
     return np.stack([0.1 + y[:, 0, 0], np.cos(t), np.sin(t) * y[:, 1, 2]], axis=1)
-
-
-@pytest.mark.parametrize("together", [False, True])
-def test_ensembles_advance(together):
-    y0 = SO3().random_point(np.random.default_rng(3), 4)
-    f = turning_together if together else turning
-    stepper = cg.Stepper(f, 0.0, y0, frame=SO3(), vectorized=together, **OPTIONS)
-    stepper.advance(0.7)
-    stepper = copy.copy(stepper)
-    stepper.advance(1.5)
-    for k, point in enumerate(y0):
-        alone = cg.Stepper(turning, 0.0, point, frame=SO3(), **OPTIONS)
-        alone.advance(0.7)
-        alone.advance(1.5)
-        np.testing.assert_allclose(stepper.y[k], alone.y, atol=1e-9 if together else 0, rtol=0)
-    refuses(RuntimeError, "common_steps", stepper.step)
 
 
 @pytest.mark.parametrize("control", [OPTIONS, {"method": "CF4", "h": 0.1}])

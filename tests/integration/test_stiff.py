@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 from refusals import refuses
-from scipy import sparse
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from van_der_pol import PLANE, START, solve, van_der_pol
@@ -134,34 +133,6 @@ class TestLikeScipy:
 
 
 class TestLoop:
-    def test_output_within_steps_and_events(self):
-        crossing = cg.Event(lambda t, y: y[0])
-        times = np.linspace(1.0, 199.0, 50)
-        run = solve(events=crossing, t_eval=times, dense_output=True, rtol=1e-8, atol=1e-8)
-        exact = solve(t_eval=times, rtol=1e-11, atol=1e-11)
-        other = solve_ivp(
-            van_der_pol, (0, 200), START, method="Radau", rtol=1e-10, atol=1e-10,
-            events=lambda t, y: y[0],
-        )  # fmt: skip
-        assert np.abs(run.y[:, 0] - exact.y[:, 0]).max() < 1e-4
-        np.testing.assert_array_equal(run.sol(times), run.y)
-        np.testing.assert_allclose(run.t_events[0], other.t_events[0], rtol=1e-6)
-
-    def test_jumps_and_breakpoints(self):
-        f = lambda t, y: [-1e4 * (y[0] - (1.0 if t < 0.5 else 2.0))]
-        back = cg.Event(lambda t, y: t - 0.75, jump=lambda t, y: [5.0])
-        run = solve(
-            f, 1.0, [0.0], Euclidean(1), breakpoints=[0.5], events=back, t_eval=[0.4, 0.75, 1.0]
-        )
-        np.testing.assert_allclose(run.y[:, 0], [1.0, 5.0, 2.0], atol=1e-5)
-
-    def test_backward(self):
-        run = cg.solve_ivp(
-            lambda t, y: [1e4 * (y[0] - np.cos(t))], (3, 0), [0.0], frame=Euclidean(1),
-            method="RadauIIA5", rtol=1e-6, atol=1e-6,
-        )  # fmt: skip
-        assert abs(run.y[-1, 0] - 1.0) < 1e-6
-
     def test_restart_forgets_the_last_step(self):
         options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
         one = cg.Stepper(van_der_pol, 0.0, START, 50.0, **options)
@@ -172,34 +143,6 @@ class TestLoop:
         one.step()
         other.step()
         np.testing.assert_array_equal(one.y, other.y)
-
-    @pytest.mark.parametrize("sparsely", [False, True])
-    def test_ensembles(self, sparsely):
-        numbers = np.array([[1.0], [30.0], [100.0]])
-
-        def f(t, y, p):
-            return np.stack([y[:, 1], p[:, 0] * (1 - y[:, 0] ** 2) * y[:, 1] - y[:, 0]], -1)
-
-        alone = lambda t, y, p: f(t, y[None], p[None])[0]
-
-        def jac(t, y, p):
-            matrix = np.array([[0, 1], [-2 * p[0] * y[0] * y[1] - 1, p[0] * (1 - y[0] ** 2)]])
-            return sparse.csc_array(matrix) if sparsely else matrix
-
-        options = {
-            "frame": PLANE, "method": "RadauIIA5", "parameters": numbers, "rtol": 1e-7,
-            "atol": 1e-7,
-        }  # fmt: skip
-        each = [
-            cg.solve_ivp(alone, (0, 20), START, **(options | {"parameters": p})).y[-1]
-            for p in numbers
-        ]
-        run = cg.solve_ensemble(f, (0, 20), START, vectorized=True, **options)
-        np.testing.assert_array_equal(run.y[-1], each)
-        common = cg.solve_ensemble(f, (0, 20), START, vectorized=True, common_steps=True, **options)
-        np.testing.assert_allclose(common.y[-1], each, rtol=1e-5)
-        exact = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
-        np.testing.assert_allclose(exact.y[-1], each, rtol=1e-5)
 
     def test_common_steps_of_one_member_take_other_sizes(self):
         f = lambda t, y, p: [y[1], p[0] * (1 - y[0] ** 2) * y[1] - y[0]]

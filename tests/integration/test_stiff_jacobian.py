@@ -7,7 +7,7 @@ from scipy import sparse
 from van_der_pol import jacobian, solve, sparse_jacobian
 
 import cg
-from cg.frames import SO3, Euclidean, Product, Sphere
+from cg.frames import SO3, Euclidean, Sphere
 
 
 @pytest.mark.parametrize("jac", [jacobian, sparse_jacobian])
@@ -69,21 +69,6 @@ def test_brackets_are_added(frame, kind, rate, spin):
     run, other = solve(f, 0.5, y0, frame, jac=jac), solve(f, 0.5, y0, frame)
     np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=2e-11)
     assert run.nfev + 3 * run.njev == pytest.approx(other.nfev, rel=0.02)
-
-
-def test_compiled_functions(function):
-    """The heavy top in C, with its parameters, alone and in an ensemble."""
-    frame = Product(SO3(), Euclidean(3))
-    y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
-    p = np.array([0.8, 0.9, 0.4, 2.0])
-    options = {"frame": frame, "method": "RadauIIA5", "rtol": 1e-9, "atol": 1e-9}
-    f, jac = function("top"), function("top_jac")
-    run = cg.solve_ivp(f, (0, 2), y0, parameters=p, jac=jac, **options)
-    other = cg.solve_ivp(f, (0, 2), y0, parameters=p, **(options | {"method": "auto"}))
-    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=1e-7)
-    rows = np.array([0.5 * p, p])
-    both = cg.solve_ensemble(f, (0, 2), y0, parameters=rows, jac=jac, **options)
-    np.testing.assert_array_equal(both.y[-1, 1], run.y[-1])
 
 
 @pytest.mark.parametrize(("jac", "error", "message"), [

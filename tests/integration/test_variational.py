@@ -5,33 +5,13 @@ from functools import partial
 import numpy as np
 import pytest
 from frame_examples import FRAMES, name
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from waves import SPAN, TIGHT, Wave
+from waves import TIGHT, Wave
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, Sphere
 from cg.integration.plan.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
-
-
-@pytest.mark.parametrize("frame", KNOWN, ids=name)
-def test_derivatives_are_differences_of_solutions(frame):
-    wave = Wave(frame)
-    exact, estimated = wave.derivatives(), wave.derivatives(exact=False)
-    rng = np.random.default_rng(1)
-    for v in (np.eye(frame.dim)[-1], rng.standard_normal(frame.dim) / np.sqrt(frame.dim)):
-        expected = wave.by_fields(v, bound=1e-9)
-        size = max(1.0, np.abs(expected).max())
-        for actual, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
-            tangent = frame.field(actual.transition[-1] @ v, actual.y[-1])
-            assert np.abs(tangent - expected).max() < tolerance * size
-    v = rng.standard_normal(2) / 2
-    expected = wave.by_parameters(v, bound=1e-9)
-    for actual, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
-        tangent = frame.field(actual.sensitivity[-1] @ v, actual.y[-1])
-        assert np.abs(tangent - expected).max() < tolerance * max(1.0, np.abs(expected).max())
 
 
 @pytest.mark.parametrize("frame", KNOWN, ids=name)
@@ -74,59 +54,6 @@ def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
     assert tight.steps > loose.steps
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"method": "CG6f", "h": 0.02, "rtol": None, "atol": None},
-        {"method": "CF6(5)"},
-        {"method": "RKMK5(4)"},
-        {"method": "RadauIIA5", "rtol": 1e-10, "atol": 1e-10},
-        {"method": "DP5(4)", "rtol": 1e-10, "atol": 1e-10},
-        {"method": "ImplicitMidpoint", "h": 0.1, "rtol": None, "atol": None},
-    ],
-    ids=lambda options: options["method"],
-)
-def test_any_method(options):
-    wave = Wave(SO3(), seed=3)
-    derivatives = wave.derivatives(**options)
-    # the derivative of a step of fixed size isn't the step of the derivative
-    tolerance = 1e-3 if derivatives.method.name == "ImplicitMidpoint" else 2e-9
-    expected = wave.by_fields(np.eye(3)[0], tolerance, **options)
-    tangent = SO3().field(derivatives.transition[-1][:, 0], derivatives.y[-1])
-    assert np.abs(tangent - expected).max() < tolerance
-
-
-@settings(max_examples=25)
-@given(
-    frame=st.sampled_from(
-        [SO3(), SO3("space"), UnitQuaternion(), SE3("space"), SU(2), Euclidean(2)]
-    ),
-    seed=st.integers(0, 10**6),
-    middle=st.floats(0.2, 0.8),
-)
-def test_transitions_compose_and_go_back(frame, seed, middle):
-    wave = Wave(frame, seed=seed)
-    options = {"control_derivatives": True, "dense_output": True}
-    whole = wave.derivatives((0.0, 1.0), **options)
-    first = wave.derivatives((0.0, middle), **options)
-    second = cg.solve_variational(
-        wave.f, (middle, 1.0), first.y[-1], frame=frame, jac=wave.jac, df_dp=wave.df_dp,
-        parameters=wave.parameters, control_derivatives=True, **TIGHT,
-    )  # fmt: skip
-    product = second.transition[-1] @ first.transition[-1]
-    np.testing.assert_allclose(product, whole.transition[-1], atol=2e-10)
-    through = second.transition[-1] @ first.sensitivity[-1] + second.sensitivity[-1]
-    np.testing.assert_allclose(through, whole.sensitivity[-1], atol=2e-10)
-    np.testing.assert_allclose(whole.sol.transition(middle), first.transition[-1], atol=2e-9)
-    back = cg.solve_variational(
-        wave.f, (1.0, 0.0), whole.y[-1], frame=frame, jac=wave.jac, df_dp=wave.df_dp,
-        parameters=wave.parameters, control_derivatives=True, **TIGHT,
-    )  # fmt: skip
-    np.testing.assert_allclose(
-        back.transition[-1] @ whole.transition[-1], np.eye(frame.dim), atol=2e-9
-    )
-
-
 def test_on_spheres_tangents_move_and_isotropy_does_not():
     """A spin about itself moves nothing, so that its image is a spin about the end."""
     wave = Wave(Sphere(2))
@@ -137,39 +64,6 @@ def test_on_spheres_tangents_move_and_isotropy_does_not():
     assert np.abs(image).max() > 0.1
 
 
-def test_output_between_steps():
-    wave = Wave(Product(SO3(), Euclidean(3)))
-    p0 = np.diag(np.arange(1.0, 7.0))
-    times = np.linspace(*SPAN, 9)
-    dense = wave.derivatives(dense_output=True, P0=p0)
-    at_times = wave.derivatives(t_eval=times, P0=p0)
-    assert at_times.transition.shape == (9, 6, 6)
-    assert at_times.sensitivity.shape == (9, 6, 2)
-    assert isinstance(dense.sol, cg.DenseOutput)
-    np.testing.assert_array_equal(dense.sol(times), at_times.y)
-    np.testing.assert_array_equal(dense.sol.transition(times), at_times.transition)
-    np.testing.assert_array_equal(dense.sol.sensitivity(times), at_times.sensitivity)
-    np.testing.assert_array_equal(dense.sol.covariance(times), at_times.covariance)
-    assert dense.sol.transition(SPAN[0]).shape == (6, 6)
-    np.testing.assert_allclose(
-        at_times.covariance, at_times.transition @ p0 @ at_times.transition.mT, rtol=0, atol=1e-14
-    )
-    for time, transition in zip(times[1::3], at_times.transition[1::3], strict=True):
-        tangent = wave.frame.field(transition[:, 1], dense.sol(time))
-        expected = wave.by_fields(np.eye(6)[1], 1e-9, span=(SPAN[0], time))
-        assert np.abs(tangent - expected).max() < 1e-9
-
-
-def test_without_parameters_and_covariance():
-    solution = cg.solve_variational(lambda t, y: [y[0]], (0, 1), [1.0], frame=Euclidean(1), **TIGHT)
-    assert (solution.sensitivity, solution.covariance, solution.dt_events, solution.sol) == (
-        None,
-    ) * 4
-    np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
-    assert not solution.transition.flags.writeable
-    assert repr(solution).startswith("Solution(t=0...1")
-
-
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_first_step_beyond_all_numbers_ends():
     """The point at which the curvature is evaluated isn't finite."""
@@ -177,33 +71,6 @@ def test_a_first_step_beyond_all_numbers_ends():
         lambda t, y: [0.1, 0.2, 0.3], (1e308, 0.5), np.eye(3), frame=SO3(), method="CF4(3)"
     )
     assert not run.success
-
-
-def test_functions_get_their_arguments():
-    """Arguments come first, parameters last, and points can't be written to."""
-    factors = []
-
-    def f(t, y, a, p):
-        assert not y.flags.writeable
-        factors.append(a)
-        return a * p[0] * y
-
-    def jac(t, y, a, p):
-        assert not y.flags.writeable
-        assert a == 2.0
-        return a * p * np.eye(1)
-
-    def df_dp(t, y, a, p):
-        assert not y.flags.writeable
-        return [[a * y[0]]]
-
-    solution = cg.solve_variational(
-        f, (0, 1), [1.0], frame=Euclidean(1), args=(2.0,), parameters=[0.5], jac=jac, df_dp=df_dp,
-        **TIGHT,
-    )  # fmt: skip
-    assert set(factors) == {2.0}
-    np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
-    np.testing.assert_allclose(solution.sensitivity[-1], 2 * np.e, rtol=1e-9)
 
 
 @pytest.mark.parametrize("vectorized", [False, True])

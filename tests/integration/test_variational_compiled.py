@@ -4,13 +4,10 @@ import ctypes
 
 import numpy as np
 import pytest
-from compiled_examples import DOUBLES, PROBLEMS
-from scipy import LowLevelCallable
+from compiled_examples import DOUBLES
 
 import cg
-from cg.frames import SO3, Euclidean, IsospectralOrbit, Product, Stiefel
-from cg.integration.plan.plan import has_brackets
-from cg.problems import AffineField
+from cg.frames import SO3, Euclidean, Product, Stiefel
 
 BODY = Product(SO3(), Euclidean(3))
 Y0 = BODY.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
@@ -56,73 +53,6 @@ def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
     agree(solve({"f": functions["f"]}), expected, 1e-9)
     agree(solve(functions | {"jac": None}), expected, 1e-9)
     agree(solve(functions | {"df_dp": None}), expected, 1e-9)
-
-
-def test_compiled_functions_and_those_of_python_together(functions):
-    expected = solve(functions)
-    agree(solve({"f": functions["f"], "jac": lambda t, y, p: jacobian(functions, y, p)}), expected,
-          1e-9)  # fmt: skip
-    agree(solve(functions | {"f": top}), expected, 1e-9)
-
-
-def jacobian(functions, y, p):
-    actual = np.empty((6, 6))
-    functions["jac"](0.0, np.array(y).ctypes.data_as(DOUBLES), actual.ctypes.data_as(DOUBLES),
-                     p.ctypes.data)  # fmt: skip
-    return actual
-
-
-IN_PYTHON = [IsospectralOrbit((-1.0, 0.25, 1.5)), Stiefel(4, 2)]  # their flows are in Python
-
-
-@pytest.mark.parametrize("problem", [
-    *PROBLEMS.values(),
-    *(AffineField(frame, frame.random_point(np.random.default_rng(2)), 1) for frame in IN_PYTHON),
-], ids=[*PROBLEMS, "orbit", "Stiefel"])  # fmt: skip
-def test_differences_on_every_frame(problem, affine):
-    assert has_brackets(problem.frame)
-    compiled, _data = affine(problem)
-    options = {"frame": problem.frame, "method": "CF6(5)", "h": 0.125}
-    solution = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
-    expected = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
-    np.testing.assert_allclose(solution.y, expected.y, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(solution.transition, expected.transition, rtol=1e-8, atol=1e-8)
-
-
-def test_events_get_the_parameters(functions, library):
-    level = library["level"]
-    level.restype = ctypes.c_double
-    level.argtypes = [ctypes.c_double, DOUBLES, ctypes.c_void_p]
-    kick = {"direction": -1, "jump": lambda t, y, p: BODY.flow([0, 0, 0, 0, 0, p[3]], y)}
-    solution = solve(functions, events=cg.Event(level, **kick))
-    expected = solve({"f": top}, events=cg.Event(lambda t, y, p: y[8] - 0.2 * p[3], **kick))
-    assert solution.t_events[0].size >= 1
-    np.testing.assert_allclose(solution.t_events[0], expected.t_events[0], rtol=1e-10)
-    np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], atol=1e-7)
-    agree(solution, expected, 1e-8)
-
-
-@pytest.mark.parametrize("executor", [None, "threads"])
-def test_ensembles(functions, executor):
-    rows = P * np.linspace(0.9, 1.1, 5)[:, None]
-    solution = cg.solve_variational_ensemble(
-        **functions, t_span=SPAN, y0=Y0, parameters=rows, executor=executor, **GIVEN
-    )
-    for k in range(5):
-        alone = solve(functions, parameters=rows[k])
-        np.testing.assert_array_equal(solution.transition[-1, k], alone.transition[-1])
-        np.testing.assert_array_equal(solution.sensitivity[-1, k], alone.sensitivity[-1])
-
-
-def test_user_data_without_parameters(functions, function):
-    """Without parameters all compiled functions receive the data of f."""
-    data = P.copy()
-    top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
-    solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)
-    agree_all = solve(functions)
-    found, expected = solution.transition[-1], agree_all.transition[-1]
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
-    assert solution.sensitivity is None
 
 
 @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
@@ -181,16 +111,6 @@ def test_f_may_keep_what_it_gets(way, frame, inputs):
         np.testing.assert_array_equal(now, then)
 
 
-def test_many_points_at_a_time_have_the_derivatives_of_one():
-    """Functions of many points are evaluated in Python, those of one point in compiled code."""
-    options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}
-    one = cg.solve_variational_ensemble(top, y0=Y0, **options)
-
-    many = lambda t, y, p: np.array([top(*each) for each in zip(t, y, p, strict=True)])
-    both = cg.solve_variational_ensemble(many, y0=Y0, vectorized=True, **options)
-    agree(both, one, 1e-9)
-
-
 class TestFailures:
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
     @pytest.mark.parametrize(("wrong", "error", "message"), [
@@ -207,10 +127,3 @@ class TestFailures:
         other.restype, other.argtypes = ctypes.c_double, [ctypes.c_double]
         with pytest.raises(ValueError, match=f"^{name} must have the signature 'int"):
             solve(functions | {name: other})
-
-    def test_many_points_at_a_time(self, functions):
-        with pytest.raises(ValueError, match="vectorized must be False for a compiled jac"):
-            cg.solve_variational_ensemble(
-                lambda t, y, p: np.zeros((len(t), 6)), SPAN, Y0, parameters=P[None],
-                jac=functions["jac"], vectorized=True, **GIVEN,
-            )  # fmt: skip

@@ -4,13 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_continuous_lyapunov
-from waves import SPAN, TIGHT, Wave
+from waves import TIGHT
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, PhaseSpace, Product, UnitQuaternion
+from cg.frames import SO3, Euclidean, PhaseSpace
 
-FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SE3(), SU(2), Euclidean(4)]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -44,84 +42,6 @@ def test_noise_on_a_phase_space():
     )  # fmt: skip
     expected = quadrature(run.sol, lambda t, y: q, 0.0, 1.0, np.zeros((6, 6)))
     np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=1e-8)
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-@pytest.mark.parametrize("given", ["function", "matrix"])
-def test_covariances_are_those_by_quadrature(frame, given):
-    wave, n = Wave(frame, seed=4), frame.dim
-    density = density_of(frame)
-    if given == "matrix":
-        constant = density(0.0, wave.y0)
-        noise, density = constant.tolist(), lambda t, y, p: constant
-    else:
-        noise = density
-    p0 = density_of(frame, 1)(0.0, wave.y0)
-    times = np.linspace(*SPAN, 4)
-    run = wave.derivatives(
-        P0=p0, noise=noise, t_eval=times, dense_output=True, control_derivatives=True
-    )
-    without = wave.derivatives(P0=p0, control_derivatives=True)
-    np.testing.assert_allclose(run.transition[-1], without.transition[-1], rtol=0, atol=1e-10)
-    np.testing.assert_allclose(run.sensitivity[-1], without.sensitivity[-1], rtol=0, atol=1e-10)
-    for t, covariance in zip(times[1:], run.covariance[1:], strict=True):
-        expected = quadrature(run.sol, lambda t, y: density(t, y, wave.parameters), SPAN[0], t, p0)
-        np.testing.assert_allclose(covariance, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
-        np.testing.assert_array_equal(covariance, run.sol.covariance(t))
-    alone = wave.derivatives(noise=noise, control_derivatives=True)
-    added = run.covariance[-1] - without.covariance[-1]
-    np.testing.assert_allclose(alone.covariance[-1], added, rtol=0, atol=1e-9 * (n + added.max()))
-
-
-def test_many_steps_lead_to_the_stationary_covariance():
-    a = np.array([[-1.0, 2.0], [-1.5, -0.5]])
-    q = np.array([[1.0, 0.3], [0.3, 0.2]])
-    for vectorized, noise in ((False, q), (True, lambda t, y: np.tile(q, (len(t), 1, 1)))):
-        run = cg.solve_variational_ensemble(
-            (lambda t, y: y @ a.T) if vectorized else (lambda t, y: a @ y), (0, 40), np.eye(2),
-            frame=Euclidean(2), noise=noise, vectorized=vectorized, control_derivatives=True,
-            rtol=1e-10, atol=1e-10,
-        )  # fmt: skip
-        expected = solve_continuous_lyapunov(a, -q)
-        assert run.covariance.shape == (2, 2, 2, 2)
-        for member in run.covariance[-1]:
-            np.testing.assert_allclose(member, expected, rtol=0, atol=1e-8)
-        assert np.abs(run[1].covariance[0]).max() == 0.0
-
-
-def test_members_have_their_own_parameters():
-    frame = SO3()
-    wave, noise = Wave(frame, seed=6), density_of(frame)
-    rows = np.random.default_rng(2).standard_normal((3, 2))
-    options = {"frame": frame, "noise": noise, "control_derivatives": True, **TIGHT}
-    many = cg.solve_variational_ensemble(wave.f, SPAN, wave.y0, parameters=rows, **options)
-    for k, row in enumerate(rows):
-        one = cg.solve_variational(wave.f, SPAN, wave.y0, parameters=row, **options)
-        np.testing.assert_array_equal(many[k].covariance[-1], one.covariance[-1])
-
-
-def test_jumps_and_breakpoints():
-    """Noise on one side of an event is carried through it by the saltation matrix."""
-    q = np.array([[0.3, 0.1], [0.1, 0.4]])
-    floor = cg.Event(lambda t, y: y[0], direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
-
-    fall = lambda t, y: [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
-    noise = lambda t, y: q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
-    options = {"frame": Euclidean(2), "breakpoints": [0.35], "events": floor, **TIGHT}
-    run = cg.solve_variational(
-        fall, (0, 1), [1.0, 0.2], noise=noise, dense_output=True, control_derivatives=True,
-        **options,
-    )  # fmt: skip
-    (hit,) = run.t_events[0]
-    assert 0.35 < hit < 1.0
-    total, sol = np.zeros((2, 2)), run.sol
-    for start, end in ((0.0, 0.35), (0.35, hit), (hit, 1.0)):
-        times = start + (end - start) * (NODES + 1) / 2
-        points = zip(times, sol(times), sol.transition(times), WEIGHTS, strict=True)
-        for t, y, phi, weight in points:
-            move = run.transition[-1] @ np.linalg.inv(phi)
-            total += weight * (end - start) / 2 * move @ noise(t, y) @ move.T
-    np.testing.assert_allclose(run.covariance[-1], total, rtol=0, atol=1e-8 * np.abs(total).max())
 
 
 def test_a_compiled_density(affine):

@@ -1,21 +1,14 @@
 """Frames in JAX equal those in NumPy and are differentiable."""
 
-from fractions import Fraction
-from functools import partial
-from math import factorial
-
 import numpy as np
 import pytest
 from jax_problems import squeeze
 from jax_setup import jax
-from numpy.polynomial import Polynomial
 from refusals import refuses
 from slow_cases import slow
 
 import cg
 from cg import frames as fr
-from cg.frames.dexpinv import bernoulli_terms
-from cg.jax.entire import dexpinv_factor, motion_factors, stumpff
 from cg.jax.frames import rules_of
 
 jnp = jax.numpy
@@ -99,25 +92,6 @@ class TestValues:
             tilt[-1 - (frame.size - frame.group.size) :] = 0.0
         restored = jax.jit(rules.restore)(y + 1e-6 * tilt)
         assert frame.membership_error(restored) < 1e-10
-
-    def test_single_precision(self, frame, example):
-        """Flows, and their derivatives at coefficients zero in both modes."""
-        y, v, w = example
-        rules = rules_of(frame)
-        kind = np.complex64 if frame.dtype.kind == "c" else np.float32
-
-        @jax.jit
-        def compute(v, w, y):
-            slope = jax.grad(lambda v: jnp.vdot(w[0] * y, rules.flow(v, y)).real)(0.0 * v)
-            return rules.flow(v, y), rules.field(w, y), slope
-
-        low = jnp.asarray(v, np.float32), jnp.asarray(w, np.float32), jnp.asarray(y, kind)
-        fields = np.stack([frame.field(unit, y) for unit in np.eye(frame.dim)])
-        slope = [np.vdot(w[0] * y, field).real for field in fields]
-        actual = compute(*low)
-        for one, expected in zip(actual, (frame.flow(v, y), frame.field(w, y), slope), strict=True):
-            np.testing.assert_allclose(one, expected, rtol=0.0, atol=2e-6)
-        assert [one.dtype for one in actual] == [kind, kind, np.float32]
 
 
 def test_reflections_are_off_the_rotations():
@@ -229,18 +203,6 @@ class TestSeriesOfDexpinv:
 
 @pytest.mark.parametrize("frame", [*QUICK, *slow(*FRAMES, *OTHERS)], ids=repr, indirect=True)
 class TestDerivatives:
-    def test_at_coefficients_zero(self, frame, example):
-        """The flow of v and then of -v is the identity; its derivatives in both modes are zero."""
-        y, v, _ = example
-        rules = rules_of(frame)
-
-        twice = lambda s: rules.flow(-s * v, rules.flow(s * v, y))
-        part = lambda s: jnp.vdot(y, twice(s)).real
-        first, slope = jax.jacfwd(twice), jax.grad(part)
-        compute = jax.jit(lambda s: (first(s), jax.jacfwd(first)(s), slope(s), jax.grad(slope)(s)))
-        for derivative in compute(0.0):
-            close(derivative, np.zeros_like(derivative), 100)
-
     def test_logarithms_at_equal_points(self, frame, example):
         y, v, _ = example
         rules = rules_of(frame)
@@ -257,38 +219,6 @@ class TestDerivatives:
             close(second, np.zeros((frame.dim, frame.dim)), 200)
 
 
-class TestSmoothFunctions:
-    """Functions against exact values, on both sides of their switching points."""
-
-    @pytest.mark.parametrize("k", [0, 3, *slow(1, 2, 4)])
-    def test_stumpff(self, k):
-        at = np.array([0.0, 1e-300, 1e-12, 1e-4, 0.01, 0.039, 0.05, 1.0, 3.99, 4.01, 9.0, 25.0])
-        series = [Fraction((-1) ** j, factorial(2 * j + k)) for j in range(90)]
-        function = partial(stumpff, k)
-        for _ in range(4):
-            expected = [float(sum(c * Fraction(q) ** j for j, c in enumerate(series))) for q in at]
-            actual = jax.jit(jax.vmap(function))(at)
-            np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
-            series = [j * c for j, c in enumerate(series)][1:]
-            function = jax.grad(function)
-
-    def test_factors_of_dexpinv(self):
-        """The factor is (1 - x cot x) / (4 x^2), and Bernoulli's series near zero."""
-        terms = Polynomial([abs(float(term)) for term in bernoulli_terms(42)[2::2]])
-        q = np.concatenate([[0.0, 1e-20, 1e-6, 0.3], np.arange(1.0, 40.0)])
-        x = np.sqrt(q[4:]) / 2.0
-        top, slope = 1.0 - x / np.tan(x), x / np.sin(x) ** 2 - 1.0 / np.tan(x)
-        values = np.append(terms(q[:4]), top / q[4:])
-        far = (slope / q[4:] - 2.0 * top / (q[4:] * x)) / (8.0 * x)
-        slopes = np.append(terms.deriv()(q[:4]), far)
-        actual = jax.jit(jax.vmap(jax.value_and_grad(dexpinv_factor)))(jnp.asarray(q))
-        np.testing.assert_allclose(actual[0], values, rtol=1e-14)
-        np.testing.assert_allclose(actual[1], slopes, rtol=1e-13)
-        second, fourth = jax.jit(jax.vmap(motion_factors))(jnp.asarray(q))
-        np.testing.assert_allclose(second, values - q * slopes, rtol=1e-12, atol=1e-13)
-        np.testing.assert_allclose(fourth, -slopes, rtol=1e-13)
-
-
 def test_products_are_taken_apart_and_joined():
     frame = fr.Product(fr.SU(2), fr.UnitQuaternion(), fr.Euclidean(2))
     y = frame.random_point(np.random.default_rng(1))
@@ -298,14 +228,6 @@ def test_products_are_taken_apart_and_joined():
     np.testing.assert_array_equal(cg.jax.join(frame, *parts), y)
     refuses(ValueError, "parts must", cg.jax.join, frame, np.zeros(4))
     refuses(ValueError, r"parts\[1\] must", cg.jax.join, frame, np.eye(2), np.zeros(3), np.zeros(2))
-
-
-def test_cotangents():
-    frame = fr.Sphere(2)
-    y, v = frame.random_point(np.random.default_rng(2)), np.array([0.3, -0.2, 0.5])
-    g = jax.grad(lambda y: y[0] * y[1] + y[2] ** 3)(y)
-    along = float(g @ frame.field(v, y))
-    assert float(cg.jax.cotangent(frame, y, g) @ v) == pytest.approx(along, rel=1e-13)
 
 
 def test_bad_input():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from jax_setup import diffrax, jax
-from quotients import derivative
 
 import cg
 from cg.frames import SO3, SU, LinearAction, UnitQuaternion
@@ -54,18 +53,6 @@ def test_output_between_steps(frame, name, bound):
         t_eval=np.asarray(times),
     )  # fmt: skip
     np.testing.assert_allclose(here.ys, there.y, rtol=0, atol=bound)
-
-
-def test_gradients_and_batches():
-    def cost(rate):
-        y0 = STARTS[UnitQuaternion()]
-        return solve(UnitQuaternion(), "CFM6(4)", y0, args=rate, h=0.1).ys[-1, 0] ** 2
-
-    rates = jnp.array([0.7, 1.1])
-    slopes = jax.jit(jax.vmap(jax.grad(cost)))(rates)
-    costs = jax.jit(jax.vmap(cost))
-    expected = derivative(lambda s: costs(rates + s), bound=1e-8)
-    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-8)
 
 
 def test_jumps_begin_anew():

@@ -71,36 +71,6 @@ class TestSteps:
             expected = cg.solve_ivp(f, (0.0, 2 * h), y0, frame=frame, method=name, h=h, t_eval=ts)
             np.testing.assert_allclose(points, expected.y, rtol=0.0, atol=1e-13)
 
-    @pytest.mark.parametrize("name", ["RKMK8(5,3)", *slow("RKMK5(4)")])
-    def test_stages_in_a_loop_are_those_unrolled(self, name):
-        """And those without jit, as with JAX_DISABLE_JIT, where loops may not be empty."""
-        frame = fr.UnitQuaternion()
-        ours, _ = term(frame)
-        y0, first = jnp.asarray(point(frame)), jnp.ones(3)
-
-        def step(unroll):
-            solver = cg.jax.Solver(name, unroll=unroll)
-            return lambda y: solver.step(ours, 0.0, 0.1, y, 1.0, first, False)[:2]
-
-        unrolled, loop = jax.jit(step(True)), jax.jit(step(False))
-        with jax.disable_jit():
-            alone = step(False)(y0)
-        for one, *others in zip(unrolled(y0), loop(y0), alone, strict=True):
-            for other in others:
-                np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
-        sizes = [len(f.lower(y0).compile().as_text()) for f in (unrolled, loop)]
-        assert sizes[1] < 0.7 * sizes[0]
-
-    def test_single_precision_stays(self):
-        frame = fr.UnitQuaternion()
-        y0 = jnp.asarray(point(frame), np.float32)
-        solver = cg.jax.Solver(cg.methods["CF4(3)"])
-        ours, _ = term(frame)
-        h = np.float32(0.1)
-        state = solver.init(ours, h, h, y0, h)
-        y1, error, _, state, _ = solver.step(ours, h, 2 * h, y0, h, state, False)
-        assert {x.dtype for x in (y1, error, state)} == {np.dtype(np.float32)}
-
 
 class TestErrors:
     @pytest.mark.parametrize(("frame", "name", "rtol"), [
@@ -209,27 +179,6 @@ class TestOutput:
             (solution.evaluate(0.37), expected.sol(0.37)),
         ):
             np.testing.assert_allclose(actual, exact, rtol=0.0, atol=1e-13)
-
-    def test_the_cheap_form(self):
-        """It is exact at the ends of steps, and of second order between them."""
-        frame = fr.Sphere(2)
-        ours, _ = term(frame)
-        y0 = point(frame)
-
-        @jax.jit
-        def largest(h):
-            ts = jnp.array([0.0, 0.5 * h, h])
-            options = {"h": h, "end": h, "saveat": diffrax.SaveAt(ts=ts)}
-            cheap, accurate = (
-                solve(ours, cg.jax.Solver("CF3", dense=dense), y0, **options).ys
-                for dense in ("steps", "accurate")
-            )
-            return jnp.abs(cheap - accurate).max(axis=1)
-
-        with pytest.warns(UserWarning, match=r'dense="steps" has errors of second order'):
-            one, half = largest(0.1), largest(0.05)
-        np.testing.assert_allclose(one[::2], 0.0, atol=1e-14)
-        assert np.log2(one[1] / half[1]) == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.parametrize("frame", [

@@ -30,22 +30,6 @@ class TestTransforms:
         options = {"max_steps": self.STEPS, "adjoint": adjoint, "args": inertia}
         return solve(ours, solver, y0, end=2.0, rtol=1e-12, **options).ys[-1]
 
-    def test_gradients(self):
-        inertia, y0 = jnp.asarray(INERTIA), jnp.asarray(START)
-        both = jax.grad(lambda i, y: self.end(i, y)[0], argnums=(0, 1))
-        by_inertia, by_point = jax.jit(both)(inertia, y0)
-        forward = jax.jit(jax.jacfwd(lambda i: self.end(i, adjoint=diffrax.ForwardMode())[0]))
-        np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
-        frame = ATTITUDE_AND_VELOCITY
-        numbers = np.concatenate([cg.jax.cotangent(frame, y0, by_point), by_inertia])
-        variational = cg.solve_variational(
-            body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12, parameters=INERTIA,
-            control_derivatives=True,
-        )  # fmt: skip
-        tangents = np.hstack([variational.transition[-1], variational.sensitivity[-1]]).T
-        expected = [frame.field(tangent, variational.y[-1])[0] for tangent in tangents]
-        np.testing.assert_allclose(numbers, expected, rtol=0.0, atol=1e-9)
-
     @pytest.mark.parametrize(("frame", "name"), [
         (fr.UnitQuaternion(), "CF4(3)"),
         *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),
@@ -96,44 +80,6 @@ class TestTransforms:
             np.testing.assert_allclose(end(angle).ts[0], first, atol=1e-8)
         np.testing.assert_allclose(end(1.0, power=1).ts[0], np.sqrt(2.0), atol=1e-8)
         assert end(1.0, sees=False).stats["num_steps"] < 20
-
-    def test_flows_are_compiled_once(self):
-        """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
-        frame = fr.UnitQuaternion()
-        ours, _ = term(frame)
-        y0 = point(frame)
-        solver = cg.jax.Solver("CF4(3)", dense="steps")
-
-        state = solver.init(ours, 0.0, 0.1, y0, 1.0)
-        step = lambda y0, state: solver.step(ours, 0.0, 0.1, y0, 1.0, state, False)[:2]
-        text = str(jax.make_jaxpr(step)(y0, state))
-        flows = sum(len(flows) for _, flows in solver.table.paths)
-        assert text.count("= optimization_barrier ") == flows
-
-    def test_tolerances_may_be_traced(self):
-        frame = fr.UnitQuaternion()
-        ours, _ = term(frame)
-
-        def end(rtol):
-            return solve(ours, cg.jax.Solver("BS3(2)", dense="steps"), point(frame), rtol=rtol).ys
-
-        np.testing.assert_allclose(jax.jit(end)(1e-4), end(1e-4), rtol=0.0, atol=1e-13)
-
-    def test_members_are_single_runs(self):
-        """Batches of solutions and of gradients are those of their members."""
-        inertias = jnp.asarray(INERTIA) * jnp.array([[1.0], [2.0], [0.5]]) + jnp.eye(3)
-
-        def cost(inertia):
-            y = self.end(inertia)
-            return y[0], y
-
-        compute = jax.value_and_grad(cost, has_aux=True)
-        (_, ends), gradients = jax.jit(jax.vmap(compute))(inertias)
-        alone = jax.jit(compute)
-        for inertia, y, gradient in zip(inertias, ends, gradients, strict=True):
-            (_, expected_y), expected_gradient = alone(inertia)
-            np.testing.assert_allclose(y, expected_y, rtol=0.0, atol=1e-11)
-            np.testing.assert_allclose(gradient, expected_gradient, rtol=0.0, atol=1e-11)
 
     @pytest.mark.parametrize("frame", [
         fr.Sphere(2),

@@ -70,8 +70,3 @@ def test_stage_shares_points_of_a_flow(frame):
         for one in (idle, simple)
     ]
     np.testing.assert_array_equal(runs[0].y, runs[1].y)
-
-
-def test_lifted_method_with_a_stage_at_the_start():
-    lifted = cg.lift(cg.Tableau([[], [0], ["1/4", "1/4"]], ["-1/4", "1/4", 1])).method
-    assert lifted.order == 2

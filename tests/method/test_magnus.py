@@ -23,11 +23,6 @@ ORDERS = {
 """Orders of the three results, flows without and with the estimate, evaluations."""
 
 
-def test_words_are_the_compositions():
-    assert [len(words(order)) for order in range(1, 9)] == [2**order - 1 for order in range(1, 9)]
-    assert words(2) == ((1,), (1, 1), (2,))
-
-
 def test_residuals_of_the_midpoint_rule():
     actual = linear_residuals(([Fraction(1, 2)], [[Fraction(1)]], []), 3)
     residuals = dict(zip(words(3), actual, strict=True))
@@ -60,21 +55,6 @@ def test_files_give_back_an_equal_method(name):
     method = cg.methods[name]
     assert loads(dumps(method)) == method
     assert hash(loads(dumps(method))) == hash(method)
-
-
-def test_brackets_in_exact_arithmetic():
-    """One bracket gives order four: [A(0), A(1)] is that of A_1 and A_2, and one of A_1 and A_3."""
-    method = MagnusMethod(
-        [0, "1/2", 1], [["1/6", "2/3", "1/6", "-1/12"]], brackets=[([1, 0, 0], [0, 0, 1])]
-    )
-    assert method.order == 4
-    residuals = dict(zip(words(4), method.residuals(4), strict=True))
-    assert max(map(abs, residuals.values())) < 1e-60
-    assert MagnusMethod(method.nodes, [["1/6", "2/3", "1/6"]]).order == 2
-    assert not hasattr(method, "layout")
-    refuses(TypeError, "must not combine brackets", cg.certify, method)
-    same = method.with_coefficients([x.text for x in method.coefficients])
-    assert same == method
 
 
 def test_a_changed_coefficient_is_another_method_of_lower_order():

@@ -48,11 +48,6 @@ class TestMethods:
         np.testing.assert_allclose(methods["CF3b"].c, [0, 1 / 4, 2 / 3], rtol=1e-15)
         np.testing.assert_allclose(methods["CF3b"].b, [1 / 4, 0, 3 / 4], rtol=0)
 
-    def test_flat_tableau_has_another_order(self):
-        # what holds where flows commute says nothing of manifolds
-        a, b = methods["CF4"].exact
-        assert Tableau(a, b).order == 2 < methods["CF4"].order
-
     def test_one_weight_per_point_equals_tableau(self):
         for name in ("CG4a", "CG6g", "CG7b"):
             tableau = methods[name]
@@ -75,29 +70,6 @@ class TestMethods:
         certificate = certify(pair)
         assert (certificate.order, certificate.embedded_order) == (3, 2)
         assert loads(dumps(pair)) == pair
-
-    def test_numpy_indices(self):
-        points = [
-            (np.int64(parent), {np.int8(k): w for k, w in row.items()}) for parent, row in CF3
-        ]
-        method = CommutatorFree(points, np.array([-1, 0, 1]), np.intp(2))
-        assert method == methods["CF3"]
-        assert loads(dumps(CommutatorFree(points, np.array([-1, 0, 1]), name="x"))) == method
-
-    def test_equality_and_copies(self):
-        one, other = CommutatorFree(CF3, [-1, 0, 1]), CommutatorFree(CF3, (-1, 0, 1), name="x")
-        assert one == other
-        assert hash(one) == hash(other)
-        assert one != CommutatorFree(CF3[:2], [-1, 0])
-        assert one != methods["CG3"]
-        assert one.c is one.c
-        copy = pickle.loads(pickle.dumps(one))
-        assert copy == one
-        assert copy.point_coefficients == one.point_coefficients
-        with pytest.raises(ValueError, match="read-only"):
-            copy.c[0] = 1
-        with pytest.raises(AttributeError):
-            one.name = "other"
 
     def test_digits(self):
         texts = cg.digits(methods["CF4b"], 50)
@@ -152,22 +124,6 @@ class TestBadInput:
     def test_message_names_the_argument(self, points, stages, options, message):
         refuses(MethodError, f"^{message}", CommutatorFree, points, stages, **options)
 
-    @pytest.mark.parametrize(("old", "new", "message"), [
-        ("parent = -1, ", "", "point 0 lacks parent"),
-        ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
-        ("result = 0", "", "the entry lacks result"),
-        ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
-        ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
-        ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
-    ])  # fmt: skip
-    def test_files(self, old, new, message):
-        text = (
-            'name = "x"\nsource = "y"\npoints = [\n  {parent = -1, weights = {0 = "1"}},\n]\n'
-            "stage_points = [-1]\nresult = 0\n"
-        )
-        assert loads(text).order == 1
-        refuses(MethodError, message, loads, text.replace(old, new, 1))
-
     def test_points_must_be_tables(self):
         with pytest.raises(MethodError, match="points must"):
             loads('name = "x"\nsource = "y"\npoints = 3\nstage_points = [-1]\nresult = 0\n')
@@ -187,15 +143,6 @@ class TestFaults:
         converges, fault = faults(pair)
         assert converges
         assert "both its results have order 2" in fault
-
-    def test_nearly_equal_results(self):
-        a, b = methods["CG3"].exact
-        nearly = [b[0] + Fraction(1, 10**8), b[1] - Fraction(1, 10**8), b[2]]
-        pair = Tableau(a, b, b_embedded=nearly, name="almost")
-        with pytest.warns(UserWarning, match="almost: its results nearly coincide"):
-            cg.solve_ivp(
-                lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1), method=pair
-            )
 
     def test_order_zero(self):
         half = Tableau([[]], ["1/2"], name="half")
@@ -252,36 +199,6 @@ class TestThirdWeights:
     ])  # fmt: skip
     def test_bad_input(self, third, options, message):
         refuses(MethodError, message, self.make, third, **options)
-
-
-METHODS = [
-    *map(cg.methods.get, ("CG3(2)", "DICG3", "CF4(3)", "CG4a")),
-    cg.methods["DOP853"],
-    cg.methods["RKMK8(5,3)"],
-]
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_with_coefficients_gives_the_same_method_back(method):
-    third = getattr(method, "third_weights", None)
-    fields = {} if third is None else {"third": third}
-    again = method.with_coefficients(method.coefficients, **fields)
-    assert type(again) is type(method)
-    assert again == method
-    assert (again.name, again.source) == (method.name, method.source)
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_with_coefficients_refuses_a_wrong_length(method):
-    for wrong in (method.coefficients[1:], [*method.coefficients, 0], [], "1/2"):
-        refuses(ValueError, "x must", method.with_coefficients, wrong)
-
-
-def test_with_coefficients_takes_fields_of_the_class():
-    method = cg.methods["CG2"].with_coefficients(
-        ["0.5", "1e-9", 1], name="near", nominal_order=2, nominal_residual="1e-8"
-    )
-    assert (method.name, method.order, method.approximate) == ("near", 2, True)
 
 
 def test_make_method_chooses_the_class_by_the_layout():

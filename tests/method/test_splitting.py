@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from fractions import Fraction
 
@@ -129,13 +128,6 @@ def test_rounded_coefficients_have_the_order_within_their_uncertainty():
     np.testing.assert_allclose(residuals, np.array(method.residuals(6), float), atol=1e-15)
 
 
-def test_times_of_kicks():
-    method = cg.methods["McLachlan2"]
-    np.testing.assert_allclose(method.c, [method.drifts[0], 1 - method.drifts[0]], atol=1e-16)
-    assert method.b is method.kicks
-    assert repr(method) == "<Splitting McLachlan2: order 2, 2 kicks, 3 drifts>"
-
-
 @pytest.mark.parametrize(("drifts", "kicks", "message"), [
     ([1], [], "kicks must have at least one entry, got none"),
     ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries, got 2"),
@@ -145,29 +137,3 @@ def test_times_of_kicks():
 ])  # fmt: skip
 def test_bad_coefficients_are_refused(drifts, kicks, message):
     refuses(MethodError, re.escape(message), cg.Splitting, drifts, kicks)
-
-
-@pytest.mark.parametrize(("call", "error", "message"), [
-    (lambda m: m.a, AttributeError, "has drifts and kicks, no tree of points"),
-    (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for .*Leapfrog"),
-    (cg.diagnose, TypeError, "method must not be a splitting method"),
-    (cg.certify, TypeError, "method must not be a splitting method"),
-])  # fmt: skip
-def test_what_splitting_methods_cannot_do(call, error, message):
-    refuses(error, message, call, cg.methods["Leapfrog"])
-
-
-def test_show_lists_conditions(run_command):
-    code, shown, _ = run_command("show", "BlanesMoan4", "--conditions", "4", "--json")
-    listed = json.loads(shown)["conditions"]
-    assert [one["residual"] for one in listed] == [
-        *map(float, cg.methods["BlanesMoan4"].residuals(4))
-    ]
-    assert (code, [one["order"] for one in listed]) == (0, [1, 1, 2, 3, 3, 4, 4, 4])
-    drawn = run_command("show", "Leapfrog")[1].splitlines()
-    assert [line.split() for line in drawn[-4:]] == [
-        ["drift", "kick"],
-        ["0", "1/2"],
-        ["1", "1/2"],
-        ["0"],
-    ]

@@ -25,6 +25,7 @@ TOLERANCES = 50  # admitted, times the growth of errors
 EPS = float(np.finfo(float).eps)
 EVENTS, COUNTS = ("t_events", "y_events", "y_after"), ("steps", "nrejected")
 DERIVATIVES = ("transition", "sensitivity", "covariance")
+CALLS = ("nfev", "nexp", "njev", "nlu")
 
 CALL = "s = cg.solve_ivp(f, span, y0, **options)"
 OBSERVED = """calls = [0]
@@ -96,6 +97,8 @@ class Case:
         names = dict(self.names)
         try:
             exec(code, names)
+        except ModuleNotFoundError as error:  # JAX is an extra
+            raise Unclear(str(error)) from error
         except Exception as error:
             if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
                 raise Unclear("steps are too long for the method") from error
@@ -130,11 +133,13 @@ class Case:
 
 def check(program: Program) -> str:
     """Compare a program with the model; return "compared", or why there is no answer."""
-    names = program.build()
     try:
+        names = program.build()
         case = Case(program, names, solve(program.task(names)))
     except ArithmeticError:
         return "the model has no solution"
+    except ModuleNotFoundError as error:  # numba is an extra
+        return str(error)
     if program.endless and not case.path.terminated:
         return "no event ends it"
     outcome = "compared"
@@ -363,7 +368,7 @@ def step_by_step(case: Case) -> None:
     code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
     plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
     run = case.run(code)
-    same(plain, run["s"], EVENTS, code)
+    same(plain, run["s"], (*EVENTS, *CALLS, "nrejected"), code)
     t, y = np.array(run["t"]), np.array(run["y"])
     if not np.array_equal(plain.y[-1], y[-1]) or not (case.jumps() or np.array_equal(plain.y, y)):
         raise Difference("points of a Stepper differ", f"{CALL}\nprint(s.y)\n{code}\nprint(y)")
@@ -412,7 +417,7 @@ def members(
 ) -> None:
     """Members of an ensemble are equal to single solutions, however they are computed."""
     program = case.program
-    code = "several, second = dict(options), {**options, 'dense_output': False}\n"
+    code = "several, second = dict(options), dict(options)\n"
     if program.inputs:
         code += f"several['inputs'] = {program.named_inputs('members')}\n"
         code += f"second['inputs'] = {program.named_inputs('mirrored')}\n"
@@ -425,8 +430,11 @@ def members(
     code += "s = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **several"
     for way in (way for way in ways if not (program.compiled and "vectorized" in way)):
         s = case.solve(f"{code}{way})")
+        if "vectorized" in way and program.derivatives:  # differences of other roundings
+            accurate(case, s[0], f"{code}{way})[0]")
+            continue
         for i, own in enumerate((case.solution, single, case.solution)):
-            compared = ("t", "y", *DERIVATIVES) if program.output is not None else ()
+            compared = ("t", "y", *DERIVATIVES, *CALLS) if program.output is not None else ()
             same(own, s[i], (*compared, *EVENTS, *COUNTS), f"{code}{way})[{i}]")
             if own.status == 0 and not np.array_equal(s[i].y[-1:], own.y[-1:]):
                 raise Difference(f"the end of member {i} differs", f"{code}{way})\nprint(s.y)")

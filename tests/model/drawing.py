@@ -71,6 +71,7 @@ def program(seed: int, index: int) -> Program:
         events=(*some(3, zero), *one((), (), (), (Zero("edge"),))),
         breaks=one((), (0.3,), (0.31, 0.75), (0.5, 0.31)), inputs=some(2, samples),
         parameters=one(False, True), compiled=one("", "", "", "c", "c", one("c", "numba")),
+        rhs=one("coefficients", "coefficients", "derivative"),
         linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
         callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
     ))  # fmt: skip
@@ -84,7 +85,6 @@ def admitted(program: Program) -> Program:
         nonlocal program
         program = replace(program, **changes) if condition else program
 
-    change(True, callers=tuple(callers))
     change(not frame.compiled, compiled="")
     change("in_jax" in callers, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
     change("in_jax" in callers, arrays="", linear=False)
@@ -102,10 +102,14 @@ def admitted(program: Program) -> Program:
     plain = plain and not any(zero.kind == "edge" for zero in program.events)
     change(program.linear, linear=plain)
     change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
+    change(program.linear or program.compiled or not plain, rhs="coefficients")
+    change("in_jax" in callers, rhs="coefficients")
     smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
     change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")
     change(program.derivatives == "adjoint", events=(), output=program.output or None)
+    if program.derivatives == "adjoint":
+        callers = [caller for caller in callers if caller not in ("members", "processes")]
     inputs = program.inputs
     if abs(program.length) < 1e-3 or program.derivatives or callers or not frame.compiled:  # slow
         inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in inputs)
@@ -123,7 +127,9 @@ def admitted(program: Program) -> Program:
     finite = program.steps or inputs or program.length == 0
     endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
-    return replace(program, events=tuple(events), inputs=inputs, endless=endless)
+    return replace(
+        program, events=tuple(events), inputs=inputs, endless=endless, callers=tuple(callers)
+    )
 
 
 def simpler(record: Any) -> Iterator[Any]:

@@ -55,6 +55,9 @@ def python(t, y{further}):
     return v.reshape(*np.shape(t), {returned})
 f = python
 """
+OF_POINT = """
+def f(t, y{further}): return frame.field(python(t, y{further}), y)
+"""
 OF_TIME = """
 def f(t{further}):
     return python(t, np.broadcast_to(y0, (*np.shape(t), *y0.shape)){further})
@@ -172,6 +175,7 @@ class Program(Record):
     inputs: tuple[Input, ...] = ()
     parameters: bool = False
     compiled: str = ""
+    rhs: str = "coefficients"
     linear: bool = False
     derivatives: str = ""
     callers: tuple[str, ...] = ()
@@ -225,6 +229,7 @@ class Program(Record):
             mixed="v * p[..., :1] + p[..., 1:] * v[..., ::-1]" if self.parameters else "v",
             returned=", ".join(map(str, space.returned)),
         )  # fmt: skip
+        text += OF_POINT.format(further=further) if self.rhs == "derivative" else ""
         text += OF_TIME.format(further=further) if self.linear else ""
         text += IN_C.replace("COUNT", str(2 * self.parameters)) if self.compiled else ""
         text += IN_NUMBA if self.compiled == "numba" else ""
@@ -271,7 +276,7 @@ class Program(Record):
             "breakpoints=at": self.breaks,
             f"inputs={self.named_inputs('samples')}": self.inputs,
             "parameters=parameters": self.parameters,
-            "rhs='derivative'": self.frame.returned != (-1,),
+            "rhs='derivative'": self.rhs == "derivative" or self.frame.returned != (-1,),
             "linear=True": self.linear,
             f"derivatives={self.derivatives!r}": self.derivatives,
             f"control_derivatives=True, P0=0.1 * np.eye({n})": self.derivatives == "forward",

@@ -3,7 +3,6 @@
 The environment variable ``CG_FUZZ`` multiplies the number of examples.
 """
 
-import json
 import os
 
 import pytest
@@ -11,10 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.construction.catalogue import dumps, loads
+from cg.construction.catalogue import dumps
 from cg.construction.proofs import Certificate, CertificationError, certificate_of
-from cg.construction.trees.ordered import OrderedTree
-from research.impossibility import ImpossibilityError
 
 MANY = int(os.environ.get("CG_FUZZ", "1"))
 METHODS = [
@@ -73,36 +70,6 @@ def reads(reader, text, error):
 
 
 @settings(max_examples=150 * MANY)
-@given(spoilt(METHODS) | st.text(max_size=60))
-@example("")
-@example("{" * 2000)
-@example("[" * 2000)
-@example('{"a": [], "b": []}')
-def test_methods(text):
-    method = reads(loads, text, cg.MethodError)
-    if method is not None:
-        assert loads(dumps(method)) == method
-
-
-@settings(max_examples=80 * MANY)
-@given(st.data())
-def test_methods_in_json(data):
-    method = cg.methods[data.draw(st.sampled_from(["CG3", "CF4", "CG4(3)"]))]
-    entry = {"name": method.name, "order": method.order, "source": "here"}
-    if isinstance(method, cg.Tableau):
-        a, b = method.exact
-        entry |= {"a": [list(map(str, row)) for row in a], "b": list(map(str, b))}
-    anything = st.recursive(
-        st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(NASTY),
-        lambda some: st.lists(some, max_size=3) | st.dictionaries(st.sampled_from(KEYS), some),
-        max_leaves=6,
-    )
-    entry[data.draw(st.sampled_from(KEYS))] = data.draw(anything)
-    actual = reads(loads, json.dumps(entry), cg.MethodError)
-    assert actual is None or isinstance(actual, cg.Method)
-
-
-@settings(max_examples=150 * MANY)
 @given(spoilt(CERTIFICATES) | st.text(max_size=60))
 @example(CERTIFICATES[1].replace("[embedded]\norder = 3", '[embedded]\norder = "3"'))
 @example(CERTIFICATES[1].replace("[embedded]\norder = 3", "[embedded]"))
@@ -113,14 +80,6 @@ def test_certificates(text):
         assert isinstance(certificate.order, int)
         assert certificate.embedded_order is None or type(certificate.embedded_order) is int
         assert (certificate.embedded_beyond is None) == (certificate.embedded_order is None)
-
-
-@settings(max_examples=100 * MANY)
-@given(st.text(alphabet="[] \n()τx", max_size=40))
-def test_trees(text):
-    tree = reads(OrderedTree.parse, text, ValueError)
-    if tree is not None:
-        assert str(tree) == "".join(text.split())
 
 
 @pytest.fixture(scope="module")
@@ -145,12 +104,3 @@ def test_stores(filled, tmp_path_factory, data):
         lambda store: cg.search(3, 3, 4, seed=5, store=store), path, (ValueError, OSError)
     )
     assert result is None or result == whole
-
-
-def test_proofs_of_impossibility():
-    from research.impossibility.proof import read_proof
-
-    names = ["", "../x", "CG", "\x00", "a/b", "." * 300]
-    for name in names:
-        with pytest.raises((ImpossibilityError, ValueError, KeyError)):
-            read_proof(name)

@@ -133,9 +133,3 @@ def test_commands_name_what_they_need(arguments, tmp_path):
     (line,) = run.stderr.splitlines()
     assert line.startswith("crouch-grossman: error: ")
     assert line.endswith("the extra [proofs]: python -m pip install python-flint")
-
-
-def test_star_import_gives_the_public_names():
-    names = {}
-    exec("from cg import *", names)
-    assert set(cg.__all__) <= set(names)

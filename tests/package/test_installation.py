@@ -99,32 +99,3 @@ def test_conda_recipe_has_the_requirements_of_the_project():
     assert listed == needed | {f"python{project['project']['requires-python']}"}
     built_with = {line.strip("- ").replace(" ", "") for line in host.splitlines()}
     assert built_with == {"python", "pip", *project["build-system"]["requires"]}
-
-
-@of_the_source_tree
-def test_caches_are_not_installed():
-    text = (ROOT / "meson.build").read_text("utf-8")
-    named = re.search(r"foreach folder : \[(.*?)\]", text, re.DOTALL).group(1)
-    folders = {file.parent.relative_to(ROOT / "cg") for file in (ROOT / "cg").rglob("*.py")}
-    assert {Path(name) for name in re.findall("'(.*?)'", named)} == folders
-
-
-@of_the_source_tree
-@pytest.mark.parametrize("rest", [False, True])
-def test_packages_to_compare_with(tmp_path, rest):
-    """Each is named before it comes; Debian's come with the rest alone."""
-    (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
-    (tmp_path / "id").chmod(0o755)
-    for name in ("python", "sudo", "apt-get"):
-        (tmp_path / name).write_text(f'#!/bin/sh\necho "{name} $*" >> "{tmp_path}/log"\n')
-        (tmp_path / name).chmod(0o755)
-    command = ["/bin/sh", ROOT / "tools" / "peers.sh", tmp_path / "python"]
-    printed = subprocess.check_output(
-        [*command, "rest"] if rest else command, text=True, env={"PATH": str(tmp_path)}
-    )
-    calls = (tmp_path / "log").read_text().splitlines()
-    assert ("jax>=0.5" in printed, "mpi4py>=4.0" in printed) == (not rest, rest)
-    named = re.findall(r"^Installing (\S+) for tests$", printed, re.MULTILINE)
-    assert named == [call.split()[-1] for call in calls if call.startswith("python")]
-    assert ("Installing openmpi-bin for the tests of MPI" in printed) == rest
-    assert any("openmpi-bin" in call for call in calls) == rest

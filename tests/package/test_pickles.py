@@ -10,11 +10,11 @@ import pkgutil
 import re
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from fractions import Fraction
 
 import numpy as np
 import pytest
-from argument_examples import FUNCTION_EXAMPLES
-from frame_argument_examples import FRAME_EXAMPLES
+from frame_examples import FRAMES
 
 import cg
 from cg import frames, problems
@@ -43,23 +43,55 @@ CLASSES = {
 ARGUMENTS = {"str": "a reason", "int": 3, "float": 0.125}
 
 
+def turning(t, y, *numbers):
+    return [0.3, -0.2 * np.cos(t), 0.1]
+
+
+def event(t, y, *numbers):
+    return t - 0.7
+
+
+def results():
+    """Yield what calls of integrators return, and what belongs to it."""
+    line = {"frame": frames.SO3(), "rtol": 1e-3, "dense_output": True, "events": event}
+    one, many = (turning, (0.0, 1.0), np.eye(3)), (turning, (0.0, 1.0), np.stack([np.eye(3)] * 2))
+    yield cg.solve_ivp(*one, **line)
+    yield cg.solve_linear(lambda t: turning(t, None), *one[1:], **line)
+    yield cg.solve_ensemble(*many, **line)
+    yield cg.solve_ivp(*one, frame=frames.SO3(), derivatives="forward", P0=np.eye(3))
+    yield cg.solve_ivp(*one, frame=frames.SO3(), derivatives="adjoint")
+    yield cg.solve_ensemble(*many, frame=frames.SO3(), derivatives="forward")
+    yield cg.Stepper(turning, 0.0, np.eye(3), 1.0, frame=frames.SO3())
+
+
 def examples():
-    """Yield objects by name: methods, and all that the calls of everything public return."""
+    """Yield objects by name, of all public classes."""
     for kind in (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas, cg.MagnusMethod, cg.Splitting):
         yield next((name, m) for name, m in cg.methods.items() if isinstance(m, kind))
     libm = ctypes.util.find_library("m")
-    yield "CompiledFunction", cg.CompiledFunction(libm, "nextafter", [1.0, 2.0])
-    yield "Structure", cg.Structure.MIDDLE
-    yield "Reference", problems.FreeRigidBody().reference([1])
-    for name, example in (FUNCTION_EXAMPLES | FRAME_EXAMPLES).items():
-        dense = {"dense_output": True} if "dense_output" in example.arguments else {}
-        result = example.function(**(example.arguments | dense))
-        if type(result).__module__.startswith("cg."):
-            yield name, result
-            if dense:
-                yield f"the output of {name}", result.sol
-            if getattr(result, "adjoint", None):
-                yield f"the adjoint of {name}", result.adjoint
+    more = [
+        *results(), cg.CompiledFunction(libm, "nextafter", [1.0, 2.0]), cg.Structure.MIDDLE,
+        problems.FreeRigidBody().reference([1]), cg.Event(abs, terminal=2),
+        cg.Samples([0.0, 0.5, 1.0], [[1.0, 2.0, 3.0]], kind="hold", members=True),
+        cg.certify("CG3"), cg.diagnose("CG3", c=[0, Fraction(3, 4), Fraction(17, 24)]),
+        cg.lift(cg.methods["CG3"], 3, tries=2), problems.AffineField(frames.SO3(), np.eye(3)),
+        problems.ForcedRigidBody(), problems.FreeRigidBody(), problems.HeavyTop(),
+        problems.StateDependentRotation(), frames.LinearAction([[[0.0, 1.0], [-1.0, 0.0]]]),
+        frames.PhaseSpace(frames.SO3()), frames.FieldFrame([np.ones_like], np.add, point_shape=1),
+        *(frame for frame in FRAMES if copied_by_name(frame)),
+    ]  # fmt: skip
+    for i, each in enumerate(more):
+        yield f"{type(each).__name__} {i}", each
+        for part in ("sol", "adjoint"):
+            if getattr(each, part, None) is not None:
+                yield f"{part} of {type(each).__name__} {i}", getattr(each, part)
+
+
+def copied_by_name(frame):
+    """Return whether a frame has no functions without names."""
+    return not isinstance(frame, frames.FieldFrame | frames.MatrixFrame) or "lambda" not in str(
+        vars(frame)
+    )
 
 
 EXAMPLES = dict(examples())

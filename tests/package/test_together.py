@@ -85,12 +85,3 @@ def drawn(folder, *options):
     )
     assert done.returncode == 1, done.stdout + done.stderr
     return (folder / "drawn").read_text(), done.stdout
-
-
-def test_draws_repeat_except_in_the_nightly_profile(tmp_path):
-    first, _ = drawn(tmp_path / "a")
-    assert drawn(tmp_path / "b")[0] == first
-    assert not (tmp_path / "a" / ".hypothesis" / "examples").exists()
-    other, printed = drawn(tmp_path / "c", "--hypothesis-profile=nightly")
-    assert other != first
-    assert "@reproduce_failure" in printed

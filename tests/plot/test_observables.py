@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refusals import refuses
 
 import cg
 
@@ -29,14 +28,6 @@ def test_invariants_are_drawn_from_their_start():
     assert ax.get_yscale() == "log"
 
 
-def test_bands_hold_the_members():
-    t, values = np.linspace(0, 1, 5), np.outer(np.ones(5), np.arange(101.0))
-    ax = cg.plot.bands(t, values, label="angle")
-    assert ax.lines[0].get_ydata().tolist() == [50.0] * 5
-    wide, narrow = (part.get_paths()[0].vertices[:, 1] for part in ax.collections)
-    assert (wide.min(), wide.max(), narrow.min(), narrow.max()) == (5, 95, 25, 75)
-
-
 STATES = np.array([[1, 0], [0, 1], [1, 1], [1, 1j]], dtype=complex)
 STATES /= np.linalg.norm(STATES, axis=1)[:, None]
 VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
@@ -50,28 +41,3 @@ VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
 def test_bloch_vectors(y):
     line = cg.plot.bloch(y).lines[0]
     np.testing.assert_allclose(np.transpose(line.get_data_3d()), VECTORS, atol=1e-15)
-
-
-def test_mixed_states_lie_within_the_sphere():
-    ax = cg.plot.bloch([np.diag([0.75, 0.25])] * 2, label="mixed")
-    np.testing.assert_allclose(ax.lines[0].get_data_3d()[2], 0.5)
-    assert ax.get_zlim()[1] >= 1.0
-
-
-def test_invariants_of_other_shapes_are_refused():
-    run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
-    refuses(ValueError, "energy", cg.plot.invariants, run, {"energy": lambda y: 1.0})
-    refuses(TypeError, "functions", cg.plot.invariants, run, ["energy"])
-
-
-@pytest.mark.parametrize(
-    "draw", ["attitude", "bloch", "trajectory_of_axes", "trajectory_on_sphere", "invariants"]
-)
-def test_solutions_without_points_are_refused(draw):
-    run = cg.solve_ivp(
-        lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=cg.frames.SO3(),
-        observe=lambda t, y: y[0, 0], store="observed",
-    )  # fmt: skip
-    further = [{"entry": lambda y: y[:, 0, 0]}] if draw == "invariants" else []
-    with pytest.raises(ValueError, match=r"must have points, .* store="):
-        getattr(cg.plot, draw)(run, *further)

@@ -1,6 +1,5 @@
 """Contents of plots, read from their axes."""
 
-import itertools
 import subprocess
 import sys
 
@@ -11,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import cg
 from cg.construction.plots.stability import growth
-from cg.construction.plots.trees import layout
 from cg.construction.trees.ordered import OrderedTree
 from cg.plot.style import COLOURS
 
@@ -42,14 +40,6 @@ def test_matplotlib_is_imported_lazily():
     assert run.stdout == "False\n"
 
 
-def test_returns_given_or_new_axes(ax):
-    assert cg.plot.tree("[]", ax) is ax
-    other = cg.plot.tree("[]")
-    assert other is not ax
-    assert other.figure is not ax.figure
-    assert cg.plot.trajectory_on_sphere(np.eye(3)).name == "3d"
-
-
 class TestTrees:
     def test_nodes_and_edges(self, ax):
         cg.plot.tree("[[][[]]]", ax)
@@ -60,32 +50,8 @@ class TestTrees:
         assert ax.get_xlabel() == "[[][[]]]   γ = 3"
         assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
 
-    @pytest.mark.parametrize("text", ["[]", "[[][][]]", "[[[]][[][]][]]", "[[[[[]]]]]"])
-    def test_nodes_do_not_overlap(self, text):
-        tree = OrderedTree.parse(text)
-        nodes, edges = layout(tree)
-        assert len(set(nodes)) == len(nodes) == tree.nodes
-        assert len(edges) == tree.nodes - 1
-        assert nodes[0] == (0.0, 0.0)
-        assert all(nodes[child][1] == nodes[parent][1] + 1 for parent, child in edges)
-        for height in {y for _, y in nodes}:
-            level = sorted(x for x, y in nodes if y == height)
-            assert all(np.diff(level) >= 1.0)
-
 
 class TestMethods:
-    @pytest.mark.parametrize("name", ["CG5a", "CG6a", "CG6(5)", "CF5(4)", "DICG6", "DOP853"])
-    @pytest.mark.parametrize("given", [True, False])
-    def test_texts_of_tableaux_do_not_overlap(self, name, given, ax):
-        ax = cg.plot.tableau(name, ax if given else None)
-        ax.figure.draw_without_rendering()
-        rows = {}
-        for text in ax.texts:
-            rows.setdefault(text.get_position()[1], []).append(text.get_window_extent())
-        for row in rows.values():
-            row.sort(key=lambda box: box.x0)
-            assert all(one.x1 < other.x0 for one, other in itertools.pairwise(row))
-
     def test_a_tableau(self, ax):
         cg.plot.tableau("CG2(3)", ax)
         assert ax.get_title() == "CG2(3): order 3(2), 3 evaluations, 6 flows"
@@ -111,16 +77,6 @@ class TestMethods:
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["result", "stages"]
         assert ax.get_xlabel() == "time of the point, in steps"
 
-    @pytest.mark.parametrize("name", ["LieEuler", "CG5a", "CF6a", "CF6(5)", "CG4(3)", "RKMK4"])
-    def test_every_flow_is_a_line(self, ax, name):
-        method = cg.construction.catalogue.resolve_method(name)
-        cg.plot.points(method, ax)
-        flows = method.tree.flows(
-            [*method.stage_points, method.result]
-            + ([] if method.tree.embedded_result is None else [method.tree.embedded_result])
-        )
-        assert len(ax.lines) == flows
-
 
 class TestStability:
     def test_the_boundary(self, ax):
@@ -134,23 +90,6 @@ class TestStability:
         left, right = ax.get_xlim()
         assert -3 < left < -2
         assert 0 < right < 1
-
-    def test_several_methods_and_ranges(self, ax):
-        cg.plot.stability_region(["CG3", cg.methods["CF4"]], ax, x=(-4, 1), y=(-3.5, 3.5))
-        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["CG3", "CF4"]
-        assert ax.get_xlim() == (-4, 1)
-        assert ax.get_ylim() == (-3.5, 3.5)
-
-    @pytest.mark.filterwarnings("error")
-    def test_regions_without_end(self, ax):
-        """Implicit methods don't shrink the others; all regions are filled."""
-        cg.plot.stability_region(["CF5e", "CG6f", "DICG3", "CG4"], ax)
-        assert -9 < ax.get_xlim()[0] < -6
-        assert sum(one.filled for one in ax.collections if hasattr(one, "filled")) == 4
-        single = cg.plot.stability_region("DICG3")
-        assert 8.3 < single.get_xlim()[1] < 12  # the unstable region is from 0 to 8.3
-        left, right = cg.plot.stability_region("ImplicitMidpoint").get_xlim()
-        assert left == -right < -1
 
 
 class TestErrors:
@@ -173,12 +112,6 @@ class TestErrors:
         assert "0.1" in labels
         assert "0.2" in labels
 
-    def test_work_precision(self, ax):
-        cg.plot.work_precision([30, 10], [1e-6, 0.0], ax, unit="seconds")
-        np.testing.assert_array_equal(ax.lines[0].get_xydata(), [[30.0, 1e-6]])
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("seconds", "error")
-        assert ax.get_legend() is None
-
 
 class TestTrajectories:
     def test_on_the_sphere(self, spatial):
@@ -195,20 +128,6 @@ class TestTrajectories:
         assert labels == ("x", "y", "z")
         spheres = [part for part in spatial.collections if part.get_gid() == "cg-sphere"]
         assert len(spheres) == 1
-
-    def test_of_axes(self, spatial):
-        turns = Rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, np.pi / 2])
-        cg.plot.trajectory_of_axes(turns, spatial)
-        matrices = turns.as_matrix()
-        lines = spatial.get_lines()
-        assert len(lines) == 3 + 2 * 3
-        for k in range(3):
-            np.testing.assert_array_equal(np.stack(lines[k].get_data_3d(), 1), matrices[:, :, k])
-            end = np.stack(lines[6 + k].get_data_3d(), 1)[1]
-            np.testing.assert_array_equal(end, matrices[-1, :, k])
-            assert lines[k].get_color() == lines[6 + k].get_color() == COLOURS[k]
-        legend = [text.get_text() for text in spatial.get_legend().get_texts()]
-        assert legend == ["x axis", "y axis", "z axis"]
 
 
 ONES, ROTATIONS = np.ones((5, 4)), Rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, 1])
@@ -275,13 +194,6 @@ class TestAttitude:
             np.testing.assert_array_equal(line.get_xdata(), times)
             np.testing.assert_allclose(line.get_ydata(), curve, atol=1e-12)
 
-    def test_reads_all_kinds_of_rotations(self, ax):
-        for y in (self.turns, self.turns.as_quat(), self.turns.as_matrix()):
-            cg.plot.attitude(y, ax, show="vector")
-        for line in ax.lines:
-            k = ax.lines.index(line) % 3
-            np.testing.assert_allclose(line.get_ydata(), np.rad2deg(self.turns.as_rotvec()[:, k]))
-
     @pytest.mark.parametrize(("frame", "y0"), [
         (cg.frames.SO3(), np.eye(3)),
         (cg.frames.UnitQuaternion(scalar_first=True), [1.0, 0, 0, 0]),
@@ -301,46 +213,6 @@ class TestAttitude:
         np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
         assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
         assert ax.get_yscale() == "log"
-
-    def test_long_steps(self, ax, spatial):
-        """A turn by several radians in a step is drawn if there is dense output, else warned of."""
-        frame, spin = cg.frames.SO3(), lambda t, y: [0.0, 0.0, 2.0]
-        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame)
-        dense = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
-        for draw, axes in ((cg.plot.attitude, ax), (cg.plot.trajectory_of_axes, spatial)):
-            with pytest.warns(UserWarning, match="attitude turns by 1.. degrees between two times"):
-                draw(run, axes)
-            draw(dense, axes)
-        assert ax.lines[3].get_ydata()[-1] == pytest.approx(np.rad2deg(200.0))
-        assert len(spatial.get_lines()[9].get_data_3d()[0]) > 100 > len(run.t)
-
-    def test_wrapped_angles(self, ax):
-        turns = Rotation.from_rotvec(np.linspace(0, 800, 101)[:, None] * [0, 0, np.pi / 180])
-        cg.plot.attitude(turns, ax)
-        assert ax.lines[0].get_ydata()[-1] == pytest.approx(800.0)
-        assert [line.get_label() for line in ax.lines] == ["yaw, Z", "pitch, Y", "roll, X"]
-        cg.plot.attitude(turns, ax, wrap=True)
-        angles = ax.lines[3].get_ydata()
-        assert np.nanmax(np.abs(angles)) <= 180.0
-        assert np.isnan(angles).sum() == 2
-        cg.plot.attitude(turns, ax, show="xyz")
-        assert ax.lines[6].get_label() == "first angle, x"
-
-    def test_ensembles(self, ax):
-        run = cg.solve_ensemble(
-            lambda t, y, rate: [0, 0, rate[0]], (0, 1), np.stack([np.eye(3)] * 3),
-            frame=cg.frames.SO3(), parameters=[[0.1], [0.2], [0.3]], t_eval=[0, 0.5, 1],
-        )  # fmt: skip
-        cg.plot.attitude(run, ax, show="vector")
-        assert len(ax.lines) == 9
-        ends = [line.get_ydata()[-1] for line in ax.lines[2::3]]
-        np.testing.assert_allclose(ends, np.rad2deg([0.1, 0.2, 0.3]))
-        assert len(ax.get_legend().get_lines()) == 3
-        refuses(ValueError, "one point", cg.plot.trajectory_of_axes, run)
-
-    def test_rejects_a_frame_without_rotations(self, ax):
-        run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
-        refuses(ValueError, "y must", cg.plot.attitude, run, ax)
 
     def test_error_to_a_constant_attitude(self, ax):
         run = cg.solve_ivp(

@@ -29,27 +29,6 @@ def test_exact_solutions_equal_those_in_the_ambient_space(name):
     np.testing.assert_allclose(problem.exact(1.0), end, rtol=0, atol=1e-10)
 
 
-def test_rolling_ball_moves_on_the_exact_circle():
-    ball = load("rolling_ball")
-    solution = cg.solve_ivp(ball.f, (0, 5), ball.y0, frame=ball.frame, rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(solution.y[:, 12:], ball.exact_position(solution.t), atol=1e-8)
-
-
-@pytest.mark.parametrize("damping", [0.0, 4.0])
-def test_spacecraft_loses_energy_by_damping_only(damping):
-    craft = load("spacecraft")
-    craft.STIFFNESS, craft.DAMPING = 4.0, damping
-    end, h = (30, 0.05) if damping else (1, 0.01)
-    solution = cg.integrate(craft.f, (0, end), craft.y0, frame=craft.frame, method="CG5a", h=h)
-    energy = np.array([craft.energy(y) for y in solution.y])
-    if damping:
-        assert (np.diff(energy) < 1e-12).all()
-        np.testing.assert_allclose(np.abs(solution.y[-1, :4]), [0, 0, 0, 1], rtol=0, atol=1e-5)
-        np.testing.assert_allclose(solution.y[-1, 4:], [0, 0, 1], rtol=0, atol=1e-5)
-    else:
-        np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-8)
-
-
 def test_toda_keeps_the_spectrum_and_sorts_it():
     toda = load("toda")
     late = toda.exact(60.0)

@@ -7,9 +7,7 @@ import pytest
 from ambient import solve_in_ambient_space
 from refusals import refuses
 
-from cg.frames import SE3
 from cg.problems import (
-    AffineField,
     ForcedRigidBody,
     FreeRigidBody,
     HeavyTop,
@@ -37,15 +35,6 @@ def test_references_agree_with_an_independent_solver(problem):
         for key, values in problem.invariants(y).items():
             start = np.broadcast_to(problem.invariants(problem.y0)[key], values.shape)
             np.testing.assert_allclose(values, start, rtol=0, atol=4e-15)
-
-
-@pytest.mark.parametrize("problem", [FreeRigidBody(), AffineField(SE3(), np.eye(4))], ids=type)
-def test_f_accepts_batches(problem):
-    points = problem.frame.random_point(np.random.default_rng(2), (2, 3))
-    together = problem.f(0.5, points)
-    for index in np.ndindex(2, 3):
-        alone = problem.f(0.5, points[index])
-        np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize(("make", "error", "message"), [

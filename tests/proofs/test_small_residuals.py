@@ -55,6 +55,9 @@ def test_bounds_are_tight_and_limit_the_digits(name):
     assert cg.digits(method, most, certificate=certificate)
     with pytest.raises(CertificationError, match=f"at most {most}, got {most + 1}"):
         cg.digits(method, most + 1, certificate=certificate)
+    assert cg.export(method, "json", digits=most, certificate=certificate)
+    with pytest.raises(ValueError, match=f"at most {most}, since .* small; got {most + 1}"):
+        cg.export(method, "json", digits=most + 1, certificate=certificate)
 
 
 def test_an_independent_condition_is_not_as_small():

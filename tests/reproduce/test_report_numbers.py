@@ -47,8 +47,9 @@ def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
     assert len(set(digests)) == 3
 
 
-def test_progress():
+def test_progress(monkeypatch):
     pytest.importorskip("tqdm")
+    monkeypatch.setattr(cg.reproduce.display, "_DELAY", 0.0)
     stream = io.StringIO()
     items = [ITEMS["table3.2"], ITEMS["search4"]]
     display = Display(stream, items)

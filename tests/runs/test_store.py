@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 import threading
+from dataclasses import asdict
 
 import pytest
 from refusals import refuses
@@ -64,7 +65,8 @@ def test_runs_share_a_store(path):
     for one, construction in zip((CONSTRUCT, TREES), constructions, strict=True):
         assert cg.construct(**one) == cg.construct(**one, store=path) == construction
     begun = [line for line in read_store(path) if "settings" in line]
-    assert [line["kind"] for line in begun] == ["search"] * len(changes) + ["construct"] * 2
+    kinds = [line["settings"]["kind"] for line in begun]
+    assert kinds == ["search"] * len(changes) + ["construct"] * 2
     assert [line["settings"]["order"] for line in begun[:2]] == [3, 2]
     assert len(numbers(path)) <= 2 * len(changes) + 3 + 2
 
@@ -122,14 +124,14 @@ def test_refuses_other_files_unchanged(path, content):
 
 def test_refuses_runs_of_another_version(path):
     settings = search(**SMALL, starts=1, store=path).settings
-    store = Store(path, "search", vars(settings))
+    store = Store(path, asdict(settings))
     store.append({"index": 1, "residual": 0.0})
     store.close()
     refuses(StoreError, "another version of this package", search, **SMALL, store=path)
 
 
 def test_full_disk(path, monkeypatch):
-    store = Store(path, "search", {})
+    store = Store(path, {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store, "_file", io.BytesIO())
         patch.setattr(store._file, "write", lambda data: 3, raising=False)

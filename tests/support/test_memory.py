@@ -161,25 +161,3 @@ def test_a_call_waits_for_others_if_there_is_too_little_for_both(monkeypatch):
     assert most == 1
     with pytest.raises(MemoryError), reserved(100_000_000, "a call"):
         pass
-
-
-_INTEGRATIONS = """
-y0 = np.zeros((200000, 3))
-frame = cg.frames.Euclidean(3)
-f = lambda t, y: -y
-cg.solve_ensemble(f, (0, 1), y0[:2], frame=frame, method="CG4a", h=0.5, vectorized=True)
-for case in (
-    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, method='CG4a', h=0.5, vectorized=True)",
-    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, rtol=1e-3, dense_output=True, vectorized=True)",
-):
-    for k in range(30):
-        print(outcome(case, in_use() + (k * 6 << 20)))
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
-def test_integrations_below_any_limit_are_done_or_refused():
-    lines = _run(_INTEGRATIONS)
-    assert len(lines) == 60
-    assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
-    assert {"done"} < set(lines)

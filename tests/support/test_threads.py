@@ -1,9 +1,7 @@
 """Several threads at once: equal results, and unchanged settings of the process."""
 
-import ctypes
 import os
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -39,30 +37,6 @@ def test_a_limit_that_someone_sets_meanwhile_stays():
             during = _blas_threads()
         after = _blas_threads()
     assert set(during) == set(after) == {3}
-
-
-def test_a_limit_that_ends_meanwhile_is_not_set_again():
-    with threadpool_limits(3):
-        theirs = threadpool_limits(2)
-        with single_threads():
-            theirs.restore_original_limits()
-        after = _blas_threads()
-    assert set(after) == {3}
-
-
-def test_libraries_that_are_loaded_later_are_limited(tmp_path):
-    with single_threads():
-        known = threadpool_info()
-    blas = next(pool for pool in known if pool["internal_api"] == "openblas")
-    path = tmp_path / Path(blas["filepath"]).name
-    path.write_bytes(Path(blas["filepath"]).read_bytes())
-    ctypes.CDLL(str(path))
-    with threadpool_limits(2):
-        with single_threads():
-            during = _blas_threads()
-        after = _blas_threads()
-    assert during == [1] * (len(known) + 1)
-    assert set(after) == {2}
 
 
 def test_the_precision_is_one_thread_s_at_a_time():

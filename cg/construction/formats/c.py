@@ -4,7 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from cg.construction.formats.language import Language
 from cg.construction.formats.program import Program
-from cg.construction.formats.text import real, wrapped
+from cg.construction.formats.text import fill, real, wrapped
+from cg.frames.base import Frame
+from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
+from cg.support.shared_numbers import BlockKind
 
 _HEADER = """@heading@
 
@@ -17,7 +20,7 @@ _HEADER = """@heading@
    #define @NAME@_REAL long double
    #define @NAME@_NUMBER(x) x##L
    #define @NAME@_MATH(function) function##l
-   The last one is for the flows of rotations, which are left out without it. */
+   The last one is for functions of math.h, which only flows of rotations need. */
 #ifndef @NAME@_REAL
 #define @NAME@_REAL double
 #define @NAME@_NUMBER(x) x
@@ -68,85 +71,13 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
 @output@    return 0;
 }
 
-#ifdef @NAME@_MATH
-
-/* Writes the unit quaternion (x, y, z, w) of a rotation by the vector v to q. */
-static inline void @name@_quaternion(const @NAME@_REAL *v, @NAME@_REAL *q)
-{
-    const @NAME@_REAL half = @NAME@_MATH(sqrt)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / 2;
-    const @NAME@_REAL scale = half > 0 ? @NAME@_MATH(sin)(half) / (2 * half) : @NAME@_NUMBER(0.5);
-    int i;
-    for (i = 0; i < 3; i++) q[i] = scale * v[i];
-    q[3] = @NAME@_MATH(cos)(half);
-}
-
-/* Flow on unit quaternions y = (x, y, z, w), n = 4: v is an angular velocity in axes of the body,
-   m = 3. The last lines remove rounding errors of the length. */
-static inline int @name@_quaternion_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
-{
-    @NAME@_REAL q[4], p[4], scale;
-    int i;
-    (void)data;
-    @name@_quaternion(v, q);
-    for (i = 0; i < 4; i++) p[i] = y[i];
-    y[0] = p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1];
-    y[1] = p[3] * q[1] + p[1] * q[3] + p[2] * q[0] - p[0] * q[2];
-    y[2] = p[3] * q[2] + p[2] * q[3] + p[0] * q[1] - p[1] * q[0];
-    y[3] = p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2];
-    scale = (3 - (y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])) / 2;
-    for (i = 0; i < 4; i++) y[i] = scale * y[i];
-    return 0;
-}
-
-/* Flow on rotation matrices y, row by row, n = 9: v is an angular velocity in axes of the body,
-   m = 3. Rounding errors add up over steps. */
-static inline int @name@_rotation_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
-{
-    @NAME@_REAL q[4], p[3], a[3], b[3];
-    int i, k;
-    (void)data;
-    @name@_quaternion(v, q);
-    for (i = 0; i < 9; i += 3) {
-        for (k = 0; k < 3; k++) p[k] = y[i + k];
-        /* a row turns by the inverse rotation: p - 2 w a + 2 q x a with a = q x p */
-        for (k = 0; k < 3; k++)
-            a[k] = q[(k + 1) % 3] * p[(k + 2) % 3] - q[(k + 2) % 3] * p[(k + 1) % 3];
-        for (k = 0; k < 3; k++)
-            b[k] = q[(k + 1) % 3] * a[(k + 2) % 3] - q[(k + 2) % 3] * a[(k + 1) % 3];
-        for (k = 0; k < 3; k++) y[i + k] = p[k] - 2 * q[3] * a[k] + 2 * b[k];
-    }
-    return 0;
-}
-@rotation_dexpinv@
-#endif
-
-#endif
+@flows@#endif
 """
 
 _DEXPINV = """
 /* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
    u by the derivative of the coordinates. */
 typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
-"""
-
-_ROTATION_DEXPINV = """
-/* dexpinv of both flows */
-static inline int @name@_rotation_dexpinv(const @NAME@_REAL *u, @NAME@_REAL *v, void *data)
-{
-    const @NAME@_REAL square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
-    const @NAME@_REAL half = @NAME@_MATH(sqrt)(square) / 2;
-    const @NAME@_REAL factor =
-        square > 0 ? (1 - half / @NAME@_MATH(tan)(half)) / square : @NAME@_NUMBER(1.0) / 12;
-    @NAME@_REAL a[3], b[3];
-    int k;
-    (void)data;
-    for (k = 0; k < 3; k++)
-        a[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
-    for (k = 0; k < 3; k++)
-        b[k] = u[(k + 1) % 3] * a[(k + 2) % 3] - u[(k + 2) % 3] * a[(k + 1) % 3];
-    for (k = 0; k < 3; k++) v[k] = v[k] + a[k] / 2 + factor * b[k];
-    return 0;
-}
 """
 
 _DERIVATIVE = """            if (@name@_slot[stage]) {
@@ -161,7 +92,6 @@ _ALGEBRA = {
     "dexpinv": "@name@_dexpinv dexpinv, ",
     "v": "            v = fields + (@stages@ + @name@_target[move]) * m;\n",
     "derivative": _DERIVATIVE,
-    "rotation_dexpinv": _ROTATION_DEXPINV,
 }
 
 _PAIR = {
@@ -191,6 +121,157 @@ _ERROR_REMARKS = {
    Writes the m coefficients of its error e, and the m of e_3, to error unless that is a null
    pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
+
+_FLOWS = """/* Points of @frame@: numbers of a point, and of its coefficients */
+enum { @NAME@_N = @n@, @NAME@_M = @m@ };
+@parts@
+/* The flow of the frame */
+static inline int @name@_frame_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
+{
+@moves@
+    (void)data;
+    return 0;
+}
+@dexpinvs@
+"""
+
+_FRAME_DEXPINV = """
+/* dexpinv of the frame */
+static inline int @name@_frame_dexpinv(const @NAME@_REAL *u, @NAME@_REAL *v, void *data)
+{
+@changes@    (void)u; (void)v; (void)data;
+    return 0;
+}
+"""
+
+_QUATERNION = """
+/* Writes the unit quaternion (x, y, z, w) of a rotation by the vector v to q. */
+static inline void @name@_quaternion(const @NAME@_REAL *v, @NAME@_REAL *q)
+{
+    const @NAME@_REAL half = @NAME@_MATH(sqrt)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / 2;
+    const @NAME@_REAL scale = half > 0 ? @NAME@_MATH(sin)(half) / (2 * half) : @NAME@_NUMBER(0.5);
+    int i;
+    for (i = 0; i < 3; i++) q[i] = scale * v[i];
+    q[3] = @NAME@_MATH(cos)(half);
+}
+
+/* Writes the cross product of u and v to w. */
+static inline void @name@_cross(const @NAME@_REAL *u, const @NAME@_REAL *v, @NAME@_REAL *w)
+{
+    w[0] = u[1] * v[2] - u[2] * v[1];
+    w[1] = u[2] * v[0] - u[0] * v[2];
+    w[2] = u[0] * v[1] - u[1] * v[0];
+}
+"""
+
+_TURN = """
+/* Turns the quaternion with the vector part u and the scalar part w by the vector v: from the left
+   where side is 1, from the right where it is -1. The last lines remove rounding off length one. */
+static inline void @name@_turn(const @NAME@_REAL *v, int side, @NAME@_REAL *u, @NAME@_REAL *w)
+{
+    @NAME@_REAL q[4], a[3], scalar, square = 0;
+    int i;
+    @name@_quaternion(v, q);
+    @name@_cross(q, u, a);
+    scalar = *w * q[3] - q[0] * u[0] - q[1] * u[1] - q[2] * u[2];
+    for (i = 0; i < 3; i++) u[i] = *w * q[i] + q[3] * u[i] + (side > 0 ? a[i] : -a[i]);
+    *w = scalar;
+    for (i = 0; i < 3; i++) square = square + u[i] * u[i];
+    square = (3 - (square + scalar * scalar)) / 2;
+    for (i = 0; i < 3; i++) u[i] = square * u[i];
+    *w = square * scalar;
+}
+"""
+
+_ROTATE = """
+/* Rotates vectors, the k-th of which has entries y[k * first + i * next], by the vector v, or back
+   where side is -1; then a step towards orthonormal vectors removes rounding. */
+static inline void @name@_rotate(const @NAME@_REAL *v, int side, int count, int first, int next,
+    @NAME@_REAL *y)
+{
+    @NAME@_REAL q[4], p[3], a[3], b[3], old[9], product;
+    int i, j, k;
+    @name@_quaternion(v, q);
+    for (k = 0; k < count; k++) {
+        for (i = 0; i < 3; i++) p[i] = y[k * first + i * next];
+        @name@_cross(q, p, a);
+        @name@_cross(q, a, b);
+        for (i = 0; i < 3; i++)
+            old[3 * k + i] = p[i] + 2 * (side > 0 ? q[3] * a[i] : -q[3] * a[i]) + 2 * b[i];
+    }
+    for (k = 0; k < count; k++) {
+        for (i = 0; i < 3; i++) p[i] = 3 * old[3 * k + i] / 2;
+        for (j = 0; j < count; j++) {
+            product = 0;
+            for (i = 0; i < 3; i++) product = product + old[3 * k + i] * old[3 * j + i];
+            for (i = 0; i < 3; i++) p[i] = p[i] - product * old[3 * j + i] / 2;
+        }
+        for (i = 0; i < 3; i++) y[k * first + i * next] = p[i];
+    }
+}
+"""
+
+_ROTATION_DEXPINV = """
+/* dexpinv of rotations, from the left where side is 1, from the right where it is -1 */
+static inline void @name@_rotation_dexpinv(const @NAME@_REAL *u, int side, @NAME@_REAL *v)
+{
+    const @NAME@_REAL square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+    const @NAME@_REAL half = @NAME@_MATH(sqrt)(square) / 2;
+    const @NAME@_REAL factor =
+        square > 0 ? (1 - half / @NAME@_MATH(tan)(half)) / square : @NAME@_NUMBER(1.0) / 12;
+    @NAME@_REAL a[3], b[3];
+    int k;
+    @name@_cross(u, v, a);
+    @name@_cross(u, a, b);
+    for (k = 0; k < 3; k++) v[k] = v[k] + (side > 0 ? -a[k] : a[k]) / 2 + factor * b[k];
+}
+"""
+
+
+def with_flows(text: str, program: Program, frame: Frame | None) -> str:
+    """Return a header with the flows of a frame, or without flows."""
+    return fill(text, {"flows": "" if frame is None else _flows_of(program, frame)})
+
+
+def _flows_of(program: Program, frame: Frame) -> str:
+    """Return the functions of a frame: a product of rotations, unit vectors and vectors."""
+    moves, changes, kinds, y, v = [], [], set(), 0, 0
+    for kind, n, options, *_ in frame.compiled_blocks() or [(0, 0, 0)]:
+        side = 1 if options & SPACE_AXES or kind == BlockKind.SPHERE else -1
+        match kind:
+            case BlockKind.EUCLIDEAN:
+                moves.append(f"for (int i = 0; i < {n}; i++) y[{y} + i] = y[{y} + i] + v[{v} + i];")
+                size = dim = n
+            case BlockKind.QUATERNION:
+                vector, scalar = (y + 1, y) if options & SCALAR_FIRST else (y, y + 3)
+                moves.append(f"@name@_turn(v + {v}, {side}, y + {vector}, y + {scalar});")
+                size, dim = 4, 3
+            case BlockKind.SO3 | BlockKind.SPHERE:
+                size, dim = (9, 3) if kind == BlockKind.SO3 else (3, 3)
+                steps = "1, 3" if kind == BlockKind.SO3 and side > 0 else "3, 1"
+                moves.append(f"@name@_rotate(v + {v}, {side}, {size // 3}, {steps}, y + {y});")
+            case _:
+                raise ValueError(
+                    "frame must be UnitQuaternion, SO3, Sphere(2), Euclidean, or a product or "
+                    f"power of these, got {frame!r}"
+                )
+        if kind != BlockKind.EUCLIDEAN:
+            changes.append(f"@name@_rotation_dexpinv(u + {v}, {side}, v + {v});")
+        kinds.add(kind)
+        y, v = y + size, v + dim
+    rotations = {BlockKind.SO3, BlockKind.SPHERE}
+    parts = _QUATERNION if kinds - {BlockKind.EUCLIDEAN} else ""
+    parts += _TURN if BlockKind.QUATERNION in kinds else ""
+    parts += _ROTATE if kinds & rotations else ""
+    if program.on_algebra and changes:
+        parts += _ROTATION_DEXPINV
+    return fill(_FLOWS, {
+        "moves": "\n".join(f"    {line}" for line in moves),
+        "dexpinvs": _FRAME_DEXPINV if program.on_algebra else "",
+        "changes": "".join(f"    {line}\n" for line in changes),
+        "parts": parts, "n": y, "m": v, "frame": repr(frame),
+        "name": program.name, "NAME": program.name.upper(),
+    })  # fmt: skip
 
 
 def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
-from cg.construction.formats.c import C
+from cg.construction.formats.c import C, with_flows
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
 from cg.construction.formats.program import make_program
@@ -13,6 +13,7 @@ from cg.construction.formats.python import PYTHON
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
+from cg.frames.base import Frame
 from cg.support.parsing import visible
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def export(
     *,
     digits: int | None = None,
     certificate: Certificate | None = None,
+    frame: Frame | None = None,
 ) -> str:
     """Return a method as the text of a file: data, a LaTeX table, or code for one step.
 
@@ -43,8 +45,7 @@ def export(
     table for the package booktabs: a tableau, a list of its entries if they are too long for one,
     or the points of a commutator-free method. ``"python"`` (for NumPy) and ``"c"`` are source files
     with a function for one step, without dependencies; the right-hand side and the flow of the
-    frame are arguments of the step. The C file has the flows of rotation matrices and unit
-    quaternions.
+    frame are arguments of the step. With ``frame`` the C file has its flow.
 
     Parameters
     ----------
@@ -59,6 +60,9 @@ def export(
         the certificate.
     certificate
         Certificate of the method (`cg.certify`); by default the one in the catalogue.
+    frame
+        Of ``"c"`` only: a frame of unit quaternions, rotations of space, points of the sphere in
+        space and vectors, or a product or power of them, whose flow the file has.
 
     Returns
     -------
@@ -90,6 +94,10 @@ def export(
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
     if isinstance(method, MagnusMethod | Splitting) and format not in ("json", "toml"):
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
+    if frame is not None and not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3() or None, got {frame!r}")
+    if frame is not None and format != "c":
+        raise ValueError(f"frame must be None unless format is 'c', got {frame!r}")
     numbers = numbers_of(method, digits, certificate)
     if format == "json":
         return dumps_json(numbers.rounded())
@@ -97,7 +105,8 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
-    return _CODE[format].write(make_program(numbers, summary(method)))
+    program = make_program(numbers, summary(method))
+    return with_flows(_CODE[format].write(program), program, frame)
 
 
 def summary(method: Method) -> str:

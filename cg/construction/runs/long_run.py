@@ -52,7 +52,6 @@ class RunOptions:
 
 
 def run_pieces(
-    kind: str,
     settings: Any,
     work: Callable[[int], Result],
     total: int,
@@ -63,20 +62,20 @@ def run_pieces(
 ) -> Generator[Result, None, None]:
     """Yield the results of pieces: those that the store has, then each after it was stored.
 
-    A piece is a function of the `settings`, a dataclass, and of its number. Results are dataclasses
-    with the number as ``index``, which `read` makes of the dict of their fields.
+    A piece is a function of the `settings`, a dataclass with a ``kind``, and of its number. Results
+    are dataclasses with the number as ``index``, which `read` makes of the dict of their fields.
     """
     with ExitStack() as stack:
         store, known = None, {}
         if options.store is not None:
-            store = Store(options.store, kind, asdict(settings))
+            store = Store(options.store, asdict(settings))
             stack.enter_context(closing(store))
             known = {k: each for k, each in _known(store, read).items() if k < total}
-        count = stack.enter_context(_counted(options, _NOUNS[kind][1], total, len(known)))
+        count = stack.enter_context(_counted(options, _NOUNS[settings.kind][1], total, len(known)))
         for result in known.values():
             count(score(result), False)
             yield result
-        stack.enter_context(_how_to_continue(options.store, _NOUNS[kind][0]))
+        stack.enter_context(_how_to_continue(options.store, _NOUNS[settings.kind][0]))
         numbers = (number for number in range(total) if number not in known)
         running = completed(
             work, numbers, options.executor, options.workers, finish=store is not None

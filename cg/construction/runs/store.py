@@ -73,13 +73,11 @@ def read_store(path: str | os.PathLike[str], run: str = "") -> Iterator[dict[str
 class Store:
     """One run in a file, which is made if there is none."""
 
-    def __init__(
-        self, path: str | os.PathLike[str], kind: str, settings: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> None:
         self.path = check_path(path)
         # without empty ones, so that a new setting doesn't change the runs that lack it
         known = {name: value for name, value in settings.items() if value != ()}
-        text = json.dumps([kind, known], sort_keys=True)
+        text = json.dumps(known, sort_keys=True)
         self.run = hashlib.sha256(text.encode()).hexdigest()[:16]
         self._file = self.path.open("ab+", buffering=0)
         try:
@@ -88,7 +86,7 @@ class Store:
             if size and (self._file.seek(size - 1), self._file.read(1)) != (size - 1, b"\n"):
                 self._file.write(b"\n")  # after a line that a killed process left incomplete
             if not begun:
-                self._write({"kind": kind, "settings": known, "versions": _versions()})
+                self._write({"settings": known, "versions": _versions()})
         except BaseException:
             self._file.close()
             raise

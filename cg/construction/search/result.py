@@ -16,7 +16,7 @@ from cg.construction.methods.packed import make_method
 from cg.construction.methods.tolerance import to_floats
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
-from cg.construction.search.settings import SearchSettings
+from cg.construction.search.settings import Settings
 from cg.construction.search.start import start_layout
 from cg.construction.solvers.polish import polish_zeros
 from cg.support.parallel import single_threads
@@ -28,7 +28,7 @@ _APART = 1e-4  # distance of coefficients of methods that count as distinct afte
 class SearchResult:
     """All starts of a search, ordered by index."""
 
-    settings: SearchSettings
+    settings: Settings
     starts: tuple[RandomStart, ...]
     requirements: Requirements = field(default_factory=Requirements)  # on `methods`
 

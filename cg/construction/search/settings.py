@@ -1,13 +1,41 @@
-"""Settings of a random search, and the check of the arguments that make them."""
+"""Settings of searches and constructions: defaults, and the check of the arguments."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from cg.construction.conditions import Rows, check_rows, count, unknowns
+from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout
-from cg.construction.search.shapes import ShapeSettings, most_unknowns
-from cg.support.checks import MAX_COUNT, MAX_HALF_WIDTH, check_integer, check_real
+from cg.construction.layouts.points import START
+from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns, start_generator
+from cg.construction.solvers.held import Hold, read_hold
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.trees.ordered import forest
+from cg.construction.trees.rooted import rooted_trees_through
+from cg.support.checks import (
+    MAX_COUNT,
+    MAX_HALF_WIDTH,
+    MAX_STAGES,
+    check_flag,
+    check_integer,
+    check_real,
+)
+
+MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
+"""Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
+
+References
+----------
+.. [1] J. C. Butcher, Numerical Methods for Ordinary Differential Equations, 3rd ed., 2016,
+   Section 324.
+"""
+
+_ROUNDING = 1e-12  # of residuals
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -22,18 +50,207 @@ _TREE_WIDTH = 0.4
 _TREE_BOUND = 600
 
 
+@dataclass(frozen=True)
+class StartSettings:
+    """Default settings of random starts."""
+
+    stages: int  # with which random starts reach the solution set often enough
+    width: float  # guesses are uniform in [-width, width]
+    iterations: int
+    promising: float  # sum of squares below which the solver runs a second time
+
+
+_GENERAL = {
+    1: StartSettings(1, 1.0, 500, 1e-15),
+    2: StartSettings(2, 1.0, 500, 1e-15),
+    3: StartSettings(3, 1.0, 500, 1e-15),
+    4: StartSettings(5, 1.0, 500, 1e-15),
+    5: StartSettings(10, 0.5, 500, 1e-15),
+    6: StartSettings(27, 0.5, 500, 1e-15),
+    7: StartSettings(51, 0.3, 1000, 1e-15),
+}
+_STAGE_ORDER_TWO = {
+    4: StartSettings(6, 1.0, 200, 1e-12),
+    5: StartSettings(10, 0.5, 300, 1e-13),
+    6: StartSettings(16, 0.3, 300, 1e-13),
+    7: StartSettings(40, 0.3, 300, 1e-13),
+}
+_MIDDLE = {
+    4: StartSettings(6, 1.0, 100, 1e-10),
+    5: StartSettings(10, 0.6, 100, 1e-10),
+    6: StartSettings(15, 0.5, 150, 1e-12),
+    7: StartSettings(36, 0.3, 250, 1e-14),
+}
+
+
+def default_start(order: int, structure: Structure) -> StartSettings:
+    """Return the default settings for tableaux.
+
+    Above order seven they are those of order seven, with as many stages as there are equations for.
+    Untested are orders 4, 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
+    """
+    known = (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure]
+    if order in known:
+        return known[order]
+    last = known[max(known)]
+    stages = last.stages
+    while True:
+        system = ConditionSystem.tableau(order, stages, structure=structure)
+        if system.movable.size > system.equations:
+            return replace(last, stages=stages)
+        stages += 1
+
+
+def tree_start(order: int) -> StartSettings:
+    """Return the default settings for commutator-free methods; `stages` isn't used."""
+    return StartSettings(1, 0.4, 300 if order < 7 else 1500, 1e-14)
+
+
+def likely_structure(order: int, stages: int) -> Structure:
+    """Return GENERAL up to order five if it has enough unknowns, else MIDDLE if that has enough."""
+    general = ConditionSystem.tableau(order, stages)
+    if (order >= 4 and stages >= 3) and (order >= 6 or general.movable.size < general.equations):
+        middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
+        if middle.movable.size >= middle.equations:
+            return Structure.MIDDLE
+    return Structure.GENERAL
+
+
 @dataclass(frozen=True, kw_only=True)
-class SearchSettings(ShapeSettings):
-    """The arguments of `cg.search` that determine its result."""
+class Settings:
+    """The arguments of `cg.search` or `cg.construct` that determine the result."""
 
-    algorithm: str
-    rows: Rows
-    maxfev: int
-    refine_below: float
-    refine_maxfev: int
+    kind: str  # "search" or "construct"
+    order: int
+    stages: int
+    seed: int
+    width: float
+    flows: int | None = None  # None for tableaux
+    embedded: bool = False
+    tree: Layout | None = None  # None for tableaux and trees drawn at random
+    first_same_as_last: bool = False
+    hold: Hold = ()
+    # of searches
+    algorithm: str = ALGORITHMS[0]
+    rows: Rows = Rows.EXPLICIT
+    maxfev: int = 0
+    refine_below: float = 0.0
+    refine_maxfev: int = 0
+    # of constructions, which eliminate stages or flows
+    structure: Structure = Structure.GENERAL
+    first_stages: int = 0
+    first_flows: int | None = None
+    iterations: int = 0
+    promising: float = 0.0
+    largest: float = 0.0
+    restarts: int = 0
+    full_rank: bool = False
 
-    def checked(self, force: bool) -> SearchSettings:
-        """Return the settings, checked, with defaults for None."""
+    def system(self, layout: Layout) -> ConditionSystem:
+        """Return the conditions on methods of a layout."""
+        return ConditionSystem(self.order, layout, self.structure, self.hold)
+
+    @classmethod
+    def checked(
+        cls,
+        kind: str,
+        force: bool,
+        order: int,
+        stages: int,
+        seed: int,
+        *,
+        hold: Mapping[str, Any] | None,
+        **others: Any,
+    ) -> Settings:
+        """Return the settings of the arguments of a function, checked, with defaults for None."""
+        force = check_flag("force", force)
+        settings = cls(
+            kind=kind,
+            order=check_order(order),
+            stages=check_integer("stages", stages, 1, MAX_STAGES),
+            seed=check_integer("seed", seed, 0),
+            hold=() if hold is None else read_hold(hold),
+            **others,
+        )
+        if kind == "search":
+            return settings._checked_search(force)
+        return settings._checked_construction(force)
+
+    def check_held(self, layout: Layout | None, force: bool) -> None:
+        """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
+        if not self.hold:
+            return
+        if layout is None:
+            raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
+        system = self.system(layout)
+        x = start_generator(0, 0).uniform(-1, 1, system.size)
+        off = np.abs(system.residual(x)) > _ROUNDING
+        if (lost := off & ~system.jacobian(x).any(axis=1)).any():
+            tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
+            raise ValueError(
+                f"hold allows no method of order {self.order}: the condition of tree {tree} "
+                "depends on nothing else, and isn't satisfied"
+            )
+        flat = len(rooted_trees_through(self.order))  # conditions where flows commute
+        conditions = flat if system.rows is None else system.equations
+        if not force and system.movable.size < conditions:
+            raise ValueError(
+                f"hold leaves {system.movable.size} unknowns for {conditions} conditions of order "
+                f"{self.order}; pass force=True to try nevertheless"
+            )
+
+    @property
+    def of_points(self) -> bool:
+        """Whether they describe methods of points, not tableaux."""
+        return not (self.tree is None and self.flows is None and self.first_flows is None)
+
+    def check_tableau(self) -> None:
+        """Raise TypeError or ValueError if an argument is only for methods of points."""
+        for name in ("embedded", "first_same_as_last"):
+            if check_flag(name, getattr(self, name)):
+                raise ValueError(f"{name} needs flows; it is for commutator-free methods")
+
+    def check_layout(self, force: bool) -> tuple[Layout | None, int]:
+        """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+
+        Unless `force` is true, shapes are refused that can't have the order where flows commute.
+        """
+        embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
+        last = int(check_flag("first_same_as_last", self.first_same_as_last))
+        layout = None
+        if self.tree is not None:
+            if last:
+                raise ValueError("first_same_as_last must be False with a tree")
+            if flows is not None:
+                raise ValueError(f"flows must be None with a tree, got {flows!r}")
+            layout = layout_of(self.tree)
+            if layout.stages != stages:
+                raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
+            if embedded and not layout.pair:
+                raise ValueError("embedded must be False, as tree has no second result")
+            flows, unknowns = len(layout.parents), layout.size
+        else:
+            if last:
+                check_integer("stages", stages, 2)
+            flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
+            unknowns = most_unknowns(stages - last, flows)
+        if not force:
+            second = 0 if layout is None else int(layout.pair)
+            _check_counts(self.order, stages - last, flows - second, unknowns)
+        return layout, flows
+
+    def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
+        """Return the given tree, or one that is drawn at random."""
+        return self.tree or draw_layout(
+            self.stages,
+            flows,
+            random,
+            embedded=self.embedded,
+            first_same_as_last=self.first_same_as_last,
+        )
+
+    def _checked_search(self, force: bool) -> Settings:
+        """Return the settings of a search."""
         if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
             names = ", ".join(ALGORITHMS)
             raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
@@ -84,3 +301,106 @@ class SearchSettings(ShapeSettings):
         if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
         return layout, flows, most_unknowns(stages, flows) if layout is None else layout.size
+
+    def _checked_construction(self, force: bool) -> Settings:
+        """Return the settings of a construction."""
+        order, stages = self.order, self.stages
+        full_rank = check_flag("full_rank", self.full_rank)
+        if self.of_points:
+            start, shape = tree_start(order), self._check_tree(force)
+        else:
+            structure = self._check_structure(force)
+            start = default_start(order, structure)
+            first_stages = self.first_stages
+            if first_stages is None:
+                first_stages = stages if self.hold else max(stages, start.stages)
+            first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
+            shape = {"structure": structure, "first_stages": first_stages, "embedded": False}
+        steps = shape["first_stages"] - stages, shape.get("first_flows") != shape.get("flows")
+        if self.hold and any(steps):
+            raise ValueError("hold: stages and flows can't be dropped")
+        width = start.width if self.width is None else self.width
+        iterations = start.iterations if self.iterations is None else self.iterations
+        return replace(
+            self,
+            width=check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
+            iterations=check_integer("iterations", iterations, 1, MAX_COUNT),
+            promising=start.promising,
+            largest=check_real("largest", self.largest, positive=True),
+            restarts=check_integer("restarts", self.restarts, 0),
+            full_rank=full_rank,
+            **shape,
+        )
+
+    def _check_structure(self, force: bool) -> Structure:
+        """Return the simplifying assumptions of a tableau."""
+        self.check_tableau()
+        order, stages, full_rank = self.order, self.stages, self.full_rank
+        structure = self.structure
+        if structure is None:
+            general = full_rank or self.hold
+            structure = Structure.GENERAL if general else likely_structure(order, stages)
+        system = ConditionSystem.tableau(order, stages, structure=structure)
+        structure = system.structure
+        if full_rank and structure:
+            raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
+        if not force and system.movable.size < system.equations:
+            kind = f" with structure {structure.name}" if structure else ""
+            raise ValueError(
+                f"stages = {stages} gives {system.movable.size} unknowns for {system.equations} "
+                f"independent conditions of order {order}{kind}; pass force=True to try "
+                "nevertheless"
+            )
+        replace(self, structure=structure).check_held(system.layout, force)
+        return structure
+
+    def _check_tree(self, force: bool) -> dict[str, Any]:
+        """Return the settings that only methods of points have."""
+        for name, value in (("structure", self.structure), ("first_stages", self.first_stages)):
+            if value:
+                raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
+        if self.flows is None and self.tree is None:
+            raise ValueError("first_flows needs flows, the number of flows to reach")
+        shape = self if self.tree is None else replace(self, flows=None)
+        layout, most = shape.check_layout(force)
+        embedded, flows, first_flows = self.embedded, self.flows, self.first_flows
+        if layout is None:
+            flows, first_flows = most, most if first_flows is None else first_flows
+        else:
+            if first_flows is not None:
+                raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
+            embedded = layout.pair
+            first_flows = most - embedded
+            least = len({START, *layout.stage_points, layout.results[0]}) - 1
+            flows = check_integer(
+                "flows", first_flows if flows is None else flows, least, first_flows
+            )
+        shape.check_held(layout, force)
+        return {
+            "structure": Structure.GENERAL,
+            "first_stages": self.stages,
+            "flows": flows,
+            "first_flows": check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
+            "embedded": check_flag("embedded", embedded),
+            "tree": layout,
+            "first_same_as_last": check_flag("first_same_as_last", self.first_same_as_last),
+        }
+
+
+def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
+    if stages < MIN_STAGES[order - 1]:
+        raise ValueError(
+            f"stages = {stages} is too few for order {order}, which needs "
+            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
+            "nevertheless"
+        )
+    if (order, flows) == (4, 4):
+        raise ValueError(
+            "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
+            "exist' of the documentation; pass force=True to try nevertheless"
+        )
+    if unknowns < (conditions := len(rooted_trees_through(order))):
+        raise ValueError(
+            f"the flows have {unknowns} unknowns for {conditions} conditions of order {order} "
+            "where flows commute; pass force=True to try nevertheless"
+        )

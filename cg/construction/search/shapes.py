@@ -1,30 +1,14 @@
 """Trees of points for a search: given by their parents and stages, or drawn at random."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START, MethodError, Point, PointTree, check_tree
 from cg.construction.methods.commutator_free import as_index
-from cg.construction.solvers.held import Hold, read_hold
-from cg.construction.solvers.system import ConditionSystem
-from cg.construction.trees.ordered import forest
-from cg.construction.trees.rooted import rooted_trees_through
-from cg.support.checks import MAX_STAGES, check_flag, check_integer
-
-MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
-"""Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
-
-References
-----------
-.. [1] J. C. Butcher, Numerical Methods for Ordinary Differential Equations, 3rd ed., 2016,
-   Section 324.
-"""
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
@@ -181,130 +165,6 @@ def most_unknowns(stages: int, flows: int) -> int:
     return sum(min(m + 1, stages) for m in range(flows))
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShapeSettings:
-    """Settings of `cg.search` and `cg.construct` for the shape of methods and their guesses."""
-
-    order: int
-    stages: int
-    seed: int
-    width: float
-    flows: int | None = None  # None for tableaux
-    embedded: bool = False
-    tree: Layout | None = None  # None for tableaux and trees drawn at random
-    first_same_as_last: bool = False
-    hold: Hold = ()
-
-    def system(self, layout: Layout) -> ConditionSystem:
-        """Return the conditions on methods of a layout."""
-        return ConditionSystem(self.order, layout, hold=self.hold)
-
-    @classmethod
-    def of(
-        cls, order: int, stages: int, seed: int, hold: Mapping[str, Any] | None, **others: Any
-    ) -> Self:
-        """Return the settings of the arguments of a function, of which these four are checked."""
-        return cls(
-            order=check_order(order),
-            stages=check_integer("stages", stages, 1, MAX_STAGES),
-            seed=check_integer("seed", seed, 0),
-            hold=() if hold is None else read_hold(hold),
-            **others,
-        )
-
-    def check_held(self, layout: Layout | None, force: bool) -> None:
-        """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
-        if not self.hold:
-            return
-        if layout is None:
-            raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
-        system = self.system(layout)
-        x = start_generator(0, 0).uniform(-1, 1, system.size)
-        off = np.abs(system.residual(x)) > _ROUNDING
-        if (lost := off & ~system.jacobian(x).any(axis=1)).any():
-            tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
-            raise ValueError(
-                f"hold allows no method of order {self.order}: the condition of tree {tree} "
-                "depends on nothing else, and isn't satisfied"
-            )
-        flat = len(rooted_trees_through(self.order))  # conditions where flows commute
-        conditions = flat if system.rows is None else system.equations
-        if not force and system.movable.size < conditions:
-            raise ValueError(
-                f"hold leaves {system.movable.size} unknowns for {conditions} conditions of order "
-                f"{self.order}; pass force=True to try nevertheless"
-            )
-
-    @property
-    def of_points(self) -> bool:
-        """Whether they describe methods of points, not tableaux."""
-        return self.tree is not None or self.flows is not None
-
-    def check_tableau(self) -> None:
-        """Raise TypeError or ValueError if an argument is only for methods of points."""
-        for name in ("embedded", "first_same_as_last"):
-            if check_flag(name, getattr(self, name)):
-                raise ValueError(f"{name} needs flows; it is for commutator-free methods")
-
-    def check_layout(self, force: bool) -> tuple[Layout | None, int]:
-        """Return the layout of a given tree, None if trees are drawn, and the number of flows.
-
-        Unless `force` is true, shapes are refused that can't have the order where flows commute.
-        """
-        embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
-        last = int(check_flag("first_same_as_last", self.first_same_as_last))
-        layout = None
-        if self.tree is not None:
-            if last:
-                raise ValueError("first_same_as_last must be False with a tree")
-            if flows is not None:
-                raise ValueError(f"flows must be None with a tree, got {flows!r}")
-            layout = layout_of(self.tree)
-            if layout.stages != stages:
-                raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
-            if embedded and not layout.pair:
-                raise ValueError("embedded must be False, as tree has no second result")
-            flows, unknowns = len(layout.parents), layout.size
-        else:
-            if last:
-                check_integer("stages", stages, 2)
-            flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
-            unknowns = most_unknowns(stages - last, flows)
-        if not force:
-            second = 0 if layout is None else int(layout.pair)
-            _check_counts(self.order, stages - last, flows - second, unknowns)
-        return layout, flows
-
-    def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
-        """Return the given tree, or one that is drawn at random."""
-        return self.tree or draw_layout(
-            self.stages,
-            flows,
-            random,
-            embedded=self.embedded,
-            first_same_as_last=self.first_same_as_last,
-        )
-
-
 def start_generator(seed: int, index: int) -> np.random.Generator:
     """Return the random generator of a start: one for each index, spawned from the seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-
-
-def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
-    if stages < MIN_STAGES[order - 1]:
-        raise ValueError(
-            f"stages = {stages} is too few for order {order}, which needs "
-            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
-            "nevertheless"
-        )
-    if (order, flows) == (4, 4):
-        raise ValueError(
-            "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
-            "exist' of the documentation; pass force=True to try nevertheless"
-        )
-    if unknowns < (conditions := len(rooted_trees_through(order))):
-        raise ValueError(
-            f"the flows have {unknowns} unknowns for {conditions} conditions of order {order} "
-            "where flows commute; pass force=True to try nevertheless"
-        )

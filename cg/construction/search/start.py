@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cg.construction.conditions import count, table_rows
 from cg.construction.layouts.layout import Layout
 from cg.construction.search.random_starts import Phase, RandomStart
-from cg.construction.search.settings import SearchSettings
+from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -27,14 +27,14 @@ _SOLVED = 1e-25
 _PROMISING = 1e-11  # with trees: sum of squares below which `finish` is tried
 
 
-def start_layout(settings: SearchSettings, index: int) -> Layout:
+def start_layout(settings: Settings, index: int) -> Layout:
     """Return the layout of a start; if it is drawn at random, by the seed and the index alone."""
     if settings.flows is not None:
         return _draw(settings, index)[0]
     return settings.tree or Layout.tableau(settings.stages, settings.rows)
 
 
-def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
+def _draw(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float64]]:
     """Return the layout of a start and its random coefficients."""
     generator = start_generator(settings.seed, index)
     if settings.flows is None:
@@ -59,7 +59,7 @@ def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
 
 
 @single_threads()
-def run_start(settings: SearchSettings, index: int) -> RandomStart:
+def run_start(settings: Settings, index: int) -> RandomStart:
     """Run the start of a number: guess, solve in double, refine in real(16)."""
     layout, guess = _draw(settings, index)
     system = settings.system(layout)
@@ -77,7 +77,7 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
 
 
 def _run_lmdif(
-    settings: SearchSettings, layout: Layout, guess: NDArray[np.float64]
+    settings: Settings, layout: Layout, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif requires at least as many rows as unknowns; rows of zeros change nothing
@@ -99,7 +99,7 @@ def _run_lmdif(
 
 
 def _run_minimum_norm(
-    settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64]
+    settings: Settings, system: ConditionSystem, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
     movable = system.movable_without(fixed_weights(system.order, system.layout))

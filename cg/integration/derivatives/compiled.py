@@ -121,7 +121,7 @@ def compiled_variation(
         for name, function, shape, check in in_python:
             frame = variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            contexts.append(context_of(function, given, frame, shape, check, False, dtype))
+            contexts.append(context_of(function, given, frame, shape, check, dtype))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)

@@ -38,9 +38,8 @@ def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     if count:
         if callable(df_dp):
             df_dp = TimeFunction(df_dp)
-            df_dp = df_dp.with_input() if inputs else df_dp
         shape = frame.dim, count
-        derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, None)
+        derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, inputs)
     elif df_dp is not None:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     return with_adjoint(problem, partial(_equation, problem, derivative))
@@ -91,7 +90,7 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     function, inputs, frame, shape = df_dp.function, rhs.inputs, df_dp.frame, df_dp.shape
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = context_of(function.function, arguments, frame, shape, df_dp.check, True)
+        context = context_of(function, arguments, frame, shape, df_dp.check)
         address = core.function_addresses()[0]
         return call_field(rhs, address, id(context), frame, times, points, shape)
     data = rhs.parameters if inputs is None else inputs.data_with(rhs.parameters)

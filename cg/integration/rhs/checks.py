@@ -12,6 +12,7 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
+from cg.integration.rhs.inputs import WithInput
 from cg.support.arrays import (
     Array,
     Points,
@@ -96,7 +97,7 @@ class Check:
 
     def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
         self.frame, self.vectorized = frame, vectorized
-        self.of_time = isinstance(f, TimeFunction)
+        self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.integration.rhs.inputs import TimeWithInput
 from cg.support.arrays import real_array
 
 
@@ -105,7 +104,3 @@ class TimeFunction:
     def __call__(self, t: float, y: Any, *args: Any) -> Any:
         """Return the coefficients at a time."""
         return self.function(t, *args)
-
-    def with_input(self) -> TimeFunction:
-        """Return the function that gets a `Reader` first, for one in Python that gets inputs."""
-        return TimeFunction(TimeWithInput(self.function))

@@ -229,16 +229,6 @@ class WithInput:
         return self.function(t, y, reader(t), *rest)
 
 
-class TimeWithInput(WithInput):
-    """The same for a function of time alone."""
-
-    __slots__ = ()
-
-    def __call__(self, t: Any, reader: Reader, *rest: Any) -> Any:  # type: ignore[override]
-        """Call the function."""
-        return self.function(t, reader(t), *rest)
-
-
 def members_with_data(inputs: Inputs | None, parameters: Array | None) -> int | None:
     """Return how many members have data of their own, None if all share theirs."""
     if parameters is not None:

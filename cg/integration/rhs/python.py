@@ -45,10 +45,9 @@ class PythonRhs:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
         self.vectorized, self.first, self.inputs = vectorized, first, inputs
         self.check = Check(f, frame, vectorized)
-        function = f.function if isinstance(f, TimeFunction) else f
         members = None if vectorized else members_with_data(inputs, parameters)
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time, frame.rhs_dtype
-        self._contexts = Contexts(function, self.arguments, members, *rest)
+        rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
+        self._contexts = Contexts(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
@@ -191,11 +190,14 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    of_time: bool = False, dtype: Any = np.float64,
+    dtype: Any = np.float64,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
+    of_time = isinstance(function, TimeFunction)
+    if of_time:
+        function = function.function
     rest = check, [None], of_time, with_input, np.dtype(dtype).num
     return function, args, frame.point_shape, frame.dtype.num, shape, *rest

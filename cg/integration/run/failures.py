@@ -133,12 +133,7 @@ def find_mistakes(run: Run) -> list[str]:
                 "changes by more than the radius of dexp⁻¹, for rotations a full turn; take a "
                 "smaller h"
             )
-    if run.record.dropped:
-        texts.append(
-            f"f returns derivatives with a part that the fields of {plan.given!r} don't have, "
-            f"which is dropped: up to {run.record.dropped:.3g} of their length, at "
-            f"t = {run.record.dropped_at:.17g}"
-        )
+    texts += dropped_parts(run)
     if not plan.surely_on_manifold(run.end):
         points = plan.points(np.ascontiguousarray(run.end), (run.members,))
         points = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
@@ -152,6 +147,18 @@ def find_mistakes(run: Run) -> list[str]:
                 "would keep it there, and cg.frames.check(frame) tells whether its flows do"
             )
     return texts
+
+
+def dropped_parts(run: Run) -> list[str]:
+    """Return a warning if a part of derivatives has been dropped, and report no others."""
+    record, share = run.record, run.record.dropped
+    record.dropped = math.inf if share else 0.0
+    if not share or math.isinf(share):
+        return []
+    return [
+        f"f returns derivatives with a part that the fields of {run.plan.given!r} don't have, "
+        f"which is dropped: up to {share:.3g} of their length, at t = {record.dropped_at:.17g}"
+    ]
 
 
 def takes_long_steps(run: Run) -> bool:

@@ -1,0 +1,179 @@
+"""Solvers for ``method=`` of `scipy.integrate.solve_ivp`, and for other hosts of such classes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import DenseOutput, OdeSolver
+from scipy.integrate._ivp.common import warn_extraneous
+
+from cg.frames.base import Frame
+from cg.frames.euclidean import Euclidean
+from cg.frames.power import Power
+from cg.frames.product import Product
+from cg.integration.default_method import AUTO
+from cg.integration.stepper import Stepper
+from cg.support.arrays import Array, Points, real_array
+from cg.tables import HasTable
+
+
+def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
+    """Return a solver on a manifold, for ``method=`` of `scipy.integrate.solve_ivp`.
+
+    It takes functions that return derivatives as they are, and keeps all points on the manifold,
+    those between steps too. Points are vectors, as everywhere in SciPy: the entries of a matrix row
+    by row. Other programs that take a class derived from `scipy.integrate.OdeSolver` take it too,
+    change its ``y`` and ``t_bound`` between steps, and go on.
+
+    Parameters
+    ----------
+    frame
+        The frame of the points; a quaternion in a longer vector is a factor of a
+        `cg.frames.Product`.
+    method
+        As for `cg.solve_ivp`.
+
+    Returns
+    -------
+    type
+        A class with the options ``rtol``, ``atol``, ``max_step`` and ``first_step``. Tolerances of
+        each entry of the point become those of coordinates: of a factor other than Euclidean space
+        the smallest one.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` isn't a frame.
+
+    Warns
+    -----
+    UserWarning
+        By the solver for options that it doesn't have, such as ``jac`` and ``min_step``; and, once,
+        if derivatives have a part that no field has, which is dropped.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.integrate import solve_ivp
+    >>> from cg.frames import UnitQuaternion
+    >>> def f(t, q):
+    ...     x, y, z, w = q
+    ...     return 0.5 * np.array([y * t + w, -x * t + z, w * t - y, -x - z * t])
+    >>> run = solve_ivp(f, (0, 20), [0, 0, 0, 1], method=Solver(UnitQuaternion()))
+    >>> bool(np.abs(np.linalg.norm(run.y, axis=0) - 1).max() < 1e-15)
+    True
+    """
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    members = {"frame": frame, "method": method, "__module__": __name__}
+    return type("Solver", (FrameSolver,), members)
+
+
+class FrameSolver(OdeSolver):
+    """A solver on the frame of a subclass."""
+
+    frame: ClassVar[Frame]
+    method: ClassVar[Any]
+
+    def __init__(
+        self,
+        fun: Any,
+        t0: float,
+        y0: ArrayLike,
+        t_bound: float,
+        max_step: float = math.inf,
+        rtol: ArrayLike = 1e-3,
+        atol: ArrayLike = 1e-6,
+        vectorized: bool = False,
+        first_step: float | None = None,
+        **extraneous: Any,
+    ) -> None:
+        warn_extraneous(extraneous)
+        frame = self.frame
+        is_complex = frame.dtype.kind == "c"
+        given: Any = np.asarray(y0, dtype=complex) if is_complex else y0
+        super().__init__(fun, t0, given, t_bound, vectorized, support_complex=is_complex)
+        if self.n != math.prod(frame.point_shape):
+            raise ValueError(
+                f"y0 must be the {math.prod(frame.point_shape)} entries of a point of {frame!r}, "
+                f"got {self.n}"
+            )
+        if first_step is not None and not 0.0 < first_step <= abs(t_bound - t0):
+            raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
+        self._stepper = Stepper(
+            self._derivative, t0, self.y.reshape(frame.point_shape), self.direction * math.inf,
+            frame=frame, method=self.method, rhs="derivative", max_step=max_step,
+            first_step=first_step, rtol=self._tolerances(rtol, "rtol"),
+            atol=self._tolerances(atol, "atol"),
+        )  # fmt: skip
+        self._reached = self.y.copy()
+
+    def _derivative(self, t: float, y: Points) -> Points:
+        slope: Points = self.fun(t, np.array(y).reshape(-1)).reshape(self.frame.point_shape)
+        return slope
+
+    def _tolerances(self, given: ArrayLike, name: str) -> Array:
+        """Return tolerances in the form of `cg.solve_ivp` for those of entries of a point."""
+        tolerances = real_array(given, name)
+        if tolerances.ndim == 0:
+            return tolerances
+        frame, shape = self.frame, self.frame.point_shape
+        if tolerances.shape != (self.n,):
+            raise ValueError(f"{name} must be a number or {self.n} numbers, got {given!r}")
+        point, entries = self.y.reshape(shape), tolerances.reshape(shape)
+        if frame.exp_coordinates(point, point) is None:
+            return entries
+        return _of_coordinates(frame, entries)
+
+    def _step_impl(self) -> tuple[bool, str | None]:
+        stepper = self._stepper
+        moved = self.t != stepper.t
+        if moved or not np.array_equal(self.y, self._reached):
+            y = np.reshape(self.y, self.frame.point_shape)
+            stepper.restart(t=self.t if moved else None, y=y)
+        message = stepper.step(None if math.isinf(self.t_bound) else self.t_bound)
+        self.njev, self.nlu = stepper.njev, stepper.nlu
+        self._reached = stepper.y.reshape(-1)
+        self.t, self.y = stepper.t, self._reached.copy()
+        return message is None, message
+
+    def _dense_output_impl(self) -> DenseOutput:
+        return _Step(self.t_old, self.t, self._stepper.dense_output(), self.frame)
+
+
+class _Step(DenseOutput):
+    """The solution in a step; beyond its ends coordinates of three of its points go on."""
+
+    def __init__(self, t_old: float, t: float, output: Any, frame: Frame) -> None:
+        super().__init__(t_old, t)
+        self._output, self._frame = output, frame
+
+    def _call_impl(self, t: Array) -> Points:
+        inside = np.clip(t, self.t_min, self.t_max)
+        points = self._output(inside)
+        if (beyond := t - inside).any():
+            length = self.t - self.t_old
+            *before, last = self._output([self.t_old, self.t_old + 0.5 * length, self.t])
+            start, middle = self._frame.local_coordinates(last, np.array(before))
+            square = 2.0 * start - 4.0 * middle
+            s = ((t - self.t) / length)[..., None]
+            moved = self._frame.flow(s * (square - start) + s**2 * square, last)
+            is_beyond = (beyond != 0.0).reshape(*t.shape, *(1,) * last.ndim)
+            points = np.where(is_beyond, moved, points)
+        rows: Points = points.reshape(*t.shape, -1)
+        return rows.T
+
+
+def _of_coordinates(frame: Frame, tolerances: Array) -> Array:
+    """Return the tolerances of coordinates for those of the entries of points, in their shape."""
+    if isinstance(frame, Euclidean):
+        return tolerances
+    if isinstance(frame, Product):
+        each = zip(frame.factors, frame.split(tolerances), strict=True)
+        return np.concatenate([_of_coordinates(factor, part.real) for factor, part in each])
+    if isinstance(frame, Power):
+        return np.concatenate([_of_coordinates(frame.factor, part) for part in tolerances])
+    return np.full(frame.dim, tolerances.min())
