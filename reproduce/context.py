@@ -22,26 +22,19 @@ class Settings:
     seed: int = 0
     full: bool = False
 
-    def __str__(self) -> str:
-        return f"seed {self.seed}, {'extensive' if self.full else 'default'} search"
-
 
 @dataclass(frozen=True)
 class Context:
     """Settings, resources and earlier results.
 
     `checkpoints` is the folder for files from which a killed run continues, `workers` a number of
-    threads or processes. `publish` shows an intermediate result of an item as partial; `limit` are
-    the seconds after which a search ends with the result so far. `results` has by name the data of
-    the items that this one needs.
+    threads or processes. `results` has by name the data of the items that this one needs.
     """
 
     settings: Settings
     checkpoints: Path
     workers: int = field(default_factory=available_cores)
     progress: Progress = lambda done, total: None
-    publish: Callable[[Data], None] = lambda numbers: None
-    limit: float | None = None
     results: Mapping[str, Data] = field(default_factory=dict)
 
     def report_work(self, done: float, total: float) -> None:
@@ -54,10 +47,8 @@ class Item:
     """One part of the report, with its name for ``--only``.
 
     Items are computed in ascending order of `turn`, and shown in that of `place`. `compute` returns
-    plain data for a `Context`; if these have an entry ``partial`` that is not null, it has the
-    numbers of finished ``starts`` and ``of`` all starts. `present` returns the blocks of a section
-    for these data, without further computation. `needs` are the items whose data `compute` reads
-    from ``context.results``.
+    plain data for a `Context`. `present` returns the blocks of a section for these data, without
+    further computation. `needs` are the items whose data `compute` reads from ``context.results``.
     """
 
     name: str

@@ -86,13 +86,7 @@ def _are_many(found: int, data: Data) -> bool:
 
 
 def _found(data: Data) -> str:
-    return f"{data['distinct']} distinct exact methods from {_starts(data)}"
-
-
-def _starts(data: Data) -> str:
-    """Return how many starts there were, and of how many, if the search was cut short."""
-    of = f" (of {data['partial']['of']}, a partial search)" if data["partial"] else ""
-    return f"{len(data['exact'])} starts{of}"
+    return f"{data['distinct']} distinct exact methods from {len(data['exact'])} starts"
 
 
 def trees(numbers: Data, results: Results) -> Verdict:
@@ -135,7 +129,7 @@ def table(numbers: Data, results: Results) -> Verdict:
 def double(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
     """Return whether many starts reach a bound of f in double."""
     data = results[f"search{order}"]
-    reached, text = _reached(data["f_double"], _starts(data), bound)
+    reached, text = _reached(data["f_double"], f"{len(data['exact'])} starts", bound)
     return _are_many(reached, data), f"{text} in double"
 
 
@@ -160,7 +154,7 @@ def six_no_further(numbers: Data, results: Results) -> Verdict:
     by_limit = zip(evaluations["limits"], evaluations["f_quartiles"], strict=True)
     return min(f) >= 1e-7, (
         f"our f in double: smallest {number(min(f), 2)} (√f {number(math.sqrt(min(f)), 2)}), "
-        f"median {number(median(f), 2)}; {data['at_limit']} of {_starts(data)} ended at the limit "
+        f"median {number(median(f), 2)}; {data['at_limit']} of {len(f)} starts ended at the limit "
         f"of {data['settings']['maxfev']} evaluations. Median by limit: "
         + ", ".join(f"{number(five[2], 2)} ({limit})" for limit, five in by_limit)
     )

@@ -1,12 +1,9 @@
 """The command ``reproduce-paper``."""
 
-import math
-import signal
 import sys
-import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -19,7 +16,7 @@ from cg.support.parallel import available_cores
 from .context import Settings
 from .display import Display
 from .items import ITEMS, select
-from .run import OutputError, check_output, check_settings, run
+from .run import OutputError, check_output, run
 
 FOLDER = Path("reproduce/out")
 
@@ -42,15 +39,6 @@ def _read_items(
     return names
 
 
-def _read_minutes(
-    context: click.Context, parameter: click.Parameter, value: float | None
-) -> float | None:
-    """Return seconds."""
-    if value is not None and not 0 <= value < math.inf:
-        raise click.BadParameter(f"must be a number, not negative, got {value!r}")
-    return None if value is None else 60.0 * value
-
-
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR",
@@ -63,11 +51,6 @@ def _read_minutes(
     help="The extensive search, 20 times as many starts: about an hour of one core.",
 )
 @click.option(
-    "--minutes", "limit", type=float, callback=_read_minutes, metavar="M",
-    help="End each search after M minutes; the report shows how far it came, and the same command "
-    "continues from there.",
-)  # fmt: skip
-@click.option(
     "--only", multiple=True, callback=_read_items, metavar="ITEM[,ITEM...]",
     help="Run these items and what they need; may be given several times.",
 )  # fmt: skip
@@ -79,7 +62,6 @@ def _read_minutes(
 def reproduce_command(
     out: Path | None,
     full: bool,
-    limit: float | None,
     only: list[str],
     seed: int,
     workers: int | None,
@@ -102,15 +84,14 @@ def reproduce_command(
     out = out or (FOLDER / "full" if full else FOLDER)
     try:
         check_output(out)
-        check_settings(out, settings)
     except OutputError as error:
         raise click.BadParameter(str(error), param_hint="--out") from error
     items = select(only or ITEMS)
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
     try:
-        with _terminated_as_interrupted(), closing(display):
-            run(items, out, settings, workers or available_cores(), display, limit)
+        with closing(display):
+            run(items, out, settings, workers or available_cores(), display)
     except StoreError as error:
         error.add_note("if you delete that file, its content is computed again")
         raise
@@ -120,16 +101,3 @@ def reproduce_command(
     seconds = time.perf_counter() - begun
     click.echo(f"{out / 'report.html'} written in {seconds:.0f} s", err=True)
     return 0
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM, which ends batch jobs, as an interrupt."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

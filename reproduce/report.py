@@ -41,7 +41,7 @@ Crouch–Grossman type of high order”, Advances in Computational Mathematics 1
 All numbers of ours on this page were computed by reproduce-paper, except the radii of
 certificates, which are read from their files; results.json has all of them.</p>
 <p>Seed {settings["seed"]}, {extent}, version {escape(run["version"])}.</p>
-{_partial(state["items"], shown)}<nav aria-label="Contents"><ol>{links}</ol></nav>
+<nav aria-label="Contents"><ol>{links}</ol></nav>
 </header>
 <main>
 {"".join(sections[item.name] for item in shown)}</main>
@@ -49,18 +49,6 @@ certificates, which are read from their files; results.json has all of them.</p>
 </body>
 </html>
 """
-
-
-def _partial(items: Mapping[str, Data], shown: Sequence[Item]) -> str:
-    """Return a paragraph that lists unfinished searches, if there are any."""
-    parts = [
-        f"{item.title}: {part['starts']} of {part['of']} starts"
-        for item in shown
-        if (part := items[item.name].get("partial"))
-    ]
-    if not parts:
-        return ""
-    return f'<p class="partial">Partial searches. {escape("; ".join(parts))}.</p>\n'
 
 
 def section(item: Item, numbers: Data, out: Path) -> str:

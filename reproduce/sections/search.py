@@ -1,13 +1,10 @@
 """The computer search of Section 3.2: the values of f and the methods found."""
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
-from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +13,6 @@ from matplotlib.figure import Figure
 from cg.construction.conditions import unknowns
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.tableau import Tableau
-from cg.construction.runs.store import read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.result import SearchResult
@@ -31,9 +27,6 @@ from ..style import PALETTE, grid
 
 _SHOWN = 3
 _MIN_F = 1e-70  # smaller values are drawn here
-
-_PAUSE = 60.0  # least seconds between publications of partial results,
-_PAUSES = 20.0  # and least multiple of the time that the last publication took
 
 
 @dataclass(frozen=True)
@@ -82,78 +75,26 @@ PLANS = {
 
 
 def compute(plan: Plan, context: Context) -> Data:
-    """Search, or continue a search from its store; publish partial results from time to time.
+    """Search, or continue a search from its store.
 
-    If an interrupt or the time limit ends the search, its result is that of the starts before the
-    first unfinished one, so that slow starts are not underrepresented; ``partial`` then has how
-    many ``starts`` ``of`` how many. By start there are ``f_double``, ``nfev_double``,
-    ``info_double``, ``f_quad``, ``nfev_quad`` (null where not refined) and ``exact``; in all, how
-    many starts are ``at_limit`` of evaluations in double, how many exact methods are ``distinct``,
-    how many of these have ``abscissae_in_unit_interval``, their ``largest_coefficients``, the
-    chosen ``methods``, and ``best``, the start with the smallest residual. ``settings`` and the
-    ``paper``'s values of f are there to compare.
+    By start there are ``f_double``, ``nfev_double``, ``info_double``, ``f_quad``, ``nfev_quad``
+    (null where not refined) and ``exact``; in all, how many starts are ``at_limit`` of evaluations
+    in double, how many exact methods are ``distinct``, how many of these have
+    ``abscissae_in_unit_interval``, their ``largest_coefficients``, the chosen ``methods``, and
+    ``best``, the start with the smallest residual. ``settings`` and the ``paper``'s values of f are
+    there to compare.
     """
-    starts = plan.full_starts if context.settings.full else plan.starts
     arguments = plan.arguments(context.settings.seed)
     digest = fingerprint.digest(**arguments)
     name = f"search{plan.order}-seed{context.settings.seed}-{digest}.jsonl"
-    path = context.checkpoints / name
-    clock = _Clock(context, starts, path)
-
-    def data_of(finished: int) -> Data:
-        result = search(**arguments, starts=finished, workers=1, store=path)
-        part = None if finished == starts else {"starts": finished, "of": starts}
-        return _data(plan, result) | {"partial": part}
-
-    done = _finished(path)
-    shown, pause = time.monotonic(), _PAUSE
-    while True:
-        done = min(starts, (done // plan.starts + 1) * plan.starts)
-        try:
-            search(**arguments, starts=done, workers=context.workers, store=path, progress=clock)
-        except KeyboardInterrupt:
-            if finished := _finished(path):
-                context.publish(data_of(min(finished, starts)))
-            raise
-        except _OutOfTimeError:
-            return data_of(_finished(path))
-        if done == starts:
-            return data_of(starts)
-        now = time.monotonic()
-        if now - shown >= pause:
-            context.publish(data_of(done))
-            shown = time.monotonic()
-            pause = max(_PAUSE, _PAUSES * (shown - now))
-
-
-class _OutOfTimeError(Exception):
-    """The time limit of a search is reached."""
-
-
-class _Clock:
-    """Reports progress, and ends the search after the time limit and at least one new start."""
-
-    def __init__(self, context: Context, starts: int, store: Path) -> None:
-        self._context = context
-        self._starts = starts
-        self._store = store
-        self._before = _finished(store)
-        limit = math.inf if context.limit is None else context.limit
-        self._end = time.monotonic() + limit
-
-    def __call__(self, done: int, total: int) -> None:
-        self._context.progress(done, self._starts)
-        over = done < self._starts and time.monotonic() >= self._end
-        if over and _finished(self._store) > self._before:
-            raise _OutOfTimeError
-
-
-def _finished(path: Path) -> int:
-    """Return the number of stored starts before the first missing one."""
-    if not path.exists():
-        return 0
-    done = {line.get("index") for line in read_store(path)}
-    return next(index for index in count() if index not in done)
+    result = search(
+        **arguments,
+        starts=plan.full_starts if context.settings.full else plan.starts,
+        workers=context.workers,
+        store=context.checkpoints / name,
+        progress=context.progress,
+    )
+    return _data(plan, result)
 
 
 def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
@@ -246,8 +187,6 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         ),
         Text(_summary(data, exact, total)),
     ]  # fmt: skip
-    if data["partial"]:
-        blocks.insert(0, Text(_partial(data["partial"])))
     for method in data["methods"]:
         blocks.append(coefficient_table(_title(plan, method), method))
     if not data["methods"]:
@@ -258,13 +197,6 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         )
         blocks.append(coefficient_table(title, best))
     return blocks
-
-
-def _partial(part: Data) -> str:
-    return (
-        f"Partial: the first {part['starts']} of {part['of']} starts. The search was ended early "
-        "or still runs; the same command continues it."
-    )
 
 
 def _title(plan: Plan, method: Data) -> str:

@@ -114,7 +114,7 @@ class TestOptimise:
         assert not candidate.x[zeros].any()
         method = to_method(candidate, name="sparse", source="test")
         assert method.order == 4
-        assert method.exponentials == unknowns(6) - zeros.size
+        assert method.flows == unknowns(6) - zeros.size
 
     def test_optimise_rejects_points_off_the_set(self):
         with pytest.raises(ValueError, match="candidate must"):

@@ -82,12 +82,12 @@ def figures():
 def searches():
     """Results of the searches that make every claim true."""
     search = {
-        "distinct": 5, "exact": [True] * 5 + [False], "partial": None,
+        "distinct": 5, "exact": [True] * 5 + [False],
         "f_double": [1e-33] * 5 + [1e-3], "f_quad": [1e-69] * 5 + [None], "at_limit": 1,
         "settings": {"maxfev": 1000},
     }  # fmt: skip
     six = {
-        "distinct": 0, "exact": [False] * 4, "partial": None, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "distinct": 0, "exact": [False] * 4, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
         "f_quad": [1e-8, 1e-8, 1e-8, 1e-7], "at_limit": 4,
         "settings": {"maxfev": 1000, "refine_maxfev": 30},
         "best": {"f": 1e-8, "condition_number": 1e9},

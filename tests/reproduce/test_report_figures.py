@@ -194,12 +194,11 @@ def test_figure_of_a_search():
         "f_double_quartiles": [1e-33, 1e-33, 1e-30, 1e-9, 1e-3],
         "f_quad_quartiles": [1e-69, 1e-69, 1e-60, 1e-60, 1e-60],
         "settings": {"width": 1, "seed": 0, "maxfev": 9, "refine_below": 1e-12, "refine_maxfev": 9},
-        "partial": {"starts": 4, "of": 20}, "at_limit": 1, "distinct": 2,
+        "at_limit": 1, "distinct": 2,
         "abscissae_in_unit_interval": 0, "methods": [],
         "best": {"f": 1e-69, "largest_residual": 1e-35, "coefficients": []},
     }  # fmt: skip
     blocks = search.present(search.PLANS[4], data)
-    assert blocks[0].text.startswith("Partial: the first 4 of 20 starts.")
     (axes,) = drawn(charts(blocks)["search4"]).axes
     actual = curves(axes)
     np.testing.assert_array_equal(actual["after double, 4 starts"].get_xdata(), sorted(f_double))

@@ -74,18 +74,12 @@ def stores(folder):
     return list(folder.glob("*.jsonl"))
 
 
-def test_interrupted_search_shows_its_result_and_continues(tmp_path):
-    shown = []
-    stopped = context(tmp_path, progress=stop_after(20), publish=shown.append)
+def test_interrupted_search_continues(tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        section.compute(SMALL, stopped)
+        section.compute(SMALL, context(tmp_path, progress=stop_after(20)))
     (path,) = stores(tmp_path)
     stored = recorded(path)
     assert 20 <= len(stored) < 60
-    (part,) = shown
-    finished = part["partial"]["starts"]
-    assert 15 <= finished == len(part["f_double"]) <= 25
-    assert part["partial"]["of"] == 60
     seen = []
     resumed = section.compute(SMALL, context(tmp_path, progress=lambda *now: seen.append(now)))
     assert len(seen) == 60 - len(stored)
@@ -93,8 +87,6 @@ def test_interrupted_search_shows_its_result_and_continues(tmp_path):
     fresh.mkdir()
     assert resumed == section.compute(SMALL, context(fresh))
     assert resumed["distinct"] > 3
-    assert resumed["partial"] is None
-    assert part["f_double"] == resumed["f_double"][:finished]
 
 
 def test_search_with_other_settings_has_its_own_store(tmp_path):
@@ -135,49 +127,6 @@ def test_search_without_exact_method_reports_it(tmp_path):
     titles = [block.caption for block in blocks if isinstance(block, Table)]
     assert titles[-1].startswith("Not exact")
     assert json.dumps(data, allow_nan=False)
-
-
-def test_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch):
-    def interrupt(**arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(section, "search", interrupt)
-    shown = []
-    with pytest.raises(KeyboardInterrupt):
-        section.compute(SMALL, context(tmp_path, publish=shown.append))
-    assert shown == []
-
-
-def test_search_stops_at_time_limit_and_continues_later(tmp_path):
-    data = section.compute(SMALL, context(tmp_path, limit=0.0))
-    first = data["partial"]["starts"]
-    assert 1 <= first < 10
-    data = section.compute(SMALL, context(tmp_path, limit=0.0))
-    assert first < data["partial"]["starts"] < 20  # one more at least, whatever the time
-    assert section.compute(SMALL, context(tmp_path, limit=1e9))["partial"] is None
-
-
-def test_partial_search_has_no_gaps(tmp_path):
-    section.compute(replace(SMALL, starts=8), context(tmp_path))
-    (path,) = stores(tmp_path)
-    assert section._finished(path) == 8
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join(line for line in lines if '"index": 5,' not in line))
-    assert section._finished(path) == 5
-    assert section._finished(tmp_path / "nothing") == 0
-    assert not (tmp_path / "nothing").exists()
-
-
-def test_long_searches_publish_partial_results(tmp_path, monkeypatch):
-    monkeypatch.setattr(section, "_PAUSE", 0.0)
-    monkeypatch.setattr(section, "_PAUSES", 0.0)
-    shown = []
-    full = replace(context(tmp_path, publish=shown.append), settings=Settings(0, full=True))
-    plan = replace(SMALL, starts=5, full_starts=17)
-    data = section.compute(plan, full)
-    assert [part["partial"] for part in shown] == [{"starts": k, "of": 17} for k in (5, 10, 15)]
-    assert data["partial"] is None
-    assert data["f_double"][:15] == shown[-1]["f_double"]
 
 
 def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 from refusals import refuses
-from report_pages import Page, check_page, context, read
+from report_pages import check_page, context, read
 
 from cg.construction.catalogue import methods
 from cg.reproduce import items
@@ -17,7 +17,7 @@ from cg.reproduce.evidence import gather
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
-from cg.reproduce.sections import table3_2
+from cg.reproduce.sections import search, table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
 from cg.support.quads import to_decimal
 
@@ -105,29 +105,6 @@ def test_slopes_and_distance(figures):
         assert runs["CG6a"]["slope"] < 2
 
 
-def test_items_of_an_equal_run_remain_in_the_report(tmp_path):
-    out = ["--out", str(tmp_path)]
-    main(["--only", "table3.2", *out])
-    main(["--only", "appendix", *out])
-    assert list(read(tmp_path)["items"]) == ["table3.2", "appendix"]
-    assert set(read(tmp_path)["run"]["seconds"]) == {"table3.2", "appendix"}
-    text = (tmp_path / "report.html").read_text("utf-8")
-    assert Page(text).tags.count("section") == 2
-
-
-@pytest.mark.parametrize("other", [["--seed", "5"], ["--full"]])
-def test_report_with_other_settings_is_not_overwritten(tmp_path, capsys, other):
-    out = ["--out", str(tmp_path)]
-    assert main(["--only", "table3.2", *out]) == 0
-    contents = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-    assert main(["--only", "appendix", *other, *out]) == 2
-    message = capsys.readouterr().err
-    assert "holds a report of other settings (seed 0, default search" in message
-    assert contents == {
-        path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()
-    }
-
-
 def test_only_accepts_several_items(tmp_path, capsys):
     assert main(["--only", "table3.2, appendix", "--out", str(tmp_path)]) == 0
     assert list(read(tmp_path)["items"]) == ["table3.2", "appendix"]
@@ -135,41 +112,6 @@ def test_only_accepts_several_items(tmp_path, capsys):
     message = capsys.readouterr().err
     assert "'fig9.9', 'nothing'" in message
     assert all(name in message for name in items.ITEMS)
-
-
-def test_items_are_removed_when_their_inputs_change(tmp_path):
-    run_module.check_output(tmp_path)
-    below = replace(items.ITEMS["table3.2"], compute=lambda context: {"rows": []})
-    above = replace(items.ITEMS["claims"], compute=lambda context: {"claims": [], "count": COUNT})
-    run_module.run([below, above], tmp_path, Settings(), 1)
-    run_module.run([below], tmp_path, Settings(), 1)
-    assert list(read(tmp_path)["items"]) == ["table3.2", "claims"]
-    run_module.run([items.ITEMS["table3.2"]], tmp_path, Settings(), 1)
-    assert list(read(tmp_path)["items"]) == ["table3.2"]
-
-
-def test_published_data_are_shown_before_the_end(tmp_path):
-    def compute(context):
-        context.publish({"rows": [], "partial": {"starts": 3, "of": 9}})
-        assert read(tmp_path)["items"]["table3.2"]["partial"] == {"starts": 3, "of": 9}
-        text = (tmp_path / "report.html").read_text("utf-8")
-        assert "Partial searches. Table of Section 3.2: 3 of 9 starts." in text
-        return {"rows": []}
-
-    run_module.check_output(tmp_path)
-    run_module.run([replace(items.ITEMS["table3.2"], compute=compute)], tmp_path, Settings(), 1)
-    assert read(tmp_path)["items"]["table3.2"] == {"rows": []}
-    assert "Partial" not in (tmp_path / "report.html").read_text("utf-8")
-
-
-COUNT = {"pass": 0, "fail": 0, "not reproducible": 0}
-
-
-@pytest.mark.parametrize("left", ["", "{", "[1]", '{"format": "reproduce-paper 1"}', "null"])
-def test_unreadable_results_are_replaced(tmp_path, left):
-    (tmp_path / "results.json").write_text(left)
-    assert main(["--only", "table3.2", "--out", str(tmp_path)]) == 0
-    assert list(read(tmp_path)["items"]) == ["table3.2"]
 
 
 def test_finished_items_remain_after_a_later_failure(tmp_path):
@@ -276,13 +218,11 @@ def test_whole_default_run(tmp_path):
 
 def test_damaged_checkpoint_is_named(tmp_path, capsys):
     """A full disk may leave such a file."""
-    out = ["--out", str(tmp_path)]
-    arguments = ["--only", "search4", "--workers", "1", "--minutes", "0", *out]
-    assert main(arguments) == 0
+    run_module.check_output(tmp_path)
+    search.compute(replace(search.PLANS[4], starts=1), context(tmp_path / "checkpoints"))
     (store,) = (tmp_path / "checkpoints").glob("search4-*.jsonl")
     store.write_bytes(b"\0" * 5000)
-    capsys.readouterr()
-    assert main(arguments) == 2
+    assert main(["--only", "search4", "--workers", "1", "--out", str(tmp_path)]) == 2
     message = capsys.readouterr().err.splitlines()[-1]
     assert message.startswith(f"reproduce-paper: error: store {store} isn't a file of runs")
     assert message.endswith("; if you delete that file, its content is computed again")
