@@ -28,6 +28,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+from _pytest.warnings import catch_warnings_for_item
 
 ROOT = Path(__file__).parent.parent
 TREE = ROOT / "build" / "planted"
@@ -328,7 +329,9 @@ class Watcher:
             self.python.ACTIVE.update(errors)
             for k in errors:
                 self.active[k] = 1
-            reports = runtestprotocol(item, nextitem=None, log=False)
+            given = {"config": item.config, "ihook": item.ihook, "when": "runtest", "item": item}
+            with catch_warnings_for_item(**given):
+                reports = runtestprotocol(item, nextitem=None, log=False)
             failed = [r for r in reports if r.failed]
             passed = self.python.PASSED | {i for i, flag in enumerate(self.passed.raw) if flag}
             result = str(failed[0].longrepr)[-300:] if failed else sorted(passed)
