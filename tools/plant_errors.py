@@ -28,6 +28,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+from _pytest.warnings import catch_warnings_for_item
 
 ROOT = Path(__file__).parent.parent
 TREE = ROOT / "build" / "planted"
@@ -43,7 +44,7 @@ ROOMS = (
 _UNSWITCHED = ("__init__.py", "tables.py", "ordered.py", "wrap.py")  # the build runs them
 
 # Cases of a test that are run, and those that are run with one error
-_CASES, _TRIES = 5, 2
+_CASES, _TRIES = 3, 2
 
 SWITCH = {
     "cg/_planted.py": '''"""Which errors act."""
@@ -241,10 +242,13 @@ def plant(errors: list[Error]) -> None:
         for k in sorted(range(len(errors)), key=lambda k: -errors[k].begin):
             if errors[k].file == file:
                 text = text[: errors[k].begin] + switched(errors[k], k) + text[errors[k].end :]
-        switch = ("^(?=from (?!__)|import )", "from cg._planted import _acts\n")
-        if file.endswith(".f90"):
-            switch = (r"^(module \w+)$", r"\1\n  use planting, only: planted")
-        Path(file).write_text(re.sub(*switch, text, count=1, flags=re.MULTILINE))
+        if file.endswith(".py"):  # in front of the first import, not of words of a text
+            place = "^(?=from (?!__)[\\w.]+ import |import )"
+            text = re.sub(place, "from cg._planted import _acts\n", text, count=1, flags=re.M)
+        else:
+            use = r"\1\n  use planting, only: planted"
+            text = re.sub(r"^(module \w+)$", use, text, count=1, flags=re.M)
+        Path(file).write_text(text)
     for file, text in SWITCH.items():
         (TREE / file).write_text(text)
     for file, was, changed in BUILD:
@@ -272,10 +276,10 @@ class Watcher:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Run the tests in a mixed order, so that whatever time there is says something."""
         items = [item for item in session.items if not item.get_closest_marker("slow")]
-        random.Random(0).shuffle(items)
+        items = items[self.share :: self.shares]
+        random.shuffle(items)
         drawn: Counter[str] = Counter()
-        items = [item for item in items if self.counted(drawn, item) <= _CASES]
-        for item in items[self.share :: self.shares]:
+        for item in (item for item in items if self.counted(drawn, item) <= _CASES):
             passed, seconds = self.run(item, [], 60.0)
             self.note([item.nodeid, -2 if isinstance(passed, list) else -1, passed, seconds])
             if isinstance(passed, list):
@@ -320,10 +324,14 @@ class Watcher:
         if child == 0:
             os.close(ahead)
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
+            self.python.PASSED.clear()
+            ctypes.memset(self.passed, 0, len(self.passed))
             self.python.ACTIVE.update(errors)
             for k in errors:
                 self.active[k] = 1
-            reports = runtestprotocol(item, nextitem=None, log=False)
+            given = {"config": item.config, "ihook": item.ihook, "when": "runtest", "item": item}
+            with catch_warnings_for_item(**given):
+                reports = runtestprotocol(item, nextitem=None, log=False)
             failed = [r for r in reports if r.failed]
             passed = self.python.PASSED | {i for i, flag in enumerate(self.passed.raw) if flag}
             result = str(failed[0].longrepr)[-300:] if failed else sorted(passed)

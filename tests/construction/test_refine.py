@@ -34,15 +34,6 @@ class TestRefine:
         moved = np.abs(quads.to_float(actual.x) - near).max()
         assert moved < 1000 * size
 
-    def test_fixed_entries_are_kept(self):
-        near = quads.encode(packed("CG4a"))
-        movable = [k for k in range(15) if k not in (0, 7)]
-        moved = quads.from_float(quads.to_float(near))
-        fit = refine(moved, ConditionSystem.tableau(4, 5), movable=movable)
-        assert fit.largest_residual < 1e-32
-        np.testing.assert_array_equal(fit.x[[0, 7]], moved[[0, 7]])
-        assert (fit.x != moved).any()
-
 
 class TestPolish:
     def test_polish_exceeds_binary128(self):

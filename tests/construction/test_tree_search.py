@@ -11,7 +11,7 @@ from cg.construction.candidate import Candidate, solved
 from cg.construction.drop import drop_flow, drop_point_stage
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, check_tree
-from cg.construction.search.shapes import draw_layout, layout_of
+from cg.construction.search.shapes import draw_layout
 from cg.construction.search.start import run_start, start_layout
 from cg.construction.solvers.system import ConditionSystem
 
@@ -29,14 +29,6 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
     for method in drawn.methods:
         assert isinstance(method, cg.CommutatorFree)
         assert (method.order, method.stages, method.flows) == (5, 6, 9)
-
-
-@pytest.mark.parametrize("tree", [cg.methods["CF4"], cg.methods["CF4"].tree])
-def test_given_tree_has_its_weights_as_unknowns(tree):
-    result = cg.search(4, 4, 40, 1, tree=tree)
-    assert result.settings.tree == Layout.of_tree(cg.methods["CF4"].tree)
-    assert result.methods
-    assert all(m.layout == result.settings.tree and m.order == 4 for m in result.methods)
 
 
 def test_second_results_make_pairs():
@@ -105,19 +97,6 @@ def test_drawn_trees_are_valid_and_use_every_flow(stages, flows, embedded):
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
 def test_rejects_invalid_trees(look, tree, message):
     refuses(MethodError, message, look, order=2, stages=2, seed=0, tree=tree)
-
-
-@pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
-def test_rejects_too_few_stages_or_unknowns(look):
-    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which needs 6"):
-        look(order=5, stages=5, seed=0, flows=12)
-    thin = ((-1, -1), (-1, 0))
-    with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):
-        look(
-            order=3, stages=3, seed=0,
-            tree=Layout((-1, -1, -1), ((0,), (1,), (2,)), (-1, 0, 1), (2,)),
-        )  # fmt: skip
-    assert layout_of(thin).size == 3
 
 
 def test_construct_drops_flows_of_drawn_trees(tmp_path):

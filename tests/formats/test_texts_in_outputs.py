@@ -1,16 +1,13 @@
 """Names and sources from files are escaped in code, documents and terminals."""
 
-import json
 import subprocess
-import tomllib
 
 import pytest
 
 import cg
 from cg.command import main
-from cg.construction.catalogue import dumps, dumps_json, loads
+from cg.construction.catalogue import dumps
 from cg.construction.formats import FORMATS
-from cg.support.parsing import visible
 
 CODE = ["python", "c"]
 TEXTS = {
@@ -52,24 +49,6 @@ def test_c_has_no_warnings(what, tmp_path):
     (tmp_path / "m.c").write_text('#include "m.h"\nint main(void) { return 0; }\n')
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
     subprocess.run(["gcc", *flags, "m.c"], check=True, cwd=tmp_path)
-
-
-@pytest.mark.parametrize("what", TEXTS)
-def test_latex_comment_has_no_directives(what):
-    first, rest = cg.export(method_of(what), "latex").split("\n", 1)
-    assert first.startswith("% Method ")
-    assert visible(TEXTS[what][0]) in first
-    assert rest == cg.export(cg.Tableau([[], ["1/2"]], [0, 1]), "latex").split("\n", 1)[1]
-
-
-@pytest.mark.parametrize("what", TEXTS)
-def test_data_escape_texts(what):
-    method = method_of(what)
-    for text in (dumps(method), dumps_json(method)):
-        assert text.replace("\n", "").isprintable()
-        loaded = loads(text)
-        assert (loaded.name, loaded.source) == TEXTS[what]
-    assert tomllib.loads(dumps(method))["source"] == json.loads(dumps_json(method))["source"]
 
 
 @pytest.mark.parametrize("what", TEXTS)

@@ -76,56 +76,35 @@ def test_long_steps_are_divided():
     assert gradient.parameters is None
 
 
-class TestLinear:
-    RNG = np.random.default_rng(4)
-    FACTORS = RNG.standard_normal((3, 3))
+def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials():
+    from scipy.linalg import expm_frechet
 
-    @classmethod
-    def a(cls, t, p):
-        return cls.FACTORS @ [np.cos(p[0] * t), p[1] * np.sin(t), p[0] + p[1] * t]
+    pieces, x, z = 30, np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
+    edges = np.linspace(0, 4, pieces + 1)
+    amplitudes = np.random.default_rng(3).standard_normal(pieces)
+    target = np.array([0.6, 0.8j])
 
-    @classmethod
-    def da_dp(cls, t, p):
-        by_first = [-t * np.sin(p[0] * t), 0.0, 1.0]
-        return cls.FACTORS @ np.array([by_first, [0.0, np.sin(t), t]]).T
+    def place(t):
+        return min(np.searchsorted(edges, t, "right") - 1, pieces - 1)
 
-    @classmethod
-    def many(cls, t, p):
-        return np.array([cls.a(*each) for each in zip(t, p, strict=True)])
-
-    @classmethod
-    def many_dp(cls, t, p):
-        return np.array([cls.da_dp(*each) for each in zip(t, p, strict=True)])
-
-    def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials(self):
-        from scipy.linalg import expm_frechet
-
-        pieces, x, z = 30, np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
-        edges = np.linspace(0, 4, pieces + 1)
-        amplitudes = np.random.default_rng(3).standard_normal(pieces)
-        target = np.array([0.6, 0.8j])
-
-        def place(t):
-            return min(np.searchsorted(edges, t, "right") - 1, pieces - 1)
-
-        run = cg.solve_linear(
-            lambda t, p: [1.0, p[place(t)]], (0, 4), [1, 0], derivatives="adjoint",
-            frame=LinearAction([-3j * z, -1j * x], unitary=True), parameters=amplitudes,
-            df_dp=lambda t, p: np.stack([np.zeros(pieces), np.eye(pieces)[place(t)]]),
-            breakpoints=edges[1:-1], rtol=1e-9, atol=1e-9,
-        )  # fmt: skip
-        h = edges[1]
-        moves = [expm_frechet(-1j * h * (3 * z + u * x), -1j * h * x) for u in amplitudes]
-        psi = [np.array([1.0 + 0j, 0.0])]
-        for move, _ in moves:
-            psi.append(move @ psi[-1])
-        overlap = np.vdot(target, psi[-1])
-        covector, expected = target.conj(), []
-        for (move, derivative), state in zip(moves[::-1], psi[-2::-1], strict=True):
-            expected.append(2 * (overlap.conj() * (covector @ derivative @ state)).real)
-            covector = covector @ move
-        gradient = run.gradient(2 * target * np.vdot(target, run.y[-1]))
-        np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=1e-7)
+    run = cg.solve_linear(
+        lambda t, p: [1.0, p[place(t)]], (0, 4), [1, 0], derivatives="adjoint",
+        frame=LinearAction([-3j * z, -1j * x], unitary=True), parameters=amplitudes,
+        df_dp=lambda t, p: np.stack([np.zeros(pieces), np.eye(pieces)[place(t)]]),
+        breakpoints=edges[1:-1], rtol=1e-9, atol=1e-9,
+    )  # fmt: skip
+    h = edges[1]
+    moves = [expm_frechet(-1j * h * (3 * z + u * x), -1j * h * x) for u in amplitudes]
+    psi = [np.array([1.0 + 0j, 0.0])]
+    for move, _ in moves:
+        psi.append(move @ psi[-1])
+    overlap = np.vdot(target, psi[-1])
+    covector, expected = target.conj(), []
+    for (move, derivative), state in zip(moves[::-1], psi[-2::-1], strict=True):
+        expected.append(2 * (overlap.conj() * (covector @ derivative @ state)).real)
+        covector = covector @ move
+    gradient = run.gradient(2 * target * np.vdot(target, run.y[-1]))
+    np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=1e-7)
 
 
 def never(t, y, *others):

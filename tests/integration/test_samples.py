@@ -120,14 +120,3 @@ REFUSED = [
 def test_bad_input_is_named(arguments, options, word):
     with pytest.raises(ValueError, match=word):
         Samples(*arguments, **options)
-
-
-@pytest.mark.parametrize("t", [-0.1, 3.1, np.nan])
-def test_times_outside_are_refused(t):
-    with pytest.raises(ValueError, match="within the times"):
-        Samples([0, 1, 3], [1, 2, 3], "linear")(t)
-
-
-def test_a_curve_takes_one_time():
-    with pytest.raises(ValueError, match=r"t must be one time, got shape \(2,\)"):
-        Samples([0, 1], [1, 2], "linear")(np.array([0.0, 0.5]))

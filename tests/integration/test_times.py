@@ -38,19 +38,3 @@ def test_messages_tell_times_apart(call, message):
 
 def solve_late(**options):
     return cg.solve_ivp(rise, (EPOCH, EPOCH + 0.05), [0.0], frame=Euclidean(1), **options)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_times_of_sums_are_at_the_end(sign):
-    times = sign * np.arange(0.1, 0.8, 0.1)
-    span = sign * 0.1, sign * 0.7
-    assert abs(times[-1]) > abs(span[1])
-    options = {"frame": Euclidean(1), "dense_output": True}
-    run = cg.solve_ivp(rise, span, [0.0], t_eval=times, breakpoints=times, **options)
-    assert run.t[-1] == span[1]
-    assert np.allclose(run.y[:, 0], times - times[0], rtol=0, atol=1e-15)
-    assert np.array_equal(run.sol(times)[-1], run.y[-1])
-    beyond = span[1] + sign * 6 * np.spacing(0.7)
-    for call in (run.sol, lambda t: cg.solve_ivp(rise, span, [0.0], t_eval=t, **options)):
-        with pytest.raises(ValueError, match="must lie"):
-            call([beyond])

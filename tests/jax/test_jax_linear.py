@@ -70,11 +70,6 @@ def test_jumps_begin_anew():
     assert int(solution.stats["num_steps"]) < 12
 
 
-def test_other_methods_take_it():
-    one, other = (solve(SO3(), n, np.eye(3), h=0.01).ys[-1] for n in ("CF6b", "CFM6(4)b"))
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-10)
-
-
 def test_terms_of_points_are_refused():
     term = cg.jax.FrameTerm(lambda t, y, args: y[0], SO3())
     with pytest.raises(ValueError, match="LinearTerm"):

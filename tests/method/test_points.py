@@ -14,9 +14,7 @@ from strategies import point_trees, rationals
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.construction.catalogue import dumps, loads, methods
-from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import Point
-from cg.construction.methods.packed import make_method
 from cg.construction.plots.text import draw_points, draw_tree
 from cg.construction.proofs import certify
 from cg.construction.trees.ordered import OrderedTree
@@ -70,18 +68,6 @@ class TestMethods:
         certificate = certify(pair)
         assert (certificate.order, certificate.embedded_order) == (3, 2)
         assert loads(dumps(pair)) == pair
-
-    def test_digits(self):
-        texts = cg.digits(methods["CF4b"], 50)
-        point = methods["CF4b"].points[1]
-        for stage, weight in point.weights.items():
-            assert len(texts[1][stage].lstrip("-0.")) >= 49
-            assert abs(Fraction(texts[1][stage]) - weight) < Fraction(1, 10**34)
-        assert cg.digits(methods["CF3"], 50) == [
-            {0: "1/3"}, {1: "2/3"}, {0: "-1/12", 2: "3/4"}
-        ]  # fmt: skip
-        with pytest.raises(ValueError, match="CF4b has no second weights"):
-            cg.digits(methods["CF4b"], 50, embedded=True)
 
     def test_implicit_tableaux_have_no_points(self):
         with pytest.raises(AttributeError, match="is implicit"):
@@ -190,27 +176,6 @@ class TestThirdWeights:
         assert hash(again) == hash(pair)
         assert again.third_weights == pair.third_weights
         assert methods["CF6(5)"].third_order is None
-
-    @pytest.mark.parametrize(("third", "options", "message"), [
-        (["1"], {}, "third must have 9 entries, got 1"),
-        ("1234567", {}, "third must be a sequence"),
-        ([*[1] * 8, "x"], {}, r"third\[8\]"),
-        ([1] * 9, {"embedded_result": None}, "third must be None unless"),
-    ])  # fmt: skip
-    def test_bad_input(self, third, options, message):
-        refuses(MethodError, message, self.make, third, **options)
-
-
-def test_make_method_chooses_the_class_by_the_layout():
-    points = cg.methods["CF3"]
-    assert make_method(points.layout, points.coefficients) == points
-    assert isinstance(make_method(Layout.tableau(1), [1]), cg.Tableau)
-
-
-def test_make_method_rounds_to_digits():
-    method = make_method(Layout.tableau(1), [Fraction(2, 3)], digits=5)
-    assert method.weights[0].text == "0.66667"
-    assert make_method(Layout.tableau(1), [Fraction(2, 3)]).weights[0].text == "2/3"
 
 
 def test_drawings():

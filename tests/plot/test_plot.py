@@ -213,14 +213,3 @@ class TestAttitude:
         np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
         assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
         assert ax.get_yscale() == "log"
-
-    def test_error_to_a_constant_attitude(self, ax):
-        run = cg.solve_ivp(
-            lambda t, y: [0.5, 0, 0], (0, 3), np.eye(3), frame=cg.frames.SO3(), dense_output=True
-        )
-        one = Rotation.identity()
-        for reference in (one, Rotation.identity(1), [np.eye(3)], np.eye(3), [0, 0, 0, 1]):
-            cg.plot.attitude(run, ax, show="error", reference=reference)
-            times, angles = ax.lines[-1].get_data()
-            assert len(times) > 100
-            np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)

@@ -45,8 +45,6 @@ def test_two_level_system_matches_rabis_formula():
 
 
 class TestGradientFlow:
-    FLOW = example("gradient_flow")
-
     def test_follows_the_gradient(self):
         flow = load("gradient_flow").GradientFlow((3, 2, 2))
         plaquettes = flow.frame.n * (3 - 1) / 2

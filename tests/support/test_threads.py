@@ -30,15 +30,6 @@ def test_the_limit_of_threads_is_lifted_by_the_last_user():
     assert after == before
 
 
-def test_a_limit_that_someone_sets_meanwhile_stays():
-    with threadpool_limits(2):
-        with single_threads():
-            threadpool_limits(3)
-            during = _blas_threads()
-        after = _blas_threads()
-    assert set(during) == set(after) == {3}
-
-
 def test_the_precision_is_one_thread_s_at_a_time():
     before = ctx.prec
 

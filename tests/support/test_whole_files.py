@@ -2,7 +2,6 @@
 
 import os
 import stat
-from pathlib import Path
 
 import pytest
 from refusals import refuses
@@ -80,12 +79,3 @@ def test_modes_and_links_stay(tmp_path):
     assert link.is_symlink()
     assert file.read_text(encoding="utf-8") == "two"
     assert stat.S_IMODE(file.stat().st_mode) == 0o604
-
-
-@pytest.mark.skipif(os.name == "nt", reason="there are no such files")
-def test_devices_are_written_to(tmp_path):
-    parsing.write_file(Path(os.devnull), "text")
-    assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
-    refuses(FileNotFoundError, "missing", parsing.write_file, tmp_path / "missing" / "file", "text")
-    with pytest.raises(IsADirectoryError):
-        parsing.write_file(tmp_path, "text")
