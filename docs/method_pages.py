@@ -185,9 +185,9 @@ def properties(method: Method) -> str:
         "order": order_of(method),
         "proved": proof(method)[0],
         "evaluations per step": method.stages,
-        "flows per step": method.flows,
-        "flows per step with the error estimate": method.pair_flows
-        if method.pair_flows != method.flows
+        "flows per step": method.exponentials,
+        "flows per step with the error estimate": method.pair_exponentials
+        if method.pair_exponentials != method.exponentials
         else "",
         "principal error": f"{method.principal_error:.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
@@ -314,7 +314,7 @@ def index(methods: list[Method]) -> str:
 
 def generate(app: Any) -> None:
     """Write all pages; Sphinx calls this before it reads the sources."""
-    methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.flows, m.name))
+    methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
     for method in methods:
         path, stamp = FOLDER / f"{slug(method.name)}.md", stamp_of(method)
         mark = FOLDER / "stamps" / slug(method.name)

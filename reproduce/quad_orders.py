@@ -32,7 +32,7 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
     runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
     runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
     # nearly all the time goes into flows
-    work = [n * methods[name].flows for _, name, n in runs]
+    work = [n * methods[name].exponentials for _, name, n in runs]
     done = 0
     context.report_work(done, sum(work))
     errors: dict[Run, float] = {}

@@ -66,7 +66,7 @@ def run(name: str, recipe: dict[str, dict[str, Any]]) -> Method | None:
 def facts(method: Method) -> tuple[int, int, int]:
     """Return order, stages that flows use, and flows."""
     used = {stage for point in method.points for stage in point.weights}
-    return method.order, len(used), method.flows
+    return method.order, len(used), method.exponentials
 
 
 def agrees(name: str, result: Method | None) -> bool:

@@ -54,13 +54,13 @@ def describe(method: Method) -> dict[str, Any]:
         "approximate": method.approximate,
         "embedded_order": method.embedded_order,
         "stages": method.stages,
-        "flows": method.flows,
+        "exponentials": method.exponentials,
         "largest_coefficient": float(
             max(abs(weight) for m in used for weight in tree.points[m].weights.values())
         ),
         "abscissae": [float(min(abscissae)), float(max(abscissae))],
         "principal_error": error,
-        "effort": method.flows * error ** (1 / method.order),
+        "effort": method.exponentials * error ** (1 / method.order),
         "largest_residual": method.largest_residual(),
         "rank": int((singular > RANK_THRESHOLD * singular[0]).sum()),
         "conditions": count(method.order, independent=True),
@@ -84,7 +84,7 @@ def table(data: Data) -> Table:
     """Make the table of what `compute` returns."""
     return Table(
         "The catalogue",
-        ("method", "order", "stages", "flows", "largest coefficient", "abscissae",
+        ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
          "principal error", "effort", "residual", "rank", "certificate (from its file)"),
         [_row(entry) for entry in data["methods"]],
     )  # fmt: skip
@@ -100,7 +100,7 @@ def _row(entry: Data) -> list[str]:
         entry["name"],
         f"{'≈ ' * entry['approximate']}{entry['order']}{pair}",
         number(entry["stages"]),
-        number(entry["flows"]),
+        number(entry["exponentials"]),
         number(entry["largest_coefficient"]),
         " … ".join(places(value, 2) for value in entry["abscissae"]),
         number(entry["principal_error"]),

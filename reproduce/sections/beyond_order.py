@@ -28,7 +28,7 @@ def select() -> list[str]:
 def compute(context: Context) -> Data:
     """Return ``readings``, the `quad_orders.convergence` with stepsizes from 1/4 to 1/2048."""
     steps = {
-        name: [2**power for power in _POWERS if 2**power * methods[name].flows <= _FLOWS]
+        name: [2**power for power in _POWERS if 2**power * methods[name].exponentials <= _FLOWS]
         for name in select()
     }
     return {"readings": convergence(context, steps)}

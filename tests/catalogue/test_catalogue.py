@@ -13,7 +13,7 @@ from cg.construction.catalogue import Catalogue, dumps, load, loads, methods, sa
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.tableau import Tableau, TableauError
 
-# order, stages, flows
+# order, stages, exponentials
 KNOWN = {
     "LieEuler": (1, 1, 1), "CG2": (2, 2, 2), "CG3": (3, 3, 6), "CG2(3)": (3, 3, 6),
     "CG4": (4, 5, 14), "CG4a": (4, 5, 15), "CG5a": (5, 9, 43), "CG6a": (6, 16, 136),
@@ -27,10 +27,10 @@ ENTRY = 'name = "x"\nsource = "here"\na = [[], ["1/2"]]\nb = [0, 1.0]\n'
 
 def test_methods_of_the_literature_are_included():
     assert set(methods) >= set(KNOWN)
-    for name, (order, stages, flows) in KNOWN.items():
+    for name, (order, stages, exponentials) in KNOWN.items():
         method = methods[name]
-        actual = (method.name, method.order, method.stages, method.flows)
-        assert actual == (name, order, stages, flows)
+        actual = (method.name, method.order, method.stages, method.exponentials)
+        assert actual == (name, order, stages, exponentials)
         assert method.explicit
 
 

@@ -11,7 +11,7 @@ from cg.construction.conditions import Rows
 from cg.frames import SO3
 from cg.problems import StateDependentRotation
 
-# order, stages, flows
+# order, stages, exponentials
 KNOWN = {
     "ImplicitMidpoint": (2, 1, 2), "DICG3": (3, 3, 9), "DICG3(2)": (3, 4, 14), "DICG4": (4, 3, 9),
     "DICG4b": (4, 5, 20), "DICG4c": (4, 5, 20), "DICG6": (6, 7, 35),
@@ -44,7 +44,7 @@ class TestCatalogue:
     @pytest.mark.parametrize("name", KNOWN)
     def test_order_and_size(self, name):
         method = methods[name]
-        assert (method.order, method.stages, method.flows) == KNOWN[name]
+        assert (method.order, method.stages, method.exponentials) == KNOWN[name]
         assert method.rows is Rows.DIAGONAL
         assert 0.006 < method.principal_error < 0.22
 

@@ -55,7 +55,7 @@ def test_core_agrees_with_reference_steps(name):
     method, entry = METHODS[name], REFERENCE["steps"][name]
     # a few roundings a flow, and what they grow by
     largest = max(abs(float(weight.value)) for weight in method.coefficients)
-    tolerance = 1e-15 * (4 + method.flows / 4) * max(1.0, largest)
+    tolerance = 1e-15 * (4 + method.exponentials / 4) * max(1.0, largest)
     assert abs(step_of(method) - as_rotation(entry["result"])).max() < tolerance
     if method.embedded is not None:
         second = step_of(method.embedded)

@@ -58,7 +58,7 @@ class TestList:
         options = ("--pair", "--order", "5", "--kind", "Crouch-Grossman")
         (row,) = run("list", *options)[1].splitlines()[1:]
         method = cg.methods["CG5(4)"]
-        assert row.split()[5] == f"{method.flows}({method.pair_flows})" == "55(64)"
+        assert row.split()[5] == f"{method.exponentials}({method.pair_exponentials})" == "55(64)"
 
     def test_no_match_is_a_negative_result(self, run):
         message = "no method of the catalogue matches these options\n"

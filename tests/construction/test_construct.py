@@ -100,7 +100,7 @@ class TestOptimise:
         assert not candidate.x[zeros].any()
         method = to_method(candidate, name="sparse", source="test")
         assert method.order == 4
-        assert method.flows == unknowns(6) - zeros.size
+        assert method.exponentials == unknowns(6) - zeros.size
 
 
 class TestToTableau:

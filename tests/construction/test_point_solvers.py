@@ -75,7 +75,7 @@ class TestSolvers:
             strict=True,
         )
         method = CommutatorFree(points, system.layout.stage_points, name="found")
-        assert (method.order, method.stages, method.flows) == (4, 4, 5)
+        assert (method.order, method.stages, method.exponentials) == (4, 4, 5)
         assert certify(method).order == 4
 
     @settings(deadline=None, max_examples=30)

@@ -28,13 +28,13 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
     assert len({m.layout.parents for m in drawn.methods}) > 1
     for method in drawn.methods:
         assert isinstance(method, cg.CommutatorFree)
-        assert (method.order, method.stages, method.flows) == (5, 6, 9)
+        assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
 
 
 def test_second_results_make_pairs():
     methods = cg.search(4, 5, 10, 1, flows=6, embedded=True).methods
     assert methods
-    assert {(m.order, m.embedded_order, m.flows) for m in methods} == {(4, 3, 6)}
+    assert {(m.order, m.embedded_order, m.exponentials) for m in methods} == {(4, 3, 6)}
 
 
 def test_drawn_pairs_have_nonzero_estimates():
@@ -106,7 +106,7 @@ def test_construct_drops_flows_of_drawn_trees(tmp_path):
     assert (
         construction.method.order,
         construction.method.stages,
-        construction.method.flows,
+        construction.method.exponentials,
     ) == (5, 6, 9)
     drawn = draw_layout(
         6,

@@ -151,14 +151,14 @@ HEUN = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0], name="Heun")
 class TestMethods:
     def test_orders_stages_and_flows(self):
         assert {
-            key: (m.order, m.embedded_order, m.third_order, m.stages, m.flows)
+            key: (m.order, m.embedded_order, m.third_order, m.stages, m.exponentials)
             for key, m in MUNTHE_KAAS.items()
         } == {
             "RKMK3(2)": (3, 2, None, 4, 3), "RKMK4": (4, None, None, 4, 4),
             "RKMK5(4)": (5, 4, None, 7, 6), "RKMK8(5,3)": (8, 5, 3, 12, 12),
             "RadauIIA5": (5, 3, None, 4, 3),
         }  # fmt: skip
-        assert all(m.pair_flows == m.flows for m in MUNTHE_KAAS.values())
+        assert all(m.pair_exponentials == m.exponentials for m in MUNTHE_KAAS.values())
 
     def test_one_of_a_user(self):
         method = cg.MuntheKaas(HEUN)

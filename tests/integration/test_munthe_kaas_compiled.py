@@ -23,7 +23,7 @@ def test_compiled_code_and_python_take_the_same_steps(problem, key):
         point = step(0.25 * k, point, 0.25)
     np.testing.assert_allclose(run.y[-1], point, rtol=1e-14, atol=1e-14)
     assert (run.nfev, run.nexp) == (step.nfev, step.nexp)
-    assert run.nexp == 4 * method.flows
+    assert run.nexp == 4 * method.exponentials
 
 
 GROUPS = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(2), Power(SU(3), 2)]

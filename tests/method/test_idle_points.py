@@ -56,7 +56,7 @@ def test_idle_points_do_not_change_steps(frame, name, data):
         ]
         np.testing.assert_array_equal(runs[1].y, runs[0].y)
         assert (runs[1].nfev, runs[1].nexp) == (runs[0].nfev, runs[0].nexp)
-    assert (padded.order, padded.flows) == (method.order, method.flows)
+    assert (padded.order, padded.exponentials) == (method.order, method.exponentials)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)

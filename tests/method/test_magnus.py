@@ -36,7 +36,7 @@ def test_residuals_of_the_midpoint_rule():
 def test_orders_flows_and_evaluations(name):
     method = cg.methods[name]
     orders = method.order, method.embedded_order, method.third_order
-    assert (*orders, method.flows, method.pair_flows, method.stages) == ORDERS[name]
+    assert (*orders, method.exponentials, method.pair_exponentials, method.stages) == ORDERS[name]
     assert method.largest_residual() < 1e-34
     assert method.principal_error > 1e-6
     assert not method.satisfies(method.order + 1)

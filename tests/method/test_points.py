@@ -27,7 +27,7 @@ class TestMethods:
         assert method.points[2].weights == {0: Fraction(-1, 2), 2: 1}
         assert method.stage_points == (-1, 0, 1, 2)
         assert (method.result, method.embedded_result, method.embedded_order) == (4, None, None)
-        assert (method.stages, method.flows, method.pair_flows) == (4, 5, 5)
+        assert (method.stages, method.exponentials, method.pair_exponentials) == (4, 5, 5)
         assert (method.order, method.exact_order, method.approximate) == (4, 4, False)
         assert method.explicit
         assert method.largest_residual() == 0
@@ -51,7 +51,7 @@ class TestMethods:
             tableau = methods[name]
             same = CommutatorFree(tableau.points, tableau.stage_points, tableau.result)
             assert same.exact == tableau.exact
-            assert same.flows == tableau.flows
+            assert same.exponentials == tableau.exponentials
             np.testing.assert_array_equal(same.c, tableau.c)
             residuals = conditions.residuals(same, 4)
             np.testing.assert_allclose(residuals, 0, atol=1e-14)
@@ -60,7 +60,7 @@ class TestMethods:
         points = [*CF3, (-1, {0: "1/4", 2: "3/4"})]
         pair = CommutatorFree(points, [-1, 0, 1], 2, embedded_result=3, name="mine")
         assert (pair.order, pair.embedded_order) == (3, 2)
-        assert (pair.flows, pair.pair_flows) == (3, 4)
+        assert (pair.exponentials, pair.pair_exponentials) == (3, 4)
         assert pair.exact_embedded == (Fraction(1, 4), 0, Fraction(3, 4))
         np.testing.assert_array_equal(pair.b_embedded, [0.25, 0, 0.75])
         assert repr(pair) == "<CommutatorFree mine: order 3(2), 3 evaluations, 3 flows>"
@@ -72,7 +72,7 @@ class TestMethods:
     def test_implicit_tableaux_have_no_points(self):
         with pytest.raises(AttributeError, match="is implicit"):
             methods["DICG4"].points  # noqa: B018
-        assert methods["DICG4"].flows == methods["DICG4"].pair_flows == 9
+        assert methods["DICG4"].exponentials == methods["DICG4"].pair_exponentials == 9
 
     @settings(deadline=None, max_examples=30)
     @given(point_trees(rationals))
@@ -170,7 +170,7 @@ class TestThirdWeights:
         assert weights == tuple(b - (k == 0) for k, b in enumerate(pair.exact[1]))
         assert pair.third_order == 1
         assert pair != methods["CF6(5)"]
-        assert pair.pair_flows == methods["CF6(5)"].pair_flows
+        assert pair.pair_exponentials == methods["CF6(5)"].pair_exponentials
         again = loads(dumps(pair))
         assert again == pair
         assert hash(again) == hash(pair)

@@ -65,7 +65,7 @@ def test_residuals_of_leapfrog():
 def test_orders_kicks_and_drifts(name):
     method = cg.methods[name]
     assert isinstance(method, cg.Splitting)
-    found = method.order, method.stages, method.flows, method.nystrom
+    found = method.order, method.stages, method.exponentials, method.nystrom
     assert found == KNOWN[name]
     assert method.symmetric
     assert method.largest_residual() < 1e-34

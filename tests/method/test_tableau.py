@@ -54,7 +54,7 @@ class TestDerived:
         assert method.stages == 3
         assert method.explicit
         assert method.rows is Rows.EXPLICIT
-        assert method.flows == 5
+        assert method.exponentials == 5
         assert method.exact[0][2] == (Fraction(119, 216), Fraction(17, 108), 0)
         assert method.exact[1] == (1, 0, Fraction(-2, 3))
         np.testing.assert_array_equal(method.c, [0, 0.75, 153 / 216])
@@ -80,7 +80,7 @@ class TestDerived:
             flows = len({tuple(row[:k]) for row in rows for k in range(1, len(row) + 1)})
         else:
             flows = sum(map(len, rows))
-        assert method.flows == method.pair_flows == flows
+        assert method.exponentials == method.pair_exponentials == flows
 
 
 class TestOrder:

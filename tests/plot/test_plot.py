@@ -73,7 +73,7 @@ class TestMethods:
         places = [text.get_position() for text in ax.texts[-4:]]
         np.testing.assert_allclose([x for x, _ in places], method.c)
         assert len(set(places)) == 4
-        assert len(ax.lines) == method.flows
+        assert len(ax.lines) == method.exponentials
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["result", "stages"]
         assert ax.get_xlabel() == "time of the point, in steps"
 

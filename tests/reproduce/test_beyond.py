@@ -31,7 +31,7 @@ def test_properties(catalogue):
     assert sorted(entries(catalogue)) == sorted(FROZEN)
     entry = entries(catalogue)["CG4a"]
     assert (entry["order"], entry["embedded_order"], entry["approximate"]) == (4, None, False)
-    assert (entry["stages"], entry["flows"]) == (5, 15)
+    assert (entry["stages"], entry["exponentials"]) == (5, 15)
     assert entry["largest_coefficient"] == 1.3918565724203246
     assert entry["abscissae"] == [0, 0.8768903263420429]
     # the one dependent condition of CG5a is known
@@ -65,7 +65,7 @@ def test_table_in_docs_matches_the_catalogue(catalogue):
 
 RECOMMENDED = {
     "effort": "CG4b CG6f CF4c CF5d CF6b CF7b",
-    "flows": "CG4c CG5c CG6g CF4 CF5c CF6d DOP853 CF7b",
+    "exponentials": "CG4c CG5c CG6g CF4 CF5c CF6d DOP853 CF7b",
     "stages": "CG5d CG6g CG7b CF4 CF5b CF6a CF7c CF8a",
     "principal_error": "CG5b CG6e CF4(3) CF5e",
 }

@@ -70,7 +70,7 @@ def test_progress_in_quadruple_precision_counts_flows(tmp_path, monkeypatch):
     given = Context(Settings(), tmp_path, workers=1, progress=lambda *done: shown.append(done))
     steps = {"CG4": [2, 4, 8], "CG6a": [2, 8]}
     quad_orders.convergence(given, steps)
-    few, many = (cg.methods[name].flows for name in steps)
+    few, many = (cg.methods[name].exponentials for name in steps)
     total = 14 * few + 10 * many
     finished = np.cumsum([0, 8 * few, 8 * many, 4 * few, 2 * few, 2 * many])
     assert shown == [(100 * work // total, 100) for work in finished]
@@ -90,7 +90,7 @@ def test_rotations_are_orthogonal_to_rounding():
     rotation = np.array(end_point(HeavyTop(), method, steps)[:9]).reshape(3, 3)
     off = abs(rotation @ rotation.T - np.eye(3, dtype=int)).max()
     # a few roundings down in each flow, which add up
-    assert off < 8 * method.flows * steps * 2.0**-114
+    assert off < 8 * method.exponentials * steps * 2.0**-114
 
 
 @pytest.mark.parametrize(("arguments", "named"), [

@@ -71,7 +71,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         method = self.method
-        flows = f"{method.flows} flows"
+        flows = f"{method.exponentials} flows"
         kind = "explicit" if method.explicit else "implicit"
         lines = [
             f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}"
@@ -109,7 +109,7 @@ class Diagnosis:
             "kind": type(method).__name__,
             "explicit": method.explicit,
             "evaluations": method.stages,
-            "flows": method.flows,
+            "flows": method.exponentials,
             "order": self.order,
             "flat_order": self.flat_order,
             "embedded_order": self.embedded_order,

@@ -104,7 +104,7 @@ class Lifted:
     @property
     def flows(self) -> int:
         """Number of flows in a step, without those of the error estimate."""
-        return self.method.flows
+        return self.method.exponentials
 
     @property
     def largest_weight(self) -> float:

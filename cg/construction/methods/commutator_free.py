@@ -76,7 +76,7 @@ class CommutatorFree(Method):
     --------
     >>> points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
     >>> method = CommutatorFree(points, [-1, 0, 1], name="CF3")
-    >>> method.order, method.stages, method.flows
+    >>> method.order, method.stages, method.exponentials
     (3, 3, 3)
     """
 

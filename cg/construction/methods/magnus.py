@@ -91,7 +91,7 @@ class MagnusMethod(Method):
     Examples
     --------
     >>> midpoint = MagnusMethod(["1/2"], [[1]], name="exponential midpoint rule")
-    >>> midpoint.order, midpoint.stages, midpoint.flows
+    >>> midpoint.order, midpoint.stages, midpoint.exponentials
     (2, 1, 1)
     """
 
@@ -242,9 +242,9 @@ class MagnusMethod(Method):
         return MagnusMethod(self.nodes, [self.third_weights], brackets=self.brackets).order
 
     @cached_property
-    def pair_flows(self) -> int:
+    def pair_exponentials(self) -> int:
         own = self.third_weights is not None and not self._by_exponents
-        return super().pair_flows + own
+        return super().pair_exponentials + own
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:

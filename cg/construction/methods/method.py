@@ -55,7 +55,7 @@ class Method(Orders):
     --------
     >>> import crouch_grossman as cg
     >>> method = cg.methods["CF4"]
-    >>> isinstance(method, cg.Method), method.order, method.stages, method.flows
+    >>> isinstance(method, cg.Method), method.order, method.stages, method.exponentials
     (True, 4, 4, 5)
     """
 
@@ -63,7 +63,7 @@ class Method(Orders):
     source: str
     file: Path | None = None
     stored: ClassVar[bool] = False  # whether its table is, as those of the catalogue are
-    _COUNTED: ClassVar = ("evaluation", "flow")  # stages and flows, in words
+    _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
 
     @property
     @abstractmethod
@@ -153,7 +153,7 @@ class Method(Orders):
         'order 5(4), 7 evaluations, 9 flows'
         """
         complete = check_flag("complete", complete)
-        counts = zip((self.stages, self.flows), self._COUNTED, strict=True)
+        counts = zip((self.stages, self.exponentials), self._COUNTED, strict=True)
         parts = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
             pair = "" if self.embedded_order is None else f"({self.embedded_order})"
@@ -213,11 +213,11 @@ class Method(Orders):
         return len(self.tree.stage_points)
 
     @cached_property
-    def flows(self) -> int:
+    def exponentials(self) -> int:
         """Number of flows of a step.
 
         Initial flows that several stages share count once, and so do points that are equal. Flows
-        to the second result of a pair don't count; see `pair_flows`.
+        to the second result of a pair don't count; see `pair_exponentials`.
         """
         return self.tree.flows([*self.tree.stage_points, self.tree.result])
 
@@ -232,14 +232,14 @@ class Method(Orders):
         return None
 
     @cached_property
-    def pair_flows(self) -> int:
+    def pair_exponentials(self) -> int:
         """Number of flows of a step with its error estimate.
 
-        These are `flows` and the flows to the second result.
+        These are `exponentials` and the flows to the second result.
         """
         tree = self.tree
         if not self.explicit:
-            return self.flows + sum(entry != 0 for entry in self.exact_embedded or ())
+            return self.exponentials + sum(entry != 0 for entry in self.exact_embedded or ())
         second = [] if tree.embedded_result is None else [tree.embedded_result]
         return tree.flows([*tree.stage_points, tree.result, *second])
 

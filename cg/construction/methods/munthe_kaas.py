@@ -77,7 +77,7 @@ class MuntheKaas(Method):
     Examples
     --------
     >>> heun = MuntheKaas(Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0]), name="Heun")
-    >>> heun.order, heun.embedded_order, heun.flows
+    >>> heun.order, heun.embedded_order, heun.exponentials
     (2, 1, 2)
     """
 
@@ -200,9 +200,9 @@ class MuntheKaas(Method):
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     @property
-    def pair_flows(self) -> int:
+    def pair_exponentials(self) -> int:
         """Number of flows of a step; the error estimate needs none."""
-        return self.flows
+        return self.exponentials
 
     def satisfies(self, order: int) -> bool:
         """Return whether the classical conditions hold through an order."""

@@ -78,7 +78,7 @@ class Splitting(Method):
     Examples
     --------
     >>> leapfrog = Splitting([0, 1, 0], ["1/2", "1/2"], name="kick, drift, kick")
-    >>> leapfrog.order, leapfrog.stages, leapfrog.flows, leapfrog.symmetric
+    >>> leapfrog.order, leapfrog.stages, leapfrog.exponentials, leapfrog.symmetric
     (2, 2, 1, True)
     """
 
@@ -153,14 +153,14 @@ class Splitting(Method):
         return len(self.kick_coefficients)
 
     @cached_property
-    def flows(self) -> int:
+    def exponentials(self) -> int:
         """Number of drifts of a step that aren't zero."""
         return int(np.count_nonzero(self.drifts))
 
     @property
-    def pair_flows(self) -> int:
+    def pair_exponentials(self) -> int:
         """Number of drifts of a step; there is no error estimate."""
-        return self.flows
+        return self.exponentials
 
     @cached_property
     def symmetric(self) -> bool:

@@ -75,7 +75,7 @@ class Tableau(Method):
     Examples
     --------
     >>> midpoint = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
-    >>> midpoint.order, midpoint.stages, midpoint.flows
+    >>> midpoint.order, midpoint.stages, midpoint.exponentials
     (2, 2, 2)
     """
 
@@ -164,15 +164,15 @@ class Tableau(Method):
         return tuple(self.layout.packed([*self.entries, self.weights, *second]))
 
     @cached_property
-    def flows(self) -> int:
+    def exponentials(self) -> int:
         """Number of flows of a step.
 
         Initial flows that several rows share count once. Flows of the second weights of a pair
-        don't count; see `pair_flows`. For an implicit method, whose stages are iterated,
+        don't count; see `pair_exponentials`. For an implicit method, whose stages are iterated,
         all nonzero entries of a and b count.
         """
         if self.explicit:
-            return super().flows
+            return super().exponentials
         a, b = self.exact
         return sum(entry != 0 for row in (*a, b) for entry in row)
 

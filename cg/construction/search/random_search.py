@@ -150,7 +150,7 @@ def search(
     >>> result = search(order=2, stages=2)
     >>> result.methods[0].order
     2
-    >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].flows
+    >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
     5
 
     Methods with abscissae in [0, 1], the smallest principal error first:
