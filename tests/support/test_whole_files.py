@@ -22,13 +22,12 @@ COMMANDS = {
     "export": ["export", "CG3", "c"],
     "certify": ["certify", "CG3"],
     "construct": ["construct", "--order", "2", "--stages", "2", "-q"],
-    "plot": ["plot", "CG3", "points"],
 }
 
 
 @pytest.fixture
 def old(tmp_path):
-    file = tmp_path / "file.svg"
+    file = tmp_path / "file.toml"
     file.write_text("old", encoding="utf-8")
     return file
 
