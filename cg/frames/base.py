@@ -197,7 +197,10 @@ class Frame(Manifold, FieldAlgebra):
         axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
         parts = slopes - self.field(v, rows), slopes
         dropped, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in parts)
-        relative = np.where(dropped > NORMAL_ROUNDING, dropped / np.maximum(sizes, dropped), 0.0)
+        large = dropped > NORMAL_ROUNDING
+        relative = np.divide(
+            dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
+        )
         return v.reshape(*lead, self.dim), relative.reshape(lead)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:

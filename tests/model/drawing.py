@@ -103,7 +103,7 @@ def admitted(program: Program) -> Program:
     change(program.linear, linear=plain)
     change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
     change(program.linear or program.compiled or not plain, rhs="coefficients")
-    change("in_jax" in callers, rhs="coefficients")
+    change("in_jax" in callers or "Stiefel" in program.frame.expression, rhs="coefficients")
     smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
     change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")

@@ -11,6 +11,7 @@ from refusals import refuses
 from word_residuals import word_residuals
 
 import cg
+from cg.construction.candidate import pack_method
 from cg.construction.catalogue import find_method
 from cg.construction.conditions.word_weights import Quantity, Weights
 from cg.construction.conditions.words import (
@@ -50,7 +51,7 @@ def random_rationals(size, seed):
 def test_as_many_conditions_are_left_out_as_depend_on_others(name):
     method = cg.methods[name]
     certificate = certify(method)
-    jacobian = cg.construction.pack_method(method).system.jacobian(
+    jacobian = pack_method(method).system.jacobian(
         np.array([float(c.value) for c in method.coefficients])
     )
     rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
@@ -64,7 +65,7 @@ def test_as_many_conditions_are_left_out_as_depend_on_others(name):
 def test_conditions_left_out_hold_near_solutions(name):
     """Off the solution set, but with the required conditions satisfied, all others are too."""
     method = cg.methods[name]
-    system = cg.construction.pack_method(method).system
+    system = pack_method(method).system
     left_out = set(left_out_of(method))
     required = [(0, word) not in left_out for word in condition_words(5)]
     start = np.array([float(c.value) for c in method.coefficients])
@@ -157,7 +158,7 @@ def test_relations_are_orthogonal_to_all_derivatives():
     with precision(320):
         relations = find_relations(method.layout, [5], balls(method), 20)
     assert relations.shape == (8, 38)
-    jacobian = cg.construction.pack_method(method).system.jacobian(
+    jacobian = pack_method(method).system.jacobian(
         np.array([float(c.value) for c in method.coefficients])
     )
     assert np.abs(relations @ jacobian).max() < 1e-10
