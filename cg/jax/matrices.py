@@ -180,9 +180,10 @@ def _rotation_logarithm(x: JaxArray) -> JaxArray:
         """Take a step of Newton's method for a skew matrix whose square is minus the identity."""
         inverse = jnp.where(inside, jnp.linalg.inv(skew + jnp.diag(1.0 - beyond)), 0.0)
         inverse = 0.5 * (inverse - inverse.T)
-        squares = (skew**2).sum(), (inverse**2).sum()
-        scale = jnp.where(beyond.any(), squares[1] / jnp.where(beyond.any(), squares[0], 1), 1)
-        scale = jnp.sqrt(jnp.sqrt(scale))
+        # of norms, as the quotient of squares overflows in single precision where angles are π
+        norm, norm_of_inverse = jnp.sqrt((skew**2).sum()), jnp.sqrt((inverse**2).sum())
+        scale = jnp.where(beyond.any(), norm_of_inverse / jnp.where(beyond.any(), norm, 1), 1)
+        scale = jnp.sqrt(scale)
         return (0.5 * (scale * skew - inverse / scale)).astype(x.dtype), None
 
     half, _ = jax.lax.scan(improve, skew, None, length=_SIGN_STEPS)

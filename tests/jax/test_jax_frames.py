@@ -133,11 +133,8 @@ class TestLargeAngles:
                 np.testing.assert_allclose(flow(v, y), end, rtol=0.0, atol=atol)
 
     @pytest.mark.parametrize("frame", UNITARY, ids=repr)
-    def test_logarithms(self, frame, kind, request):
+    def test_logarithms(self, frame, kind):
         """They lead to the point, are shortest, and have right derivatives along themselves."""
-        if isinstance(frame, fr.SO) and kind == np.float32:
-            reason = "NaN at half turns with the kernels of some processors"
-            request.applymarker(pytest.mark.xfail(reason=reason, raises=AssertionError))
         rng, rounding = np.random.default_rng(4), float(np.finfo(kind).eps)
         rules, count = rules_of(frame), frame.n // 2 if isinstance(frame, fr.SO) else frame.n
         log = jax.jit(rules.log)
