@@ -72,14 +72,15 @@ contains
   end subroutine next_block
 
   ! Returns to the first stage of the block. If it is the only one, its path is the last of its
-  ! flows.
+  ! flows, and those before it stay; functions of time have followed none.
   pure subroutine rewind_paths(method, x)
     type(method_t), intent(in) :: method
     type(trajectory_t), intent(inout) :: x
 
     x%stage = x%solver%first
     x%paths = 0
-    if (method%blocks > 1) x%paths = max(method%stage_path(x%stage) - 1, 0)
+    if (method%blocks > 1 .and. .not. x%problem%of_time) &
+      x%paths = max(method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
   ! Whether the coefficients at the only stage of a block have an influence on its point

@@ -115,3 +115,19 @@ def test_implicit_pairs_choose_their_steps():
         )  # fmt: skip
         assert solution.success
         assert SO3().distance(solution.y[-1], truth.y[-1]) < 3e-2
+
+
+@pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)], ids=["forward", "backward"])
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_functions_of_time_give_what_functions_of_points_give(method, span):
+    """Stages of functions of time need no points, but the paths to the result do."""
+
+    def spin(t):
+        return [np.sin(t), 0.3, np.cos(2.0 * t), 1.0]
+
+    frame, y0 = Product(SO3(), Euclidean(1)), [*np.eye(3).ravel(), 0.0]
+    options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
+    linear = cg.solve_ivp(spin, span, y0, linear=True, **options)
+    other = cg.solve_ivp(lambda t, y: spin(t), span, y0, **options)
+    np.testing.assert_allclose(linear.y, other.y, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(linear.sol(0.77), other.sol(0.77), rtol=0.0, atol=1e-13)

@@ -10,14 +10,14 @@ from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
 
 COUNT = 25  # programs in one test
-# The bounds of these two are too small, or a derivative of inputs and a fixed step of an implicit
-# method are off: 1.3e-3 where 8e-4 is allowed, and 0.46 where 0.09 is.
-UNEXPLAINED = {55, 205}
+# Its gradient is off by 1.3e-3 where 8e-4 is allowed at 1e-6, and by 5e-7 at 1e-8: the bound is too
+# small, or the tolerance of the adjoint equation too large.
+INACCURATE = {55}
 
 
 @pytest.mark.parametrize("part", range(16))
 def test_programs(part):
-    numbers = set(range(COUNT * part, COUNT * (part + 1))) - UNEXPLAINED
+    numbers = set(range(COUNT * part, COUNT * (part + 1))) - INACCURATE
     outcomes = run(0, sorted(numbers), shrink=False)
     assert not outcomes["failed"], "printed above"
     assert outcomes["compared"] > 0.7 * COUNT
