@@ -1,9 +1,10 @@
 """Error estimates of steps, as tangents at their ends.
 
 An estimate is the difference of two results, or a weighted sum of the coefficients at stages. Two
-estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, of
-Magnus methods times (e / hypot(e, factor d))^power, or the larger one. Norms are those of
-`controller` where both of its tolerances are equal.
+estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, or
+the larger one. Those of Magnus methods have two parts, of quadratures and of commutators, each of
+which counts times (e / hypot(e, factor d))^power, see ``fortran/steps/error_estimate.f90``. Norms
+are those of `controller` where both of its tolerances are equal.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.stages import Stages, Start
-from cg.tables import MAX_ANGLE, MethodTable
+from cg.tables import MAX_ANGLE, Kind, MethodTable
 
 _ROUNDINGS = 64  # as in fortran/steps/error_estimate.f90
 
@@ -51,7 +52,14 @@ def error_estimate(
         estimates = [(y1 - other, y1 - other) for other in stages.others]
     else:
         estimates = [of_vector(rules.log(other, y1)) for other in stages.others]
-    estimates += [of_vector(v) for v in h * stages.errors]
+    sums = [of_vector(v) for v in h * stages.errors]
+    if estimates and len(sums) == len(estimates) > 1 and table.kind is Kind.LINEAR:
+        rest = [
+            (whole[0] - part[0], whole[1] - part[1])
+            for whole, part in zip(estimates, sums, strict=True)
+        ]
+        estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+    estimates += sums
     if not estimates:
         return None
     if before is not None:
@@ -93,13 +101,19 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
 def _error_of_time(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error of a Magnus method: that of the results, or the larger of the nodes."""
     norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
-    scale = jnp.ones_like(norms[0])
-    if len(norms) > 2:
-        scale = (
-            norms[0] / jnp.hypot(norms[0], table.record.factor * norms[1])
-        ) ** table.record.power
-    scale = jax.lax.stop_gradient(scale)
-    return jnp.where(norms[-1] > scale * norms[0], errors[-1], scale * errors[0])
+    *parts, last = norms
+    count = max(len(parts) // 2, 1)
+    shares = [
+        (e / jnp.hypot(e, table.record.factor * d)) ** table.record.power
+        for e, d in zip(parts, parts[count:], strict=False)
+    ] or [jnp.ones_like(last)]
+    estimates = [share * norm for share, norm in zip(shares, norms, strict=False)]
+    size = sum(estimates)
+    of_results = errors[0] * jax.lax.stop_gradient(size / norms[0])
+    if len(estimates) > 1:
+        scaled = errors[1] * jax.lax.stop_gradient(size / norms[1])
+        of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
+    return jnp.where(last > size, errors[-1], of_results)
 
 
 def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:

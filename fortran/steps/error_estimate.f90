@@ -10,6 +10,11 @@
 ! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
 ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
 !
+! The differences of a Magnus method have two parts: that of the quadratures, where all values of f
+! commute, and the rest, from commutators. Where f changes along its own direction, and hardly in
+! others, e2 is all quadrature and e1 is all commutators, and the quotient says nothing. Thus both
+! parts have a quotient of their own, and the estimate is the sum.
+!
 ! Results of a Magnus method share nodes, and sums of weights on them, so that their difference
 ! doesn't see what the nodes of a step don't: a jump, a kink, an oscillation. The polynomial that
 ! interpolates coefficients at the n nodes of this step and the one before has the leading
@@ -32,6 +37,9 @@ module error_estimate_m
 
   ! Angle of a step, in radians, up to which estimates have been compared with errors
   real(wp), parameter :: max_angle = 20.0_wp
+  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
+  ! chance, unless all values of f commute
+  real(wp), parameter :: max_change = 3.0_wp
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
   real(wp), parameter :: roundings = 64 * epsilon(1.0_wp)    ! of differences between nodes
 
@@ -40,36 +48,18 @@ contains
   ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: errors(3), error, ratio
-    integer :: i, place
 
     associate (frame => x%problem%frame, tolerances => x%problem%tolerances, &
                method => x%problem%method, v => x%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
-      errors = 0.0_wp
       if (method%embedded > 0) then
         if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
-        errors(1) = distance(x, method%embedded)
-        if (method%third > 0) errors(2) = distance(x, method%third)
       end if
       x%path_of_u = 0
-      do i = 1, size(method%error, 2)
-        call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
-        if (method%kind == kind_collocation) call filtered(x%newton, v)
-        call remove_isotropy(frame, x%y(:, x%result), v)
-        place = estimate_of(method, i)
-        error = norm_of_u(x)
-        if (method%kind == kind_polynomial) error = hypot(errors(place), error)
-        if (.not. error <= errors(place)) errors(place) = error
-      end do
-      ratio = 1.0_wp
-      if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
-        ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
-      x%error = errors(1) * ratio**method%power
-      if (method%power == 0) then
-        if (errors(3) > 0 .and. errors(3) <= huge(ratio)) &
-          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
-        x%error = max(errors(1), method%factor * errors(2))
+      if (method%in_parts) then
+        call estimate_parts(x)
+      else
+        call estimate_whole(x)
       end if
       call limit_angle(x)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
@@ -80,6 +70,86 @@ contains
       end if
     end associate
   end subroutine estimate_error
+
+  ! Estimates the error by results and sums of stages.
+  subroutine estimate_whole(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: errors(3), error
+    integer :: i, place
+
+    associate (method => x%problem%method)
+      errors = 0.0_wp
+      if (method%embedded > 0) errors(1) = distance(x, method%embedded)
+      do i = 1, size(method%error, 2)
+        call sum_of_stages(x, i)
+        place = estimate_of(method, i)
+        error = norm_of_u(x)
+        if (method%kind == kind_polynomial) error = hypot(errors(place), error)
+        if (.not. error <= errors(place)) errors(place) = error
+      end do
+      x%error = combined(method, errors(1), errors(2))
+      if (method%power == 0) then
+        if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
+          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
+        x%error = max(errors(1), method%factor * errors(2))
+      end if
+    end associate
+  end subroutine estimate_whole
+
+  ! Estimates the error of a Magnus method by the differences of the second and the third result, in
+  ! parts: sums of stages, where exponents are compared, else the first sum and what it leaves.
+  subroutine estimate_parts(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: errors(2, 2)    ! (part, difference)
+    real(wp) :: change
+    integer :: i
+
+    associate (method => x%problem%method)
+      if (method%embedded > 0) then
+        do i = 1, 2
+          call sum_of_stages(x, i)
+          errors(1, i) = norm_of_u(x)
+          errors(2, i) = distance(x, merge(method%embedded, method%third, i == 1), x%control%work)
+        end do
+      else
+        do i = 1, 4
+          call sum_of_stages(x, i)
+          errors(merge(1, 2, mod(i, 2) == 1), merge(1, 2, i <= 2)) = norm_of_u(x)
+        end do
+      end if
+      x%error = sum([(combined(method, errors(i, 1), errors(i, 2)), i=1, 2)])
+      if (.not. errors(2, 2) > 1) return
+      change = 0.0_wp
+      do i = 2, size(method%c)
+        x%u = x%f(:, i) - x%f(:, 1)
+        change = max(change, abs(x%h) * turning(x%problem%frame, x%u, .true.))
+      end do
+      if (change > max_change) &
+        x%error = max(x%error, (change / max_change)**(1 / x%problem%tolerances%exponent))
+    end associate
+  end subroutine estimate_parts
+
+  ! The estimate e1 (e1 / hypot(e1, factor e2))^power
+  pure real(wp) function combined(method, e1, e2)
+    type(method_t), intent(in) :: method
+    real(wp), intent(in) :: e1, e2
+
+    combined = e1
+    if (e1 > 0 .and. e2 <= huge(e2)) &
+      combined = e1 * (e1 / hypot(e1, method%factor * e2))**method%power
+  end function combined
+
+  ! Computes u from sum i of stages.
+  subroutine sum_of_stages(x, i)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: i
+
+    associate (method => x%problem%method, v => x%u)
+      call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
+      if (method%kind == kind_collocation) call filtered(x%newton, v)
+      call remove_isotropy(x%problem%frame, x%y(:, x%result), v)
+    end associate
+  end subroutine sum_of_stages
 
   ! Which of e1, e2 and e3 sum i of stages belongs to: with a second result the last sum to e2, and
   ! one before it to e1, or those at the end of the step to e2 and e3; else each half to one.
@@ -165,16 +235,18 @@ contains
 
   end subroutine node_difference
 
-  ! The norm of the difference of the result from another one
-  real(wp) function distance(x, path)
+  ! The norm of the difference of the result from another one, without a part that is known
+  real(wp) function distance(x, path, known)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
+    real(wp), intent(in), optional :: known(:)
 
     if (x%problem%tolerances%in_coordinates) then
       call difference(x%problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
     else
       x%control%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
+    if (present(known)) x%control%v(:) = x%control%v - known(:size(x%control%v))
     distance = norm(x%problem%tolerances, x%control%v, x%control%scale)
   end function distance
 

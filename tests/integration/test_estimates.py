@@ -46,6 +46,21 @@ class TestRatios:
         assert kink_ratio(cg.methods[name]) < 40
         assert kink_ratio(cg.methods["DP5(4)"]) > 1000
 
+    @pytest.mark.parametrize("method", ["Magnus8(4)", "CFM8(4)", "CFM6(4)", "CFM6(4)b"])
+    @pytest.mark.parametrize("size", [1e-1, 1e-2, 1e-3, 1e-4])
+    def test_changes_along_the_direction_of_f(self, method, size):
+        """Quadratures differ by the change along f, commutators by the little across it."""
+
+        def f(t):
+            return [6 * (t - t**3), size * (1 - t), size * t * t]
+
+        def result(**options):
+            return cg.solve_linear(f, (0, 1.5), np.eye(3), frame=SO3("space"), **options).y[-1]
+
+        reference = result(method="CFM8(4)", h=1 / 200)
+        for tol in (1e-4, 1e-6, 1e-8):
+            assert np.abs(result(method=method, rtol=tol, atol=tol) - reference).max() < 5 * tol
+
     def test_a_jump(self):
         """The trapezoidal rule and its first node: the estimate is half a step."""
         pair = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0])

@@ -20,6 +20,11 @@ and the solution at :math:`\int_0^1 e^{-iφ s} s^j ds`. A result of a Munthe-Kaa
 Errors at :math:`φ = 0` are those of the quadrature, others also those of commutators. Two results
 that share nodes or flows share errors that their difference doesn't see, on any problem. So the
 ratio of error to estimate is a property of the coefficients, as the order is.
+
+For Magnus methods X is also multiplied by polynomials of time, g: the weights of a flow then count
+times g(c_k), and :math:`∫_0^s g` is the time in the solution. There results differ by the
+quadrature of g X, of any size, and by terms in ε that only commutators cause. An estimate that
+divides one by the other is blind.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -27,6 +32,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyint, polyval
 from numpy.typing import NDArray
 
 from cg.construction.methods.end_weights import end_weights, kink_weights
@@ -53,6 +59,9 @@ _POWERS = range(1, 5)  # powers of time in the perturbation
 _STEP = 0.025  # step between angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
 _ROUNDING = 1e-11
+_CONSTANT = np.array([1.0])
+_BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([3.0, -12.0, 12.0])
+"""Polynomials g of time, from the constant upwards, of mean one."""
 _DOP853_FACTOR = 0.1
 
 
@@ -95,6 +104,11 @@ def estimate_ratio(method: Method) -> float | None:
     """
     if method.embedded_order is None:
         return None
+    if isinstance(method, MagnusMethod):
+        return max(
+            _largest_ratio(method, partial(_flow_response, method, base=base), MAX_ANGLE, base)
+            for base in _BASES
+        )
     if not isinstance(method, MuntheKaas):
         return _largest_ratio(method, _response(method, None), MAX_ANGLE)
     series = method.advancing.order, None
@@ -133,17 +147,22 @@ def _compare(
         estimate = np.maximum(e, float(end.factor) * e3)
     else:
         estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
+    if estimate.ndim > 1:  # the parts of quadrature and of commutators
+        estimate = estimate.sum(axis=0)
     return abs(result - exact), estimate
 
 
-def _largest_ratio(method: Method, response: Response, max_angle: float) -> float:
+def _largest_ratio(
+    method: Method, response: Response, max_angle: float, base: Vector = _CONSTANT
+) -> float:
     ratios = [0.0]
     angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
     first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
     nodes, weights = np.polynomial.legendre.leggauss(60)
     s = (nodes + 1) / 2
+    turned = polyval(s, polyint(base))
     for j in _POWERS:
-        exact = np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j)
+        exact = np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j)
         error, estimate = _compare(method, response(method.c**j, angles), exact)
         for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
@@ -162,9 +181,11 @@ def _phi1(x: Vector) -> Vector:
     return np.where(small, 1 + x / 2, (np.exp(safe) - 1) / safe)
 
 
-def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Vector, Vector]:
+def _flow_response(
+    method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT
+) -> tuple[Vector, Vector, Vector]:
     tree = method.tree
-    lengths, values = _letters(method, values, angles)
+    lengths, values = _letters(method, values, angles, polyval(method.c, base))
     ends = [tree.result, tree.embedded_result]
     if (method.embedded_order or 0) > method.order:
         ends.reverse()
@@ -174,33 +195,42 @@ def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vect
         if end is not None
     ]
     third = np.zeros(len(angles))
-    if isinstance(method, MagnusMethod) and method.error_weights:
-        second, *rest = np.array(method.error_weights, np.float64) @ np.array(values)
-        return results[0], second, rest[0] if rest else third
+    if isinstance(method, MagnusMethod) and method.by_exponents:
+        second, *rest = np.split(
+            np.array(method.error_weights, np.float64) @ np.array(values).reshape(-1, len(angles)),
+            2 if method.third_weights else 1,
+        )
+        return results[0], second, rest[0] if rest else np.zeros_like(second)
     if end := end_weights(method):
         row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
         third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
     elif isinstance(method, MagnusMethod) and method.third_weights is not None:
         flow = dict(enumerate(weight.value for weight in method.third_weights))
-        third = results[0] - _at_end([flow], lengths, values, angles)
+        others = results[1], _at_end([flow], lengths, values, angles)
+        parts = np.array(method.error_weights, np.float64) @ values
+        second, third = (
+            np.array([part + 0 * angles, results[0] - other - part])
+            for other, part in zip(others, parts, strict=True)
+        )
+        return results[0], second, third
     elif method.third_order is not None:
         third = third + np.array(method.error_weights[-1], np.float64) @ values
     return results[0], _larger(method, results[0] - results[1], values), third
 
 
-def _letters(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Any]:
+def _letters(method: Method, values: Vector, angles: Vector, lengths: Vector) -> tuple[Vector, Any]:
     """Return the parts along X and along V of fields at stages, and of brackets of them."""
     brackets = method.brackets if isinstance(method, MagnusMethod) else ()
     if not brackets:
-        return np.ones(len(values)), values
+        return lengths, values
     parts = np.zeros((len(values) + len(brackets), len(angles)), np.complex128)
     parts[: len(values)] = values[:, None]
-    lengths, turn = np.arange(len(parts)) < len(values), 1j * angles
+    lengths, turn = np.pad(lengths, (0, len(brackets))), 1j * angles
     for j, pair in enumerate(brackets, len(values)):
         u, v = (np.array([a.value for a in row], np.float64) for row in pair)
         both = (u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j])
         parts[j] = turn * both
-    return lengths.astype(np.float64), parts
+    return lengths, parts
 
 
 def _at_end(flows: Iterable[Flow], lengths: Vector, values: Any, angles: Vector) -> Vector:
@@ -243,4 +273,4 @@ def _dexpinv(x: Vector, powers: int | None) -> Vector:
     if powers is None:
         return np.asarray(1 / _phi1(x))
     terms = [float(term) for term in bernoulli_terms(powers)]
-    return np.polynomial.polynomial.polyval(x, terms)
+    return polyval(x, terms)

@@ -68,7 +68,7 @@ class MagnusMethod(Method):
         Sequence of such numbers. The weights of one flow from the initial point to a third result.
         If the second result is :math:`e_2` from the first, and the third :math:`e_3`, the estimate
         of the error is :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the
-        order of the method.
+        order of the method: the sum of one of the differences of quadratures, and one of the rest.
     third_factor
         The factor c, positive. The smaller the method's own error, the larger it is.
     name, source
@@ -173,7 +173,7 @@ class MagnusMethod(Method):
         """
         points: list[Point] = []
         results = []
-        second_rows = () if self._by_exponents else self.embedded_weights or ()
+        second_rows = () if self.by_exponents else self.embedded_weights or ()
         for rows in (self.weights, second_rows):
             parent = START
             for row in rows:
@@ -184,18 +184,34 @@ class MagnusMethod(Method):
         return PointTree(tuple(points), (START,) * len(self.nodes), results[0], second)
 
     @property
-    def _by_exponents(self) -> bool:
+    def by_exponents(self) -> bool:
         """Whether errors are estimated by differences of exponents: both results have one flow."""
         return len(self.weights) == len(self.embedded_weights or ()) == 1
 
     @property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Differences of weights, those on stages first, where exponents are compared."""
-        rows = self.embedded_weights if self._by_exponents else None
-        others = (*(rows or ()), *([self.third_weights] if rows and self.third_weights else []))
-        first = self.weights[0]
+        """Weights of the parts of error estimates that are sums over stages.
+
+        With a third result the rows are the differences of the quadratures, where all values of
+        `f` commute, of the first result from the second and from the third; where exponents are
+        compared each is followed by the rest, that of the brackets. Without a third result it is
+        the difference of the exponents, if there is one.
+        """
+        stages = len(self.nodes)
+        third, stages = self.third_weights, len(self.nodes)
+        if not self.embedded_weights or not (self.by_exponents or third):
+            return ()
+        results = self.weights, self.embedded_weights, *([(third,)] if third else [])
+        first, *others = (
+            [sum(a.value for a in column) for column in zip(*flows, strict=True)]
+            for flows in results
+        )
+        rows = [[a - b for a, b in zip(first, other, strict=True)] for other in others]
+        parts = [range(stages), range(stages, len(first))] if third else [range(len(first))]
         return tuple(
-            tuple(a.value - b.value for a, b in zip(first, row, strict=True)) for row in others
+            tuple(a if k in part else Fraction(0) for k, a in enumerate(row))
+            for row in rows
+            for part in parts[: 1 + self.by_exponents]
         )
 
     @property
@@ -243,7 +259,7 @@ class MagnusMethod(Method):
 
     @cached_property
     def pair_exponentials(self) -> int:
-        own = self.third_weights is not None and not self._by_exponents
+        own = self.third_weights is not None and not self.by_exponents
         return super().pair_exponentials + own
 
     @cached_property
