@@ -50,6 +50,7 @@ class Options(StepOptions, total=False):
     store: str
     linear: bool
     derivatives: str | None
+    derivatives_by: str | ArrayLike | None
     df_dp: Function | None
     P0: ArrayLike | None
     noise: ArrayLike | Function | None

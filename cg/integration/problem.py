@@ -49,7 +49,7 @@ from cg.tables import Kind, MethodTable, table_of
 
 Rhs = CompiledRhs | PythonRhs
 FORWARD, ADJOINT = "forward", "adjoint"  # values of ``derivatives``
-_OF_DERIVATIVES = "df_dp", "P0", "noise", "control_derivatives"
+_OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
 _FLAGS = "linear", "vectorized", "common_steps", "dense_output", "control_derivatives"
 
 

@@ -165,6 +165,9 @@ VARIATION = {
     "parameters": "integer",  # numbers with respect to which there are derivatives
     "inputs": "integer",  # numbers behind the parameters, or the last of these
     "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
+    # chosen directions of derivatives, 0 for all, and their parts by parameters, a row each
+    "directions": "integer",
+    "by_parameters": "address",
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",
     "index": "address",

@@ -3,7 +3,9 @@
 !
 !   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
 !
-! where df/dy is the derivative of f along the fields of the frame. The functions are in C; for
+! where df/dy is the derivative of f along the fields of the frame; along chosen directions X has a
+! column for each, to which df/dp adds by the part of the direction in parameters. Then a column
+! costs one difference of f, along itself. The functions are in C; for
 ! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
@@ -50,8 +52,12 @@ contains
     self%parameters = user_data
     self%t = t
     associate (record => self%record, n => int(self%record%dimension))
-      call evaluate(self, n, n + int(record%parameters + record%noises), y, y(record%width + 1), &
-                    f, f(n + 1))
+      if (record%directions > 0) then
+        call evaluate_along(self, n, int(record%directions), y, y(record%width + 1), f, f(n + 1))
+      else
+        call evaluate(self, n, n + int(record%parameters + record%noises), y, y(record%width + 1), &
+                      f, f(n + 1))
+      end if
     end associate
     code = self%code
   end function variational_field
@@ -102,6 +108,100 @@ contains
         record%failed_function = products_failed
     end associate
   end subroutine evaluate
+
+  ! Evaluates f and X' along directions: by differences along each, or by the matrices given.
+  subroutine evaluate_along(self, n, columns, y, x, f, slope)
+    type(evaluation_t), intent(inout) :: self
+    integer, intent(in) :: n, columns
+    real(wp), intent(in) :: y(self%record%width), x(columns, n)
+    real(wp), intent(inout) :: f(n), slope(columns, n)
+    real(wp) :: a(n, n), d(self%record%parameters, n)
+    real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns)
+    logical :: along_fields, along_parameters
+
+    f = nan
+    if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
+    associate (record => self%record)
+      call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [size(d, 1), columns])
+      call call_f(self, y, f)
+      record%failed_function = f_failed
+      if (self%code /= 0 .or. .not. finite(n, f)) return
+      a = 0.0_wp
+      if (record%jac /= 0) call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
+      if (self%code /= 0) return
+      call add_brackets(record, n, f, a)
+      slope = matmul(x, a)
+      if (record%df_dp /= 0) then
+        call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
+        if (self%code == 0) slope = slope + matmul(transpose(p), d)
+      end if
+      along_fields = record%jac == 0
+      along_parameters = record%df_dp == 0 .and. size(d, 1) > 0
+      if (self%code == 0 .and. (along_fields .or. along_parameters)) &
+        call add_differences(self, along_fields, along_parameters, y, x, p, slope)
+      if (self%code /= 0 .or. int(record%failed_function) == df_dp_failed) return
+      if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &
+        record%failed_function = products_failed
+    end associate
+  end subroutine evaluate_along
+
+  ! Adds central differences of f along each direction: along the fields and by parameters at once,
+  ! unless one part is so much smaller than the other that it would be lost.
+  subroutine add_differences(self, along_fields, along_parameters, y, x, p, slope)
+    type(evaluation_t), intent(inout) :: self
+    logical, intent(in) :: along_fields, along_parameters
+    real(wp), contiguous, intent(in) :: y(:), x(:, :), p(:, :)
+    real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
+    real(wp) :: lengths(2), widths(size(slope, 2)), scales(size(p, 1))
+    real(wp), pointer, contiguous :: parameters(:), least(:)
+    integer :: j
+
+    associate (record => self%record)
+      call c_f_pointer(self%parameters, parameters, [size(p, 1)])
+      call c_f_pointer(transfer(record%scales, c_null_ptr), least, [size(p, 1)])
+      call sizes(self%plan%frame, y, widths)
+      widths = max(widths, 1.0_wp)
+      scales = max(abs(parameters), least)
+      scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
+      do j = 1, size(slope, 1)
+        lengths = 0.0_wp
+        if (along_fields) lengths(1) = maxval(abs(x(j, :)) / widths)
+        if (along_parameters) lengths(2) = maxval(abs(p(:, j)) / scales)
+        if (minval(lengths) * 1000 > maxval(lengths)) then
+          call add(maxval(lengths), 1.0_wp, 1.0_wp)
+        else
+          call add(lengths(1), 1.0_wp, 0.0_wp)
+          call add(lengths(2), 0.0_wp, 1.0_wp)
+        end if
+        if (self%code /= 0) return
+      end do
+    end associate
+
+  contains
+
+    ! Adds the difference along direction j, of which parts count.
+    subroutine add(length, by_fields, by_parameters)
+      real(wp), intent(in) :: length, by_fields, by_parameters
+      real(wp) :: point(size(y)), values(size(slope, 2), 2), before(size(p, 1)), step
+      integer :: side
+
+      if (.not. length > 0 .or. self%code /= 0) return
+      step = self%record%step / length
+      before = parameters
+      do side = 1, 2
+        step = merge(step, -step, side == 1)
+        point = y
+        if (by_fields > 0) call apply_flows(self%plan%frame, 1, step * x(j, :), point)
+        if (by_parameters > 0) parameters = before + step * p(:, j)
+        values(:, side) = nan
+        call call_f(self, point, values(:, side))
+        parameters = before
+        if (self%code /= 0) return
+      end do
+      slope(j, :) = slope(j, :) - (values(:, 1) - values(:, 2)) / (2 * step)
+    end subroutine add
+
+  end subroutine add_differences
 
   ! Adds C A^T + Q, where c(:, i) is row i of C.
   subroutine add_noise(self, y, a, c, slope)

@@ -132,8 +132,8 @@ def compiled_variation(
     )  # fmt: skip
 
 
-def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, Any, Array]:
-    """Return a record without functions, and its arrays of structure constants."""
+def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
+    """Return a record without functions, and the arrays whose addresses are in it."""
     f, (index, constant) = variational.f, variational.structure
     noise = variational.noise
     # arrays can't be empty
@@ -147,7 +147,12 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
         noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
-    return record, index, constant
+    directions = None
+    if (chosen := variational.chosen) is not None:
+        # a row each, and never empty
+        directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
+        record.directions, record.by_parameters = chosen.shape[1], directions.ctypes.data
+    return record, index, constant, directions
 
 
 def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:

@@ -74,7 +74,7 @@ class VariationalEvents(EventTable):
                 f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
             )
 
-        n, k = self.frame.dim, field.count
+        n, m = self.frame.dim, field.directions
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return self.frame.local_coordinates(after, jump(index, time, point, extra))
@@ -82,24 +82,25 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)
         moved = by_fields.T @ x
-        moved[:, n : n + k] += by_parameters.T
+        if field.count:
+            moved[:, :m] += field.by_parameters(by_parameters.T)
         moved += np.outer(jump_of_rate, delta)
         if field.noise is not None:
             # the saltation matrix from both sides
             unit = np.eye(n, field.columns)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
             matrix = by_fields.T + np.outer(jump_of_rate, local)
-            moved[:, n + k :] = matrix @ x[:, n + k :] @ matrix.T
+            moved[:, m:] = matrix @ x[:, m:] @ matrix.T
         return field.product.join(after, moved.ravel())
 
     def time_derivatives(
         self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
     ) -> Array:
-        """Return derivatives of an event's times, shape ``(times, dim + k)``; z are points before.
+        """Return derivatives of an event's times, shape ``(times, columns)``; z are points before.
 
         They aren't finite where the solution touches the event without crossing it.
         """
-        derivatives = np.empty((len(times), self.frame.dim + self.field.count))
+        derivatives = np.empty((len(times), self.field.directions))
         for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
             y, x = self.field.split(point)
             row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
@@ -116,8 +117,8 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
         rate = float(along[0]) if abs(along[0]) > _ROUNDING * largest else 0.0
         gradient = by_fields[:, 0] @ x
-        n = self.frame.dim
-        gradient[n : n + self.field.count] += by_parameters[:, 0]
+        if self.field.count:
+            gradient[: self.field.directions] += self.field.by_parameters(by_parameters[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
 

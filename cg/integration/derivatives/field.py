@@ -29,6 +29,7 @@ class VariationalField:
     r"""The coefficients of a solution and of its derivatives: a right-hand side on a product.
 
     A point is :math:`(y, X)` with :math:`X = (\Phi, S, C)`, shape ``(dim, columns)`` in C order.
+    Along chosen directions, the columns of :math:`(D, P)`, X starts as D, and has no other parts.
     The derivative of :math:`y` with respect to anything has coordinates :math:`\xi` in the frame,
     :math:`\partial y = \sum_i \xi_i E_i(y)`, and from :math:`y' = \sum_i f_i E_i(y)` follows
 
@@ -47,12 +48,34 @@ class VariationalField:
     vectorized: bool = False  # whether the functions take points of several members in one call
     inputs: int = 0  # number of the parameters that are values of inputs
     noise: Derivative | Array | None = None  # spectral density of noise
+    chosen: Array | None = None  # directions in initial coordinates and parameters, columns
+
+    @property
+    def directions(self) -> int:
+        """Number of columns that are derivatives of the solution."""
+        return self.frame.dim + self.count if self.chosen is None else self.chosen.shape[1]
 
     @property
     def columns(self) -> int:
-        """Number of columns of the derivatives."""
-        n = self.frame.dim
-        return n + self.count + (0 if self.noise is None else n)
+        """Number of all columns, with those of the covariance of noise."""
+        return self.directions + (0 if self.noise is None else self.frame.dim)
+
+    @property
+    def by_point(self) -> bool:
+        """Whether the chosen directions are those of all initial coordinates."""
+        n, chosen = self.frame.dim, self.chosen
+        return chosen is not None and np.array_equal(chosen, np.eye(n + self.count, n))
+
+    def by_parameters(self, derivatives: Array) -> Array:
+        """Return derivatives with respect to parameters along the directions.
+
+        The shape is ``(..., directions)``, of derivatives with respect to all parameters
+        ``(..., k)``.
+        """
+        if self.chosen is not None:
+            return derivatives @ self.chosen[self.frame.dim :]
+        none = np.zeros((*derivatives.shape[:-1], self.frame.dim))
+        return np.concatenate([none, derivatives], axis=-1)
 
     def __post_init__(self) -> None:
         vars(self).update(
@@ -68,12 +91,13 @@ class VariationalField:
 
     def __reduce__(self) -> tuple[Any, ...]:
         functions, numbers = (self.f, self.jac, self.df_dp), (self.count, self.vectorized)
-        return VariationalField, (self.frame, *functions, *numbers, self.inputs, self.noise)
+        others = self.inputs, self.noise, self.chosen
+        return VariationalField, (self.frame, *functions, *numbers, *others)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n = self.frame.dim
-        x = np.eye(n, self.columns).ravel()
+        x = np.eye(n, self.columns).ravel() if self.chosen is None else self.chosen[:n].ravel()
         return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
 
     def split(self, z: Array) -> tuple[Points, Array]:
@@ -103,13 +127,13 @@ class VariationalField:
             where: Any = slice(None), k, j
             np.add.at(matrix, where, constant * coefficients[:, i])
             slope = matrix @ x
-            n, k = self.frame.dim, self.count
-            if k:
-                slope[..., n : n + k] += self._parameter_derivative(t, y, arguments)
+            m = self.directions
+            if self.count:
+                slope[..., :m] += self.by_parameters(self._parameter_derivative(t, y, arguments))
             if self.noise is not None:
                 noise = self.noise
                 density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
-                slope[..., n + k :] += x[..., n + k :] @ matrix.mT + density
+                slope[..., m:] += x[..., m:] @ matrix.mT + density
         if not np.isfinite(slope[np.isfinite(matrix).all(axis=(-2, -1))]).all():
             raise OverflowError(
                 f"derivatives of the solution exceed the range of floating point at {when(t)}"

@@ -24,7 +24,7 @@ from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import ADJOINT, Problem, Rhs
 from cg.integration.rhs.given_derivatives import derivative_of
 from cg.integration.rhs.python import PythonRhs
-from cg.support.arrays import Array, Points, check_finite
+from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.tables import Kind
 
 _LOOSE = 10.0
@@ -55,6 +55,8 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     _check_problem(problem)
     noise = noise_of(options["noise"], problem)
     field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)
+    if options["derivatives_by"] is not None:
+        field = replace(field, chosen=_directions(options, field))
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
@@ -122,6 +124,29 @@ def _make_field(
         width,
         noise,
     )
+
+
+def _directions(options: Options, field: VariationalField) -> Array:
+    """Return the directions of derivatives in initial coordinates and parameters, as columns."""
+    given, n, k = options["derivatives_by"], field.frame.dim, field.count
+    if options["P0"] is not None or field.noise is not None:
+        raise ValueError("derivatives_by must be None with P0 or noise, which take all derivatives")
+    if isinstance(given, str):
+        if given not in ("point", "parameters"):
+            raise ValueError(
+                f'derivatives_by must be "point", "parameters" or a matrix, got {given!r}'
+            )
+        if given == "parameters" and not k:
+            raise ValueError('parameters must be given with derivatives_by="parameters", got None')
+        return np.eye(n + k)[:, slice(n) if given == "point" else slice(n, None)]
+    matrix = real_array(given, "derivatives_by")
+    if matrix.ndim != 2 or len(matrix) != n + k or not matrix.size:
+        raise ValueError(
+            f"derivatives_by must have {n + k} rows, of {n} coordinates and {k} parameters, and a "
+            f"column for each direction, got shape {matrix.shape}"
+        )
+    check_finite(matrix, "derivatives_by")
+    return matrix
 
 
 def _tolerances(

@@ -48,7 +48,9 @@ class Derivatives:
             "sensitivity": None,
             "covariance": total,
         }
-        if field.count:
+        if field.chosen is not None and not field.by_point:
+            parts["transition"], parts["sensitivity"] = None, np.ascontiguousarray(x)
+        elif field.count and field.chosen is None:
             parts["sensitivity"] = np.ascontiguousarray(x[..., n : n + field.count])
         for array in parts.values():
             if array is not None:

@@ -143,7 +143,8 @@ class Solution(_Results):
         With ``derivatives="forward"``, else None as the following: derivatives of the coordinates
         of ``y`` with respect to those of ``y0``, shape ``(n, dim, dim)``, read-only.
     sensitivity
-        The same with respect to the parameters, shape ``(n, dim, k)``, or None without any.
+        The same with respect to the parameters, shape ``(n, dim, k)``, or None without any; or
+        along directions of ``derivatives_by``, a column for each.
     covariance
         ``transition @ P0 @ transition.T`` at each time, and what noise adds to it, shape
         ``(n, dim, dim)``; or None without ``P0`` and noise.

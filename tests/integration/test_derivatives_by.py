@@ -1,0 +1,123 @@
+"""Derivatives along chosen directions."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SE3, SO3, Euclidean, Product, Sphere, UnitQuaternion
+
+RNG = np.random.default_rng(4)
+W, V = RNG.normal(size=(2, 8, 9))
+FRAMES = {
+    "SO3": (SO3(), np.eye(3)),
+    "quaternion": (UnitQuaternion("space"), np.array([1.0, 0.0, 0.0, 0.0])),
+    "product": (Product(Euclidean(2), SE3()), None),
+    "sphere": (Sphere(2), np.array([0.6, 0.0, 0.8])),
+}
+
+
+def f(t, y, p):
+    y = np.resize(np.real(y).ravel(), 9)
+    return np.tanh(W @ y * p[0])[: f.dim] + p[1] * np.sin(t + V @ y)[: f.dim]
+
+
+def solve(frame, y0, **options):
+    f.dim = frame.dim
+    return cg.solve_variational(
+        options.pop("f", f), options.pop("t_span", (0, 1.5)), y0, frame=frame,
+        parameters=[0.7, -0.4], rtol=1e-7, atol=1e-7, control_derivatives=True, **options,
+    )  # fmt: skip
+
+
+@pytest.fixture(params=FRAMES)
+def case(request):
+    frame, y0 = FRAMES[request.param]
+    return frame, frame.join([1.0, -1.0], np.eye(4)) if y0 is None else y0
+
+
+class TestDirections:
+    def test_are_combinations_of_all_derivatives(self, case):
+        frame, y0 = case
+        matrix = RNG.normal(size=(frame.dim + 2, 3))
+        whole = solve(frame, y0)
+        every = np.concatenate([whole.transition, whole.sensitivity], axis=-1)
+        for by, expected in (
+            ("parameters", whole.sensitivity[-1]),
+            ("point", whole.transition[-1]),
+            (matrix, every[-1] @ matrix),
+        ):
+            some = solve(frame, y0, derivatives_by=by)
+            found = some.transition if isinstance(by, str) and by == "point" else some.sensitivity
+            field = lambda columns: [frame.field(column, whole.y[-1]) for column in columns.T]
+            np.testing.assert_allclose(field(found[-1]), field(expected), rtol=0, atol=2e-5)
+            assert (some.transition is None) != (some.sensitivity is None)
+
+    @pytest.mark.parametrize("given", ["jac", "df_dp", "both"])
+    def test_with_given_derivatives(self, given):
+        """Also between steps, at events and at jumps."""
+
+        def g(t, y, p):
+            return [p[0] * y[1], -p[0] * y[0] + p[1] * t]
+
+        functions = {
+            "jac": lambda t, y, p: [[0.0, p[0]], [-p[0], 0.0]],
+            "df_dp": lambda t, y, p: [[y[1], 0.0], [-y[0], t]],
+        }
+        event = cg.Event(lambda t, y, p: y[0] - 0.5, jump=lambda t, y, p: [y[0], y[1] * p[0]])
+        options = {"t_span": (0, 3), "f": g, "events": [event], "dense_output": True}
+        whole = solve(Euclidean(2), [1.0, 0.0], **options)
+        matrix = np.array([[1.0, 0.0], [0.0, 0.0], [0.5, 1.0], [-1.0, 0.0]])
+        some = solve(
+            Euclidean(2), [1.0, 0.0], derivatives_by=matrix, **options,
+            **{name: functions[name] for name in functions if given in (name, "both")},
+        )  # fmt: skip
+        for t in (1.0, 3.0):
+            every = np.concatenate([whole.sol.transition(t), whole.sol.sensitivity(t)], axis=-1)
+            np.testing.assert_allclose(some.sol.sensitivity(t), every @ matrix, rtol=0, atol=2e-5)
+        assert len(some.t_events[0]) >= 1
+        np.testing.assert_allclose(
+            some.dt_events[0], whole.dt_events[0] @ matrix, rtol=0, atol=2e-5
+        )
+
+    def test_of_ensembles(self):
+        """Of one function, or of many members at a time: the same derivatives."""
+        parameters = np.array([[0.7, -0.4], [1.1, 0.3]])
+
+        def many(t, y, p):
+            return np.stack([p[:, 0] * y[:, 1], np.sin(p[:, 1] * t)], axis=-1)
+
+        def one(t, y, p):
+            return many(np.array([t]), y[None], p[None])[0]
+
+        options = {"frame": Euclidean(2), "parameters": parameters, "h": 0.05}
+        options |= {"derivatives": "forward", "derivatives_by": "parameters"}
+        first = cg.solve_ensemble(one, (0, 1), [1.0, 0.0], **options)
+        second = cg.solve_ensemble(many, (0, 1), [1.0, 0.0], vectorized=True, **options)
+        np.testing.assert_allclose(first.sensitivity, second.sensitivity, rtol=0, atol=1e-9)
+        assert first.transition is None
+
+    @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (np.eye(5, 1), 3)])
+    def test_cost_two_evaluations_of_f_each(self, by, each):
+        """Two directions cost four evaluations at each stage, and all five cost ten."""
+        times = []
+
+        def counted(t, y, p):
+            times.append(t)
+            return p[0] * y[0] + p[1] * np.arange(3.0)
+
+        options = {"frame": SO3(), "parameters": [0.5, 1.0], "h": 0.1, "method": "CF4"}
+        cg.solve_variational(counted, (0, 1), np.eye(3), derivatives_by=by, **options)
+        counts = np.unique(times[2:], return_counts=True)[1]
+        assert (counts % each == 0).sum() > len(counts) / 2
+
+    @pytest.mark.parametrize(("by", "message"), [
+        ("initial", "must be \"point\", \"parameters\" or a matrix"),
+        (np.eye(4), "must have 5 rows"), (np.full((5, 1), np.inf), "must be finite"),
+    ])  # fmt: skip
+    def test_bad_directions(self, by, message):
+        with pytest.raises(ValueError, match=f"derivatives_by {message}"):
+            solve(SO3(), np.eye(3), derivatives_by=by)
+        with pytest.raises(ValueError, match="derivatives_by must be None with P0"):
+            solve(SO3(), np.eye(3), derivatives_by="point", P0=np.eye(3))
+        with pytest.raises(ValueError, match="derivatives_by must not be given"):
+            cg.solve_ivp(lambda t, y: y[0], (0, 1), np.eye(3), frame=SO3(), derivatives_by="point")
