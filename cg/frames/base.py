@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from abc import abstractmethod
 from copy import copy
@@ -20,11 +21,13 @@ from cg.frames.local_coordinates import (
     newton_correction,
 )
 from cg.frames.manifold import Manifold
-from cg.support.arrays import Array, Points, Size, check_random
-from cg.support.checks import check_integer
+from cg.support.arrays import Array, Points, Size, check_random, real_array
+from cg.support.checks import check_integer, short
 
 NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
+
+_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # of the iteration towards a mean, which ends in rounding
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -251,6 +254,57 @@ class Frame(Manifold, FieldAlgebra):
         v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
         v = local_coordinates(self.flow, self._correct, v, start, end)
         return v.reshape(*lead, self.dim)
+
+    def difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return y1 - y0 as a vector of coordinates: `local_coordinates`."""
+        return self.local_coordinates(y0, y1)
+
+    def mean(self, points: ArrayLike, weights: ArrayLike | None = None) -> Points:
+        r"""Return the mean of points that are near each other, Karcher's on Riemannian manifolds.
+
+        It is the point :math:`m` where :math:`\sum_i w_i v_i`, of the `difference` v_i of each
+        point from m, moves nothing.
+
+        Parameters
+        ----------
+        points
+            Shape ``(n, *point_shape)``.
+        weights
+            Shape ``(n,)``, with a positive sum, by which they are divided; by default equal. Some
+            may be negative, as those of unscented transforms.
+
+        Returns
+        -------
+        ndarray
+            Shape ``point_shape``.
+
+        Raises
+        ------
+        ValueError
+            If arguments have other shapes or values, or points are too far apart.
+        """
+        y = self._points(points, "points")
+        if y.ndim != 1 + len(self.point_shape) or not len(y):
+            shape = ", ".join(map(str, self.point_shape))
+            raise ValueError(f"points must have the shape (n, {shape}), got {y.shape}")
+        w = np.ones(len(y)) if weights is None else real_array(weights, "weights")
+        if w.shape != (len(y),) or not (np.isfinite(w).all() and w.sum() > 0.0):
+            raise ValueError(
+                f"weights must be {len(y)} finite numbers with a positive sum, got {short(weights)}"
+            )
+        w = w / w.sum()
+        m = y[int(np.argmax(w))]
+        last = math.inf
+        for _ in range(_MEAN_STEPS):
+            v = self.coefficients(m, self.field(w @ self.difference(m, y), m))
+            size = (np.abs(v) / np.maximum(self.coordinate_sizes(m), 1.0)).max(initial=0.0)
+            if not np.isfinite(size):
+                break
+            m = self.flow(v, m)
+            if size <= _MEAN_REACHED and size >= last / 2 or size == 0.0:
+                return m  # what is left is rounding
+            last = size
+        raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
 
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return coefficients whose flow takes ``y0`` near to a point ``y1`` near it.

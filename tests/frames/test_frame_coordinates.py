@@ -31,6 +31,35 @@ def test_local_coordinates_broadcast_and_check_shapes(frame):
     refuses(ValueError, "y1 must", frame.local_coordinates, y0, np.append(y0, 1.0))
 
 
+@every_frame
+def test_means_of_points_are_where_differences_cancel(frame):
+    rng = np.random.default_rng(74)
+    center = frame.random_point(rng)
+    y = frame.flow(0.05 * frame.random_vector(rng, (5,)), center)
+    w = np.array([1.0, 2.0, 0.5, -0.3, 1.0])
+    if not np.isfinite(frame.difference(y[:1], y)).all():  # the fields don't lead there
+        refuses(ValueError, "points must be near", frame.mean, y)
+        return
+    for weights in (None, w):
+        mean = frame.mean(y, weights)
+        differences = frame.difference(mean, y)
+        left = frame.field(np.average(differences, axis=0, weights=weights), mean)
+        np.testing.assert_allclose(left, 0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(frame.flow(differences, mean), y, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(frame.mean(y[:1]), y[0], rtol=0, atol=1e-12)
+    refuses(ValueError, "points must", frame.mean, y[0])
+    refuses(ValueError, "weights must", frame.mean, y, -w)
+
+
+def test_means_of_known_points():
+    angles = np.array([0.1, 0.2, 0.6])
+    turns = fr.SO3().flow(angles[:, None] * [0.0, 0.0, 1.0], np.eye(3))
+    expected = fr.SO3().flow([0.0, 0.0, 0.3], np.eye(3))
+    np.testing.assert_allclose(fr.SO3().mean(turns), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(fr.Euclidean(1).mean([[1e8], [3e8]], [3, 1]), [1.5e8], rtol=1e-15)
+    refuses(ValueError, "points must be near", fr.Sphere(2).mean, [[0, 0, 1.0], [0, 0, -1.0]])
+
+
 @pytest.mark.parametrize("frame", [
     fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
     fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
