@@ -301,7 +301,7 @@ class Frame(Manifold, FieldAlgebra):
             if not np.isfinite(size):
                 break
             m = self.flow(v, m)
-            if size <= _MEAN_REACHED and size >= last / 2 or size == 0.0:
+            if (size <= _MEAN_REACHED and size >= last / 2) or size == 0.0:
                 return m  # what is left is rounding
             last = size
         raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
