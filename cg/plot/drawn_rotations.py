@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _TOLERANCE = 1e-6
-_POINTS = 1000  # drawn of a solution with dense output
+POINTS = 1000  # drawn of a solution with dense output
 
 
 def drawn_rotations(y: Any) -> tuple[Rotation, NDArray[np.float64] | None]:
     """Return `rotations_of` a solution, dense if it can be; warn if two are more than 90° apart."""
     dense = getattr(y, "sol", None) is not None
-    rotations, times = rotations_of(y, at=np.linspace(y.t[0], y.t[-1], _POINTS) if dense else None)
+    rotations, times = rotations_of(y, at=np.linspace(y.t[0], y.t[-1], POINTS) if dense else None)
     turns = (rotations[:-1].inv() * rotations[1:]).magnitude() if len(rotations) > 1 else [0.0]
     if (largest := np.rad2deg(np.max(turns))) > 90.0:
         warnings.warn(

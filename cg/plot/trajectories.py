@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.plot.drawn_rotations import drawn_rotations
+from cg.frames.base import Frame
+from cg.plot.drawn_rotations import POINTS, drawn_rotations, rotations_of
 from cg.plot.style import COLOURS, axes_for, check_label, check_stored
-from cg.support.arrays import check_finite, complex_array, real_array
+from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
 
 _NAMES = "xyz"
+_ARC = math.radians(3)  # between points that are drawn of a great circle
 
 
 def trajectory_on_sphere(
@@ -23,7 +27,9 @@ def trajectory_on_sphere(
     Parameters
     ----------
     y
-        Shape ``(n, 3)``. Points, or a solution on ``cg.frames.Sphere(2)``.
+        Points, shape ``(n, 3)``; rotation matrices ``(n, 3, 3)`` or quaternions ``(n, 4)``, whose
+        third axis is drawn; or a solution with such points, of one member or of several. A solution
+        with dense output is drawn between its steps too, others along great circles.
     ax
         Three-dimensional axes; a new figure by default.
     label
@@ -53,27 +59,24 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
-    check_stored(y, "y")
-    points = real_array(getattr(y, "y", y), "y")
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
-        raise ValueError(f"y must have shape (n, 3), got {points.shape}")
-    check_finite(points, "y")
-    radius = float(np.linalg.norm(points, axis=-1).max())
-    return _trajectory(points, radius, ax, label, color)
+    paths = _paths(y)
+    radius = max(float(np.linalg.norm(path, axis=-1).max()) for path in paths)
+    return _trajectory(paths, radius, ax, label, color)
 
 
 def _trajectory(
-    points: NDArray[np.float64], radius: float, ax: Any, label: str | None, color: str | None
+    paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None, color: str | None
 ) -> Any:
-    """Draw points within a sphere."""
+    """Draw paths within a sphere, in one colour."""
     check_label(label)
     if color is not None and not isinstance(color, str):
         raise TypeError(f"color must be a str or None, got {color!r}")
     ax = axes_for(ax, spatial=True)
-    number = len(ax.get_lines())
+    number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
     colour = COLOURS[number % len(COLOURS)] if color is None else color
-    _draw_path(ax, points, colour, label)
+    for k, path in enumerate(paths):
+        _draw_path(ax, _along_great_circles(path), colour, None if k else label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
@@ -85,9 +88,10 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     Parameters
     ----------
     y
-        State vectors, shape ``(n, 2)``; density matrices or unitary propagators, shape
-        ``(n, 2, 2)``, of the latter the state that began in the first level; or a solution with
-        such points.
+        State vectors, shape ``(n, 2)``; density matrices, shape ``(n, 2, 2)`` or, complex,
+        ``(n, 4)``; unitary propagators, shape ``(n, 2, 2)``, of which the state that began in the
+        first level is drawn; Bloch vectors, or rotations of them, as for `trajectory_on_sphere`; a
+        list of QuTiP's states; or a solution with such points, of one member or of several.
     ax, label, color
         As for `trajectory_on_sphere`.
 
@@ -112,18 +116,81 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
+    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label, color)
+    if not ax.texts:
+        for height, name in ((1.2, "|0⟩"), (-1.2, "|1⟩")):
+            ax.text(0.0, 0.0, height, name, ha="center", va="center")
+    return ax
+
+
+def _paths(
+    y: Any, convert: Callable[[Any], NDArray[np.float64]] | None = None
+) -> list[NDArray[np.float64]]:
+    """Return the paths of vectors of a solution, of each member, or of an array."""
     check_stored(y, "y")
-    states = complex_array(getattr(y, "y", y), "y")
-    if states.ndim not in (2, 3) or states.shape[1:] not in ((2,), (2, 2)) or len(states) == 0:
-        raise ValueError(f"y must have shape (n, 2) or (n, 2, 2), got {states.shape}")
-    check_finite(states, "y")
+    frame, dense = getattr(y, "frame", None), getattr(y, "sol", None)
+    if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
+        y = np.array([state.full().squeeze() for state in y])
+    points = np.asarray(getattr(y, "y", y))
+    members = isinstance(frame, Frame) and points.ndim > 1 + len(frame.point_shape)
+    if dense is not None and not members:
+        points = np.asarray(dense(np.linspace(y.t[0], y.t[-1], POINTS)))
+    found = []
+    for path in np.moveaxis(points, 1, 0) if members else [points]:
+        check_finite(
+            path[np.isfinite(path).reshape(len(path), -1).all(1)] if members else path, "y"
+        )
+        found.append((convert or _vectors)(path))
+    return found
+
+
+def _vectors(points: Any) -> NDArray[np.float64]:
+    """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
+    if points.ndim == 2 and points.shape[1:] == (3,) and len(points):
+        return real_array(points, "y")
+    if points.shape[1:] in ((3, 3), (4,)) and len(points):
+        return rotations_of(points)[0].apply([0.0, 0.0, 1.0])
+    raise ValueError(
+        f"y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got {points.shape}"
+    )
+
+
+def _bloch_vectors(states: Any) -> NDArray[np.float64]:
+    """Return the Bloch vectors of states or propagators, shape ``(n, 3)``."""
+    shape = states.shape[1:]
+    if np.isrealobj(states) and shape not in ((2,), (2, 2)):
+        return _vectors(states)
+    if shape not in ((2,), (2, 2), (4,)) or not len(states):
+        raise ValueError(
+            "y must hold states of shape (n, 2), (n, 2, 2) or, complex, (n, 4), or vectors, got "
+            f"shape {states.shape}"
+        )
+    if shape == (4,):
+        states = states.reshape(-1, 2, 2)
     is_density = states.ndim == 3 and np.allclose(np.trace(states, axis1=1, axis2=2), 1.0)
     if not (is_density and np.allclose(states, states.conj().swapaxes(1, 2))):
         kets = states if states.ndim == 2 else states[:, :, 0]
         states = kets[:, :, None] * kets[:, None, :].conj()
     upper = 2 * states[:, 0, 1].conj()
-    vectors = np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)
-    return _trajectory(vectors, 1.0, ax, label, color)
+    return np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)
+
+
+def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a path with points between those that are more than a few degrees apart."""
+    lengths = np.maximum(np.linalg.norm(path, axis=1), np.finfo(float).tiny)
+    units, parts = path / lengths[:, None], [path[:1]]
+    for k in range(len(path) - 1):
+        cosine = float(np.clip(units[k] @ units[k + 1], -1.0, 1.0))
+        angle = math.acos(cosine)
+        s = np.linspace(0.0, 1.0, 2 + int(angle / _ARC))[1:, None]
+        same = abs(lengths[k + 1] - lengths[k]) < 1e-3 * lengths[k]
+        # opposite points have no great circle
+        if len(s) == 1 or not same or math.pi - angle < _ARC:
+            parts.append(path[k + 1 : k + 2])
+            continue
+        arc = np.sin((1 - s) * angle) * units[k] + np.sin(s * angle) * units[k + 1]
+        parts.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
+    return np.concatenate(parts)
 
 
 def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
