@@ -69,7 +69,8 @@ def solve_ensemble(
         As for `cg.solve_ivp`, as are all options that aren't listed here, of one member.
     inputs
         As for `cg.solve_ivp`; those with ``members=True`` have values of each member. If
-        ``vectorized``, ``f`` gets a row of values for each member.
+        ``vectorized``, ``f`` gets a row of values for each member. A list has those of each member,
+        with times of their own: steps of a member end where its own curves jump.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
     parameters
@@ -264,7 +265,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     if distributed:
         _distribute(problem, *check_executor(executor, workers), result, watch)
     else:
-        size = members if problem.common else _MEMBERS_PER_RUN
+        size = members if problem.common else 1 if problem.own_inputs else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 part = slice(first, min(first + size, members))
@@ -335,7 +336,7 @@ def _distribute(
         _check_pickle(work)
     count, parts = len(problem.points), count_workers(executor, workers)
     parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
-    size = max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
+    size = 1 if problem.own_inputs else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
     chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
     items = ((chunk, problem.data(chunk)) for chunk in chunks)
     with closing(completed(work, items, executor, workers)) as results:

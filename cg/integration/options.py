@@ -31,7 +31,7 @@ class StepOptions(TypedDict, total=False):
     first_step: float | None
     breakpoints: ArrayLike | None
     events: Any
-    inputs: Samples | tuple[Samples, ...] | None
+    inputs: Samples | tuple[Samples, ...] | list[Any] | None
     args: Iterable[Any] | None
     parameters: ArrayLike | None
     rhs: str

@@ -39,7 +39,13 @@ from cg.integration.plan.stage_solver import check_stage_solver
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
+from cg.integration.rhs.inputs import (
+    Inputs,
+    WithInput,
+    check_inputs,
+    check_own_inputs,
+    stops_and_limits,
+)
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.support.arrays import Array, Points
@@ -77,6 +83,9 @@ class Problem:
     observer: Observer | None
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
+    # with inputs at times of their own, those of each member, and the stops without their corners
+    own_inputs: tuple[Inputs, ...] = ()
+    shared_stops: Array | None = None
 
     @property
     def keeps_points(self) -> bool:
@@ -97,11 +106,12 @@ class Problem:
         """Return place, points, parameters and inputs of some members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
-        return part.start, self.points[part], numbers, inputs and inputs.part(part)
+        inputs = self.own_inputs[part.start] if self.own_inputs else inputs and inputs.part(part)
+        return part.start, self.points[part], numbers, inputs
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
-        if members == slice(0, len(self.points)):
+        if members == slice(0, len(self.points)) and not self.own_inputs:
             return self
         return self.select(*self.data(members))
 
@@ -110,7 +120,11 @@ class Problem:
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
-        return replace(self, points=points, rhs=rhs)
+        if self.shared_stops is None:
+            return replace(self, points=points, rhs=rhs)
+        tolerance = self.control.tolerance
+        stops, limits = stops_and_limits(inputs, self.shared_stops, self.t0, tolerance)
+        return replace(self, points=points, rhs=rhs, stops=stops, limits=limits, own_inputs=())
 
 
 def _make_rhs(
@@ -244,6 +258,8 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     """Return a point and its parameters for each member of the inputs."""
     curves = inputs if isinstance(inputs, tuple) else (inputs,)
     count = next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
+    if isinstance(inputs, list):
+        count = max(len(inputs), 1)
     points = np.repeat(points, count, axis=0)
     if numbers is not None:
         numbers = np.repeat(numbers, count, axis=0)
@@ -333,9 +349,13 @@ def make_problem(
         points, numbers = _broadcast(points, numbers, options["inputs"])
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
-    inputs: Any = options["inputs"]
-    if inputs is not None:
-        inputs = check_inputs(inputs, start, stop, members, plan.method, name)
+    given: Any = options["inputs"]
+    own: tuple[Inputs, ...] = ()
+    if many and isinstance(given, list):
+        if options["common_steps"]:
+            raise ValueError("common_steps must be False with a list of inputs, of each member")
+        own = check_own_inputs(given, start, stop, len(points), plan.method, name)
+    inputs = own[0] if own else check_inputs(given, start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     check_members(plan, rhs, start, points)
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
@@ -348,7 +368,8 @@ def make_problem(
     stops = check_stops(options["breakpoints"], start, stop)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
-    stops, limits = stops_and_limits(inputs, stops, start, control.tolerance)
+    shared = stops if own else None
+    stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
@@ -367,5 +388,6 @@ def make_problem(
         limits=limits, control=control, events=events, t_eval=t_eval,
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
-        of_time=options["linear"], jacobian=jacobian, observer=observer,
+        of_time=options["linear"], jacobian=jacobian, observer=observer, own_inputs=own,
+        shared_stops=shared,
     )  # fmt: skip

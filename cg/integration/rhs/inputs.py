@@ -152,6 +152,28 @@ class Inputs:
             curve.check_span(start, stop, name)
 
 
+def check_own_inputs(
+    inputs: list[Any], start: float, stop: float, members: int, method: MethodTable, name: str
+) -> tuple[Inputs, ...]:
+    """Return the inputs of each member, at times of its own, after checking them."""
+    if len(inputs) != members:
+        raise ValueError(
+            f"inputs must be cg.Samples, a tuple of them, or a list of {members} such for the "
+            f"members, got a list of {len(inputs)}"
+        )
+    found: list[Inputs] = []
+    for member, given in enumerate(inputs):
+        try:
+            one = check_inputs(given, start, stop, None, None if member else method, name)
+            if one is None:
+                raise TypeError(f"inputs must be cg.Samples, got {given!r}")
+            one.check_like(found[0] if found else one)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"inputs[{member}]: {error}") from None
+        found.append(one)
+    return tuple(found)
+
+
 def stops_and_limits(
     inputs: Inputs | None, stops: Array, start: float, tolerance: float | None
 ) -> tuple[Array, Array]:
