@@ -105,13 +105,6 @@ def construct(
     -------
     Construction
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is out of its range, or there are too few stages.
-    MissingQuadsError
-        If the package was built without quadruple precision.
-
     Examples
     --------
     >>> construct(order=3, stages=3).method.order

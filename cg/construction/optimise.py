@@ -88,13 +88,6 @@ def optimise(
     Candidate
         A candidate on the solution set with an objective no larger than at the start.
 
-    Raises
-    ------
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If the candidate isn't on the solution set, or another argument is out of its range.
-
     Examples
     --------
     >>> import crouch_grossman as cg

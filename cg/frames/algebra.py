@@ -55,8 +55,6 @@ class FieldAlgebra(ABC):
         ------
         NotImplementedError
             If the frame does not define a bracket, or its fields do not span a Lie algebra.
-        ValueError
-            If the last axis of an argument hasn't length ``dim``.
 
         Examples
         --------
@@ -102,9 +100,6 @@ class FieldAlgebra(ABC):
         ------
         NotImplementedError
             If the frame has no `bracket`.
-        TypeError, ValueError
-            If ``order`` isn't an integer; if the last axis of an argument hasn't length ``dim``, or
-            ``order`` is less than 1 or greater than 200.
         """
         order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)

@@ -120,8 +120,6 @@ class Frame(Manifold, FieldAlgebra):
 
         Raises
         ------
-        ValueError
-            If the trailing axes of ``v`` or ``y`` don't match ``dim`` and ``point_shape``.
         FlowOverflowError
             If ``v`` is so large that double precision has no digits of its flow. On compact
             groups there is no such limit.
@@ -159,11 +157,6 @@ class Frame(Manifold, FieldAlgebra):
         -------
         ndarray
             Shape ``(..., dim)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes of an argument aren't ``point_shape``, or it isn't numeric.
 
         Warns
         -----

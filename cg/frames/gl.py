@@ -26,11 +26,6 @@ class GL(SizedMatrixGroup):
     convention
         ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
-
     Notes
     -----
     The exponential is ``scipy.linalg.expm``. Two points have `exp_coordinates` where their

@@ -71,12 +71,6 @@ class IsospectralOrbit(Orbit):
     hermitian
         Whether the points are complex.
 
-    Raises
-    ------
-    ValueError
-        If ``spectrum`` isn't a vector of at least two finite real numbers, or ``hermitian`` not
-        a bool.
-
     Notes
     -----
     After each flow the eigenvalues of the result are replaced by ``spectrum``, to remove rounding

@@ -70,12 +70,6 @@ class LinearAction(CompiledFlow, UserFrame):
     membership_error, project, random_point
         As for `cg.frames.MatrixFrame`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If one of the functions isn't callable; if ``generators`` aren't square matrices of finite
-        numbers, all of one shape, or a generator isn't skew-Hermitian with ``unitary=True``.
-
     References
     ----------
     .. [1] H. Tal-Ezer, R. Kosloff, "An accurate and efficient scheme for propagating the time

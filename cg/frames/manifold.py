@@ -88,12 +88,6 @@ class Manifold(ABC):
             Random generator, such as ``numpy.random.default_rng(seed)``.
         size
             The leading axes; an integer is one axis.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them;
-            if ``size`` is negative.
         """
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
@@ -113,13 +107,6 @@ class Manifold(ABC):
             Points; neither the shape nor the membership is checked.
         name
             Name of the argument in error messages.
-
-        Raises
-        ------
-        ValueError
-            If it isn't numeric (real, unless points are complex).
-        TypeError
-            If ``name`` isn't a string.
         """
         check_name(name)
         return (real_array if self.dtype.kind == "f" else complex_array)(value, name)

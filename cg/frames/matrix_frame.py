@@ -43,12 +43,6 @@ class MatrixFrame(UserFrame):
     random_point
         Function of a random generator that returns one point.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If one of the functions isn't callable, or ``columns`` isn't an integer; if ``matrices``
-        aren't finite numbers of that shape, or ``columns`` is less than 1.
-
     Notes
     -----
     The flow is ``scipy.linalg.expm`` of :math:`\sum_i v_i A_i`.

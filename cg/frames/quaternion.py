@@ -38,11 +38,6 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
     scalar_first
         Whether a point is ``(w, x, y, z)`` instead of ``(x, y, z, w)``.
 
-    Raises
-    ------
-    ValueError
-        If ``convention`` is neither of the two or ``scalar_first`` isn't a bool.
-
     Notes
     -----
     The fields are linear, :math:`q' = G(v) q` with :math:`G(v)^2 = -\tfrac14 |v|^2`, so that the
@@ -124,11 +119,6 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         ndarray
             In radians, of length at most :math:`\pi`, in body or space axes as coefficients are;
             shape ``(..., 3)``. Its flow from ``y0`` ends at ``y1`` or ``-y1``.
-
-        Raises
-        ------
-        ValueError
-            If the last axis of an argument hasn't length 4.
 
         Examples
         --------

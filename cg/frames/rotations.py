@@ -36,11 +36,6 @@ def hat(v: ArrayLike) -> Array:
     ndarray
         Matrices, shape ``(..., 3, 3)``.
 
-    Raises
-    ------
-    ValueError
-        If the last axis of ``v`` hasn't length 3.
-
     Examples
     --------
     >>> hat([0.0, 0.0, 1.0]) @ [1.0, 0.0, 0.0]
@@ -69,11 +64,6 @@ def vee(matrix: ArrayLike) -> Array:
     -------
     ndarray
         Shape ``(..., 3)``.
-
-    Raises
-    ------
-    ValueError
-        If the trailing shape isn't ``(3, 3)``.
 
     Examples
     --------

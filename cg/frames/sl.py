@@ -28,11 +28,6 @@ class SL(NoncompactMatrixGroup):
     convention
         ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
-
     Notes
     -----
     The exponential is ``scipy.linalg.expm``. Each flow ends with the step of least norm towards

@@ -38,11 +38,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     convention
         ``"body"``: :math:`y' = y\,\Omega` (default), ``"space"``: :math:`y' = \Omega\,y`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
-
     Notes
     -----
     The exponential is a closed form for n = 2 and 3, and computed as for `U` otherwise. Every pair

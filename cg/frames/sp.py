@@ -30,12 +30,6 @@ class Sp(NoncompactMatrixGroup):
     convention
         ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is odd or less than 2, or ``convention`` is neither of
-        the two.
-
     Notes
     -----
     The exponential is ``scipy.linalg.expm``. Each flow ends with the step of least norm towards

@@ -28,11 +28,6 @@ class SU(U):
     convention
         ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
-
     Notes
     -----
     For n = 2, :math:`\Omega^2 = -\tfrac14 |v|^2 I`, so that the exponential is

@@ -32,11 +32,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     convention
         ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
-
     Notes
     -----
     The exponential is a Taylor polynomial with scaling and squaring, in compiled code. Every pair

@@ -107,8 +107,6 @@ def solve_ensemble(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument can't be used, as for `cg.solve_ivp`; an exception of ``f`` ends the call.
     RuntimeError
         If the workers of all members died.
 

@@ -191,8 +191,6 @@ def solve_ivp(
 
     Raises
     ------
-    TypeError
-        If an argument has an impossible type.
     ValueError
         If an argument has an impossible value, arguments contradict each other, derivatives are
         asked for on a frame that knows no bracket, a function returns another shape, or numbers
@@ -383,11 +381,6 @@ def integrate(
     Returns
     -------
     Solution
-
-    Raises
-    ------
-    TypeError, ValueError, OverflowError, ConvergenceError, StepTooLongError, RuntimeError
-        As for `cg.solve_ivp` with fixed steps; or if the steps need more memory than there is.
 
     References
     ----------

@@ -25,11 +25,6 @@ def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
     y
         A point, shape ``point_shape``.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -56,12 +51,6 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
         A frame that `cg.jax` supports.
     y0, y1
         Points, shape ``point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit, or the frame has no such
-        coordinates.
 
     Examples
     --------
@@ -92,11 +81,6 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
         A point, shape ``point_shape``.
     g
         The gradient with respect to it that ``jax.grad`` gives, shape ``point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit.
 
     Examples
     --------

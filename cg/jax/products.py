@@ -23,11 +23,6 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     y
         Shape ``frame.point_shape``.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is no product; if ``y`` has another shape.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -56,11 +51,6 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
         A `cg.frames.Product`.
     *parts
         A point of each factor, shape ``factor.point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is no product; if the number of parts or a shape is wrong.
 
     Examples
     --------

@@ -70,11 +70,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Raises
     ------
-    TypeError
-        If ``method`` is neither a name nor a method, or ``unroll`` is not a bool.
-    ValueError
-        If no method has that name, the method is implicit, ``dense`` has another value or
-        ``max_angle`` isn't positive.
     RuntimeError
         When it is used: if ``y0`` is farther from the manifold than 1e-8, or 1e-5 in single
         precision. ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.

@@ -63,14 +63,6 @@ def attitude(
     matplotlib.axes.Axes
         Angles are in degrees, angular velocities in degrees for each unit of time.
 
-    Raises
-    ------
-    ValueError
-        If `y` or `reference` holds no rotations, their numbers or that of `t` differ, `show` isn't
-        one of these, or `reference` is missing for errors or given for anything else.
-    TypeError
-        If `ax` isn't axes of matplotlib.
-
     Warns
     -----
     UserWarning

@@ -40,13 +40,6 @@ def convergence(
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or a number isn't finite and positive.
-    TypeError
-        If `ax` isn't axes of matplotlib.
-
     Examples
     --------
     >>> import numpy as np
@@ -100,13 +93,6 @@ def work_precision(
     Returns
     -------
     matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or a number isn't finite and positive.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------

@@ -37,13 +37,6 @@ def invariants(
     matplotlib.axes.Axes
         With logarithmic errors; zeros are left out.
 
-    Raises
-    ------
-    ValueError
-        If an invariant has no number for each time, or isn't finite.
-    TypeError
-        If `solution` is no solution, or `functions` neither a function nor a mapping of them.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -99,13 +92,6 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
     Returns
     -------
     matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the shapes don't fit, or a time has no numbers.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------

@@ -35,13 +35,6 @@ def trajectory_on_sphere(
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -95,13 +88,6 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib.
-
     Examples
     --------
     >>> import numpy as np
@@ -144,13 +130,6 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     Returns
     -------
     matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib, or `triads` isn't an integer.
 
     Warns
     -----

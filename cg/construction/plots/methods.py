@@ -34,12 +34,6 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, `digits` isn't a positive integer, or `ax` isn't axes of
-        matplotlib.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -122,11 +116,6 @@ def points(method: str | Method, ax: Any = None) -> Any:
     Returns
     -------
     matplotlib.axes.Axes
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, it is implicit, or `ax` isn't axes of matplotlib.
 
     Examples
     --------

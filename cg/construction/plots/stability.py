@@ -44,11 +44,6 @@ def stability_region(
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, a range isn't increasing, or `ax` isn't axes of matplotlib.
-
     Examples
     --------
     >>> import crouch_grossman as cg

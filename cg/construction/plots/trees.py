@@ -26,13 +26,6 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    TypeError
-        If `tree` is neither a tree nor a str, or `ax` isn't axes of matplotlib.
-    ValueError
-        If `tree` isn't valid bracket notation, or has too many nodes.
-
     Examples
     --------
     >>> import crouch_grossman as cg

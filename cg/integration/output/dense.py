@@ -133,11 +133,6 @@ class DenseOutput(ReadOnly):
         ndarray
             Shape ``(*t.shape, *point_shape)``: time comes first. At an event with a jump it
             is the point after the jump.
-
-        Raises
-        ------
-        ValueError
-            If a time is beyond the ends, or ``t`` isn't real numbers.
         """
         return self._points(t) if self._derivatives is None else self._part("y", t)
 

@@ -59,14 +59,6 @@ class Samples(ReadOnly):
     members
         Whether ``values`` has a first axis for the members of an ensemble.
 
-    Raises
-    ------
-    TypeError
-        If an argument has an impossible type.
-    ValueError
-        If ``times`` aren't increasing, there are other numbers of times and values, numbers aren't
-        finite, or arguments contradict each other.
-
     Examples
     --------
     >>> thrust = Samples([0.0, 0.5, 1.0], [1.0, 0.0, 2.0])
@@ -208,11 +200,6 @@ class Samples(ReadOnly):
         t
         member
             The member of an ensemble, for values of several members. All of them by default.
-
-        Raises
-        ------
-        ValueError
-            If the time lies outside the curve, or ``t`` isn't one time.
         """
         if not isinstance(t, float) and np.ndim(t):
             raise ValueError(f"t must be one time, got shape {np.shape(t)}")
