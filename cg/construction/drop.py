@@ -7,7 +7,7 @@ import numpy as np
 
 from cg.construction.candidate import Candidate, check_candidate, correct, solved
 from cg.construction.layouts.layout import Layout
-from cg.construction.search.shapes import fixed_weights, merge_point, select_points
+from cg.construction.search.shapes import fixed_weights, merge_point
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support.checks import check_generator, check_real
@@ -83,25 +83,6 @@ def drop_flow(
     return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
 
 
-def drop_point_stage(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a stage of a commutator-free method; its point stays if flows start from it."""
-    layout = _check_of_points(candidate)
-    starts = [
-        start
-        for stage in range(1, layout.stages)
-        for receiver in (None, stage - 1, stage + 1)
-        if receiver is None or receiver < layout.stages
-        for start in _without_stage(candidate, stage, receiver)
-    ]
-    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
-
-
 def _first_solved(
     starts: Sequence[Candidate],
     random: np.random.Generator,
@@ -152,20 +133,3 @@ def _check_of_points(candidate: Candidate) -> Layout:
     if layout.rows is not None:
         raise ValueError("candidate must be a method of points, got a tableau")
     return layout
-
-
-def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> Iterator[Candidate]:
-    layout = candidate.system.layout
-    weights = layout.point_weights(candidate.x.tolist())
-    for row in weights:
-        weight = row.pop(stage, None)
-        if weight is not None and receiver in row:
-            row[receiver] += weight
-    renumbered = [{k - (k > stage): w for k, w in row.items()} for row in weights]
-    stage_points = layout.stage_points[:stage] + layout.stage_points[stage + 1 :]
-    ends = (*stage_points, *layout.results)
-    points = sorted({m for end in ends for m in layout.path(end)})
-    if all(renumbered[m] for m in points):
-        smaller, x = select_points(layout, layout.parents, renumbered, stage_points, points)
-        if smaller.uses_every_stage:
-            yield Candidate(replace(candidate.system, layout=smaller), x)

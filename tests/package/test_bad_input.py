@@ -14,7 +14,7 @@ from cg.construction.conditions import Rows, check_rows, count, unknowns
 from cg.construction.eliminate import eliminate_stage
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.packed import make_method
-from cg.construction.optimise import Goals, fewer_exponentials, optimise
+from cg.construction.optimise import Goals, optimise
 from cg.construction.proofs import certificate_of
 from cg.construction.proofs import check as prove
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -121,7 +121,6 @@ def masked(x):
     (lambda: refine(encode([0.3] * 5), SMALL), ValueError, "must have"),
     (lambda: polish([1] * 5, SMALL), ValueError, "x must"),
     (lambda: polish([1] * 6, SMALL, directions=np.ones(6)), ValueError, "directions must"),
-    (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
     (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
     (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
     (lambda: to_method(POINT, name="", source="", frozen=3), ValueError, "frozen must be a"),
