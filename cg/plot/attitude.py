@@ -42,8 +42,6 @@ def attitude(
         matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last. A
         solution with dense output is drawn between its steps too. Of an ensemble the curves of
         all members that succeeded are drawn.
-    ax
-        By default those of a new figure.
     show
         A sequence of Euler angles, as for SciPy's ``Rotation.as_euler``: ``"ZYX"`` (default; yaw,
         pitch and roll), upper case for rotations about axes of the body, lower case for axes in

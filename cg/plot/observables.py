@@ -29,8 +29,6 @@ def invariants(
         A function of the points ``solution.y``, time along the first axis, that returns the values
         of each invariant by its name, such as the ``invariants`` of problems; or such a function of
         one invariant by each name.
-    ax
-        By default those of a new figure.
 
     Returns
     -------
@@ -84,14 +82,8 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
         Times, shape ``(n,)``.
     values
         Shape ``(n, members)``. Numbers of each member, NaN where it has none.
-    ax
-        By default those of a new figure.
     label
         Name of the median in the legend.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------

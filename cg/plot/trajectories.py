@@ -24,16 +24,10 @@ def trajectory_on_sphere(
     ----------
     y
         Shape ``(n, 3)``. Points, or a solution on ``cg.frames.Sphere(2)``.
-    ax
-        Three-dimensional axes; a new figure by default.
     label
         Name of the curve in the legend.
     color
         Colour of the curve.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------
@@ -84,10 +78,6 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     ax, label, color
         As for `trajectory_on_sphere`.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> import numpy as np
@@ -122,14 +112,8 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
         quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
         its steps too.
-    ax
-        Three-dimensional axes; a new figure by default.
     triads
         Number of times, including the first and the last, at which the axes are drawn.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Warns
     -----

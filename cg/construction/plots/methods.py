@@ -25,14 +25,8 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     Parameters
     ----------
     method
-    ax
-        Where to draw; a new figure by default.
     digits
         Significant digits of coefficients that aren't short fractions.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------
@@ -110,12 +104,6 @@ def points(method: str | Method, ax: Any = None) -> Any:
     ----------
     method
         An explicit method.
-    ax
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------

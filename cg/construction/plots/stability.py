@@ -34,15 +34,9 @@ def stability_region(
     Parameters
     ----------
     method
-    ax
-        Where to draw; a new figure by default.
     x, y
         Pairs of float. Ranges of the real and the imaginary part; by default they contain the
         regions.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------

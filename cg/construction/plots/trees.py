@@ -17,14 +17,8 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     ----------
     tree
         A tree, or its bracket notation; at most 200 nodes.
-    ax
-        Where to draw; a new figure by default.
     title
         Whether to write the bracket notation and the density γ below.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
 
     Examples
     --------
