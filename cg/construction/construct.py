@@ -101,10 +101,6 @@ def construct(
         As for `cg.search`. With `abscissae` or `minimise`, the method is moved along its solution
         set with coefficients below `largest`. With `hold`, no stages or flows are eliminated.
 
-    Returns
-    -------
-    Construction
-
     Examples
     --------
     >>> construct(order=3, stages=3).method.order

@@ -41,16 +41,6 @@ class FieldAlgebra(ABC):
         :math:`\Omega(u) \Omega(v) - \Omega(v) \Omega(u)`; where they act from the right
         (``"body"``) it is the negative.
 
-        Parameters
-        ----------
-        u, v
-            Coefficients, shape ``(..., dim)``; leading axes broadcast.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(..., dim)``.
-
         Raises
         ------
         NotImplementedError
@@ -84,8 +74,6 @@ class FieldAlgebra(ABC):
 
         Parameters
         ----------
-        u, v
-            Coefficients, shape ``(..., dim)``; leading axes broadcast.
         order
             Order of the Runge-Kutta method that uses the result. Other frames sum the series up to
             the power ``order`` of u.

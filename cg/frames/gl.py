@@ -23,8 +23,6 @@ class GL(SizedMatrixGroup):
     ----------
     n
         Number of rows, at least 1.
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
     Notes
     -----

@@ -68,7 +68,7 @@ class LinearAction(CompiledFlow, UserFrame):
         initial vectors. By default points are vectors. The norm that is restored is that of the
         whole matrix.
     membership_error, project, random_point
-        As for `cg.frames.MatrixFrame`.
+        As for `FieldFrame`.
 
     References
     ----------

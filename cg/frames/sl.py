@@ -25,8 +25,6 @@ class SL(NoncompactMatrixGroup):
     ----------
     n
         Number of rows, at least 2.
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
     Notes
     -----

@@ -35,8 +35,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     ----------
     n
         Number of rows, at least 2.
-    convention
-        ``"body"``: :math:`y' = y\,\Omega` (default), ``"space"``: :math:`y' = \Omega\,y`.
 
     Notes
     -----

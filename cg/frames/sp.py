@@ -27,8 +27,6 @@ class Sp(NoncompactMatrixGroup):
     ----------
     n
         Number of rows, even: ``Sp(2)``, ``Sp(4)``, ...
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
     Notes
     -----

@@ -29,8 +29,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     ----------
     n
         Number of rows, at least 1.
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
 
     Notes
     -----

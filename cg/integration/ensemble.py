@@ -155,10 +155,6 @@ def solve_linear_ensemble(
     t_span, y0, frame
         As for `cg.solve_ensemble`, as are all options.
 
-    Returns
-    -------
-    EnsembleSolution
-
     Examples
     --------
     Spins with different detunings:

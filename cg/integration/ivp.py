@@ -261,10 +261,6 @@ def solve_linear(
     t_span, y0, frame
         As for `cg.solve_ivp` with ``linear=True``, as are all options.
 
-    Returns
-    -------
-    Solution
-
     Examples
     --------
     A driven two-level system:
@@ -377,10 +373,6 @@ def integrate(
         step is shorter.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
-
-    Returns
-    -------
-    Solution
 
     References
     ----------

@@ -62,7 +62,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
         as a loop: a single solution takes a little less time, compiling and batches by
         ``jax.vmap`` take more. Stages of other methods are never a loop.
-
     max_angle
         Largest rotation in a step that is accepted, in radians, where steps are chosen and there is
         an event; None for no limit. diffrax compares signs of events at the ends of steps only, and

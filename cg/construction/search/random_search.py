@@ -130,10 +130,6 @@ def search(
         The solver varies the others. Methods have held coefficients as exact rationals, and held
         abscissae to the last digit.
 
-    Returns
-    -------
-    SearchResult
-
     Examples
     --------
     >>> result = search(order=2, stages=2)
