@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.candidate import Candidate, check_candidate, solved
+from cg.construction.candidate import Candidate, solved
 from cg.construction.conditions import core_calls
 from cg.construction.solvers.singular import Decomposition, decompose, retract
 from cg.support.checks import check_integer, check_interval, check_real
@@ -99,7 +99,8 @@ def optimise(
     >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
     4
     """
-    check_candidate(candidate)
+    if not isinstance(candidate, Candidate):
+        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
     if not isinstance(goals, Goals):
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
