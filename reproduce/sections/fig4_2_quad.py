@@ -136,5 +136,5 @@ def _describe(runs: Data) -> str:
 
 ITEMS = (
     Item("fig4.2quad", "Figure 4.2 in quadruple precision", 50, 90, compute, present),
-    Item("order6", "Methods of order six and more", 100, 100, compute_high, present_high),
+    Item("beyond.order", "Methods of order six and more", 100, 100, compute_high, present_high),
 )

@@ -105,8 +105,8 @@ def test_slopes_and_distance(figures):
 
 def test_methods_of_high_order(tmp_path, monkeypatch):
     monkeypatch.setattr(fig4_2_quad, "_HIGH_POWERS", range(3, 8))
-    assert main(["--only", "order6", "--out", str(tmp_path)]) == 0
-    part = read(tmp_path)["items"]["order6"]["readings"]["momentum"]
+    assert main(["--only", "beyond.order", "--out", str(tmp_path)]) == 0
+    part = read(tmp_path)["items"]["beyond.order"]["readings"]["momentum"]
     assert 0 < part["reference_error"] < 1e-40
     assert {"CG6a", "CG6b", "CF8a"} <= set(part["methods"])
     for name, run in part["methods"].items():
@@ -190,7 +190,7 @@ def test_whole_default_run(tmp_path):
     for name, order in (("CG4", 4), ("CG4a", 4), ("CG5a", 5)):
         assert slopes[name]["slope"] == pytest.approx(order, abs=0.05)
         assert slopes[name]["error"][-1] < 2e-17
-    for name, run in results["order6"]["readings"]["momentum"]["methods"].items():
+    for name, run in results["beyond.order"]["readings"]["momentum"]["methods"].items():
         if name != "CG6a":
             assert run["slope"] == pytest.approx(methods[name].order, abs=0.02)
     verdicts = results["claims"]["count"]
