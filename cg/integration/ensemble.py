@@ -38,7 +38,7 @@ from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
-_BATCHES_PER_WORKER = 4  # of a vectorized function, which large ones make faster
+_BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
 _FINISHED = int(Stop.FINISHED)
 
 

@@ -178,7 +178,7 @@ class Stepper:
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
         self._found: list[tuple[Any, Array, Points]] = []  # events of each call, see `Run.events`
-        self._cut_output: DenseOutput | None = None  # of a step that an event ended
+        self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._run.restart(start, self._run.end, self._first_step)
         self._stops_are_set = True  # whether compiled code uses `_stops`

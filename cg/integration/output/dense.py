@@ -23,7 +23,7 @@ class Steps:
     """Steps with the interpolants by which compiled code evaluates the solution within them."""
 
     plan: Plan
-    member: NDArray[np.int64]  # of each step, increasing, shape (n,)
+    member: NDArray[np.int64]  # the member of each step, increasing, shape (n,)
     # start, signed size, end (an event may end a step before its full size), and 1 if the
     # interpolant is in coordinates, shape (n, 4)
     t: Array

@@ -20,8 +20,8 @@ from cg.support.copies import ReadOnly
 from cg.support.times import apart
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
-_BLOCK = 64  # of values whose curves are made at a time
-_ROUNDING = 64 * float(np.finfo(float).eps)  # of values, relative, and of jumps due to it
+_BLOCK = 64  # number of values whose curves are made at a time
+_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
