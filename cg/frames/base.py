@@ -88,11 +88,6 @@ class Frame(Manifold, FieldAlgebra):
     True
     """
 
-    @property
-    @abstractmethod
-    def dim(self) -> int:
-        """Number of vector fields, the length of ``v``."""
-
     def __repr__(self) -> str:
         if not is_dataclass(self):
             return super().__repr__()
