@@ -1,8 +1,7 @@
 """Arguments and options of several commands, and functions for their output."""
 
 import os
-from collections.abc import Callable, Sequence
-from itertools import zip_longest
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,19 +82,6 @@ def as_json(data: Any) -> None:
 def say(text: str, *, err: bool = False) -> None:
     """Print lines of text with all other control characters escaped."""
     click.echo(visible_lines(text), err=err)
-
-
-def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
-    """Return rows, also short ones, as aligned columns of text, the first `left` flush left."""
-    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
-    lines = []
-    for row in rows:
-        cells = [
-            cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=False))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
 
 
 def check_output(path: Path | None) -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import click
 
-from cg.command.arguments import as_json, count_option, json_option, say, table
+from cg.command.arguments import as_json, count_option, json_option, say
 from cg.command.main import NO
 from cg.construction.catalogue import methods
 from cg.construction.catalogue.summary import MethodSummary, summary_of
+from cg.construction.plots.text import columns
 from cg.construction.proofs import proved
 from cg.support.parsing import visible
 
@@ -71,7 +72,7 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
         as_json([facts.as_dict() | {"proved": proofs[facts.name]} for facts in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        say(table([heads, *(_row(facts, proofs[facts.name]) for facts in selected)], left=3))
+        say(columns([heads, *(_row(facts, proofs[facts.name]) for facts in selected)], left=3))
     else:
         say("no method of the catalogue matches these options")
     return 0 if selected else NO

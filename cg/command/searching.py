@@ -1,8 +1,7 @@
 """``search`` and ``construct``: search for new methods."""
 
 import json
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from cg.command.arguments import as_json, check_output, say
 from cg.command.main import NO
 from cg.command.search_options import arguments_of, options_of
 from cg.construction.catalogue import dumps, save
-from cg.construction.construct import Construction, construct
+from cg.construction.construct import construct
 from cg.construction.formats import export
 from cg.construction.methods.method import Method
 from cg.construction.search.random_search import search
@@ -44,7 +43,7 @@ def search_command(**options: Any) -> int:
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-    return _run(search, lambda result: result.methods, **options)
+    return _run(search, **options)
 
 
 @click.command("construct", short_help="Construct one method of an order.")
@@ -65,16 +64,11 @@ def construct_command(**options: Any) -> int:
       crouch-grossman construct --order 5 --tree CF5a --largest 2
       crouch-grossman construct --order 5 --stages 9 --structure stage-order-two
     """
-
-    def methods(result: Construction) -> Sequence[Method]:
-        return [] if result.method is None else [result.method]
-
-    return _run(construct, methods, **options)
+    return _run(construct, **options)
 
 
 def _run(
     function: Callable[..., Any],
-    methods_of: Callable[[Any], Sequence[Method]],
     *,
     processes: bool,
     quiet: bool,
@@ -89,12 +83,14 @@ def _run(
     try:
         result = function(**arguments, executor=executor, progress=not quiet and has_bars())
     except ValueError as problem:
-        raise click.UsageError(_of_options(str(problem), arguments)) from None
+        first, _, rest = str(problem).partition(" ")
+        option = f"--{first.replace('_', '-')}" if first in arguments else first
+        raise click.UsageError(f"{option} {rest}") from None
     except KeyboardInterrupt as interrupt:
         if arguments["store"] is None:
             interrupt.add_note("with --store FILE the same command would continue from here")
         raise
-    methods = methods_of(result)
+    methods = result.methods if function is search else [m for m in [result.method] if m]
     if output is not None:
         if len(methods) > 1:
             output.mkdir(exist_ok=True)
@@ -123,15 +119,3 @@ def _list(methods: Sequence[Method], minimise: str | None) -> None:
         say(text)
     if minimise:
         say("each minimum is a local one: more --starts may lead to smaller ones", err=True)
-
-
-def _of_options(message: str, names: Iterable[str]) -> str:
-    """Return an error message of a function with the option in place of the argument."""
-    message = re.sub(
-        r" must be (None|False) with a tree.*", " and --tree exclude each other", message
-    )
-    message = message.replace(" needs flows", " needs --flows").replace(
-        " must be False, as tree", " can't be used, as --tree"
-    )
-    first, _, rest = message.partition(" ")
-    return f"--{first.replace('_', '-')} {rest}" if first in names else message

@@ -1,30 +1,25 @@
 """``show``: all data of one method."""
 
 from fractions import Fraction
-from itertools import chain
 from typing import Any
 
 import click
 
-from cg.command.arguments import METHOD, as_json, json_option, say, table
+from cg.command.arguments import METHOD, as_json, json_option, say
 from cg.construction import conditions
 from cg.construction.catalogue.summary import MethodSummary, summary_of
 from cg.construction.conditions.nystrom import nystrom_trees
 from cg.construction.formats import export
 from cg.construction.formats.digits import known_digits, numbers_of
-from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
-from cg.construction.plots.text import draw_points
+from cg.construction.plots.text import columns, draw_method
 from cg.construction.trees import forest
 from cg.construction.trees.rooted import density, node_count, planted, rooted_trees_through
 from cg.support.parsing import visible
-from cg.support.quads import MAX_WRITTEN, to_decimal
-
-_DIGITS = 6  # printed by default
-_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+from cg.support.quads import MAX_WRITTEN
 
 
 @click.command("show", short_help="Show all data of one method.")
@@ -63,7 +58,7 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
         return
     if digits is not None and digits > (known_digits(method) or digits):
         method = numbers_of(method, digits, None).rounded()
-    drawing = _drawing(method, digits or _DIGITS)
+    drawing = draw_method(method, digits=digits or 6)
     say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
     lines = {
         **_numbers(summary),
@@ -73,35 +68,13 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
     width = max(map(len, lines))
     for label, value in lines.items():
         say(f"  {label.ljust(width)}  {value}".rstrip())
-    say("\n" + drawing)
+    say(f"\n{drawing}")
     if listed:
         rows = [
             [str(one["order"]), one["tree"], one["right_side"], f"{one['residual']:.3g}"]
             for one in listed
         ]
-        say("\n" + table([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
-
-
-def _drawing(method: Method, digits: int) -> str:
-    """Return the coefficients of a method as text: points as a tree, others in columns."""
-    if isinstance(method, CommutatorFree):
-        flat = _tableau(method, digits)
-        return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
-    if isinstance(method, MagnusMethod):
-        rows = {"nodes": [method.nodes], "bracket of": chain(*method.brackets)}
-        rows |= {"flow": method.weights}
-        rows |= {"flow of the second result": method.embedded_weights or ()}
-        rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
-        return table([
-            [label, "│", *(_number_of(x.value, digits) for x in row)]
-            for label, block in rows.items()
-            for row in block
-        ])  # fmt: skip
-    if isinstance(method, Splitting):
-        numbers = [_number_of(x.value, digits) for x in method.coefficients]
-        pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
-        return table([["drift", "kick"], *pairs], left=0)
-    return _tableau(method, digits)
+        say("\n" + columns([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
 
 
 def _numbers(summary: MethodSummary) -> dict[str, str]:
@@ -145,30 +118,6 @@ def _certificate(method: Method) -> str | None:
         return str(beside or certificate_of(method))
     except CertificationError:
         return None
-
-
-def _tableau(method: Method, digits: int) -> str:
-    """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
-    a, b = method.exact
-    second = method.exact_embedded
-    lines = [
-        [
-            _number_of(sum(row, Fraction(0)), digits),
-            *(_number_of(x, digits) for x in row[: end if method.explicit else None]),
-        ]
-        for end, row in enumerate(a)
-    ]
-    lines += [["b", *(_number_of(x, digits) for x in b)]]
-    lines += [["b^", *(_number_of(x, digits) for x in second)]] if second else []
-    text = table([[line[0], "│", *line[1:]] for line in lines]).splitlines()
-    rule = "─" * max(map(len, text))
-    return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
-
-
-def _number_of(x: Fraction, digits: int) -> str:
-    # Python may be unable to write a longer fraction
-    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
-    return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
 
 
 def _conditions(method: Method, order: int) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +111,7 @@ def correct(
 
     The other arguments are those of `fit_conditions`. Ask `solved` whether the end is on the set.
     """
-    system = check_candidate(candidate).system
+    system = candidate.system
     fit = fit_conditions(
         candidate.x,
         system,
@@ -123,13 +122,6 @@ def correct(
         accurate=system.order >= 7 if accurate is None else accurate,
     )
     return Candidate(system, fit.x)
-
-
-def check_candidate(candidate: Any) -> Candidate:
-    """Return the argument; TypeError if it isn't a Candidate."""
-    if not isinstance(candidate, Candidate):
-        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
-    return candidate
 
 
 def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
@@ -168,7 +160,7 @@ def to_method(
 
     Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
-    system = check_candidate(candidate).system
+    system = candidate.system
     movable = np.setdiff1d(system.movable_without(frozen), np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), system, movable=movable)
     scale = max(1.0, candidate.largest)

@@ -101,17 +101,6 @@ def construct(
         As for `cg.search`. With `abscissae` or `minimise`, the method is moved along its solution
         set with coefficients below `largest`. With `hold`, no stages or flows are eliminated.
 
-    Returns
-    -------
-    Construction
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is out of its range, or there are too few stages.
-    MissingQuadsError
-        If the package was built without quadruple precision.
-
     Examples
     --------
     >>> construct(order=3, stages=3).method.order

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cg.construction.candidate import Candidate, check_candidate, correct, solved
-from cg.construction.layouts.layout import Layout
-from cg.construction.search.shapes import fixed_weights, merge_point, select_points
+from cg.construction.candidate import Candidate, correct, solved
+from cg.construction.search.shapes import fixed_weights, merge_point
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.support.checks import check_generator, check_real
 
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
 _TRIES = 16  # starts to solve from
@@ -51,12 +49,10 @@ def drop_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a tableau and solve again; None if that fails from all starts.
+    """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
 
     The column of the stage is added to that of a neighbour, or dropped.
     """
-    if check_candidate(candidate).system.embedded:
-        raise ValueError("candidate must be one method, got a pair")
     starts = list(_without_column(candidate))
     return _first_solved(starts, random, largest, accept, iterations=200, promising=1e-14)
 
@@ -68,8 +64,8 @@ def drop_flow(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a point that is neither a stage nor a result, like `drop_stage`."""
-    layout = _check_of_points(candidate)
+    """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
+    layout = candidate.system.layout
     merged = (
         merge_point(layout, candidate.x.tolist(), m)
         for m in range(len(layout.parents))
@@ -79,25 +75,6 @@ def drop_flow(
         Candidate(replace(candidate.system, layout=smaller), x)
         for smaller, x in merged
         if smaller.uses_every_stage
-    ]
-    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
-
-
-def drop_point_stage(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a stage of a commutator-free method; its point stays if flows start from it."""
-    layout = _check_of_points(candidate)
-    starts = [
-        start
-        for stage in range(1, layout.stages)
-        for receiver in (None, stage - 1, stage + 1)
-        if receiver is None or receiver < layout.stages
-        for start in _without_stage(candidate, stage, receiver)
     ]
     return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
 
@@ -112,8 +89,6 @@ def _first_solved(
     promising: float,
 ) -> Candidate | None:
     """Solve from starts until one leads to an acceptable candidate; None if none does."""
-    check_generator("random", random)
-    largest = check_real("largest", largest, positive=True)
     if not starts:
         return None
     closeness = np.log([max(start.f, 1e-300) for start in starts])
@@ -145,27 +120,3 @@ def _without_column(candidate: Candidate) -> Iterator[Candidate]:
         start = np.zeros(smaller.system.size)
         start[smaller.system.movable] = smaller.x[smaller.system.movable]
         yield Candidate(smaller.system, start)
-
-
-def _check_of_points(candidate: Candidate) -> Layout:
-    layout = check_candidate(candidate).system.layout
-    if layout.rows is not None:
-        raise ValueError("candidate must be a method of points, got a tableau")
-    return layout
-
-
-def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> Iterator[Candidate]:
-    layout = candidate.system.layout
-    weights = layout.point_weights(candidate.x.tolist())
-    for row in weights:
-        weight = row.pop(stage, None)
-        if weight is not None and receiver in row:
-            row[receiver] += weight
-    renumbered = [{k - (k > stage): w for k, w in row.items()} for row in weights]
-    stage_points = layout.stage_points[:stage] + layout.stage_points[stage + 1 :]
-    ends = (*stage_points, *layout.results)
-    points = sorted({m for end in ends for m in layout.path(end)})
-    if all(renumbered[m] for m in points):
-        smaller, x = select_points(layout, layout.parents, renumbered, stage_points, points)
-        if smaller.uses_every_stage:
-            yield Candidate(replace(candidate.system, layout=smaller), x)

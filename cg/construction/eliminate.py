@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.candidate import Candidate, correct, solved
 from cg.construction.drop import drop_stage, fixed_entries
 from cg.construction.solvers.system import Structure
-from cg.support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
 
 _LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3
@@ -22,9 +21,6 @@ def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -
     Its column of ``a`` and its weight shrink to zero together, the other coefficients follow along
     the set. Steps that fail are halved.
     """
-    check_candidate(candidate)
-    stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
-    largest = check_real("largest", largest, positive=True)
     column = candidate.system.layout.column(stage)
     target = candidate.x[column].copy()
     left, step, used = 1.0, 0.2, 0
@@ -55,10 +51,6 @@ def walk(
     candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
 ) -> Candidate:
     """Return another point of the solution set, after a random step of length `size`."""
-    check_candidate(candidate)
-    check_generator("random", random)
-    size = check_real("size", size, most=MAX_HALF_WIDTH)
-    largest = check_real("largest", largest, positive=True)
     for _ in range(6):
         movable = candidate.system.movable
         x = candidate.x.copy()
@@ -84,10 +76,6 @@ def eliminate(
     Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
     without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
     """
-    check_candidate(candidate)
-    check_generator("random", random)
-    stages = check_integer("stages", stages, 1)
-    restarts = check_integer("restarts", restarts, 0)
     stuck = 0
     while candidate.system.stages > stages:
         smaller = None

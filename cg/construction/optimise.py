@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.candidate import Candidate, solved
 from cg.construction.conditions import core_calls
 from cg.construction.solvers.singular import Decomposition, decompose, retract
 from cg.support.checks import check_integer, check_interval, check_real
 
 _MAX_STEP = 1.0
-_ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -88,13 +87,6 @@ def optimise(
     Candidate
         A candidate on the solution set with an objective no larger than at the start.
 
-    Raises
-    ------
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If the candidate isn't on the solution set, or another argument is out of its range.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -107,7 +99,8 @@ def optimise(
     >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
     4
     """
-    check_candidate(candidate)
+    if not isinstance(candidate, Candidate):
+        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
     if not isinstance(goals, Goals):
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
@@ -159,44 +152,6 @@ def _step_along(
     x[movable] += step
     corrected = retract(candidate.system, x, movable, near)
     return None if corrected is None else Candidate(candidate.system, corrected)
-
-
-def fewer_exponentials(
-    candidate: Candidate, *, largest: float = 4.0, patience: int = 10
-) -> tuple[Candidate, NDArray[np.intp]]:
-    """Set coefficients to exact zeros one by one, small ones first, until `patience` failures.
-
-    Returns the candidate, on the solution set, and the indices of its zeros.
-    """
-    check_candidate(candidate)
-    largest = check_real("largest", largest)
-    patience = check_integer("patience", patience, 0)
-    zeros = np.setdiff1d(np.arange(candidate.system.size), candidate.system.movable)
-    refused: set[int] = set()
-    failures = 0
-    while failures < patience:
-        candidates = [
-            k for k in candidate.system.movable if k not in refused and candidate.x[k] != 0
-        ]
-        if not candidates:
-            break
-        entry = min(candidates, key=lambda k: abs(candidate.x[k]))
-        frozen = np.append(zeros, entry)
-        trial: Candidate | None = candidate
-        for fraction in (0.6, 0.3, 0.1, 0.0):
-            assert trial is not None
-            x = trial.x.copy()
-            x[entry] = fraction * candidate.x[entry]
-            trial = correct(Candidate(candidate.system, x), frozen, ftol=_ZEROS_FTOL)
-            if trial.f > 100 * _ZEROS_FTOL or trial.largest > largest:
-                trial = None
-                break
-        if trial is None:
-            refused.add(entry)
-            failures += 1
-        else:
-            candidate, zeros, failures = trial, frozen, 0
-    return candidate, np.sort(zeros)
 
 
 def _objective(candidate: Candidate, goals: Goals) -> Terms:

@@ -41,22 +41,10 @@ class FieldAlgebra(ABC):
         :math:`\Omega(u) \Omega(v) - \Omega(v) \Omega(u)`; where they act from the right
         (``"body"``) it is the negative.
 
-        Parameters
-        ----------
-        u, v
-            Coefficients, shape ``(..., dim)``; leading axes broadcast.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(..., dim)``.
-
         Raises
         ------
         NotImplementedError
             If the frame does not define a bracket, or its fields do not span a Lie algebra.
-        ValueError
-            If the last axis of an argument hasn't length ``dim``.
 
         Examples
         --------
@@ -86,8 +74,6 @@ class FieldAlgebra(ABC):
 
         Parameters
         ----------
-        u, v
-            Coefficients, shape ``(..., dim)``; leading axes broadcast.
         order
             Order of the Runge-Kutta method that uses the result. Other frames sum the series up to
             the power ``order`` of u.
@@ -102,9 +88,6 @@ class FieldAlgebra(ABC):
         ------
         NotImplementedError
             If the frame has no `bracket`.
-        TypeError, ValueError
-            If ``order`` isn't an integer; if the last axis of an argument hasn't length ``dim``, or
-            ``order`` is less than 1 or greater than 200.
         """
         order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)

@@ -91,11 +91,6 @@ class Frame(Manifold, FieldAlgebra):
     True
     """
 
-    @property
-    @abstractmethod
-    def dim(self) -> int:
-        """Number of vector fields, the length of ``v``."""
-
     def __repr__(self) -> str:
         if not is_dataclass(self):
             return super().__repr__()
@@ -123,8 +118,6 @@ class Frame(Manifold, FieldAlgebra):
 
         Raises
         ------
-        ValueError
-            If the trailing axes of ``v`` or ``y`` don't match ``dim`` and ``point_shape``.
         FlowOverflowError
             If ``v`` is so large that double precision has no digits of its flow. On compact
             groups there is no such limit.
@@ -135,13 +128,6 @@ class Frame(Manifold, FieldAlgebra):
 
         The result has the same tangent at ``y`` as ``v``. By default it is ``v``; spheres return
         the coefficients of least norm.
-
-        Parameters
-        ----------
-        v
-            Coefficients, shape ``(..., dim)``.
-        y
-            Points, shape ``(..., *point_shape)``.
         """
         return self._arguments(v, y)[0]
 
@@ -150,23 +136,6 @@ class Frame(Manifold, FieldAlgebra):
 
         Of several ones with the same tangent they are those of least norm, without isotropy. A part
         of ``dy`` that no field has, such as one normal to the manifold, is dropped.
-
-        Parameters
-        ----------
-        y
-            Points, shape ``(..., *point_shape)``.
-        dy
-            Their derivatives, of the same shape; leading axes broadcast.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(..., dim)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes of an argument aren't ``point_shape``, or it isn't numeric.
 
         Warns
         -----
@@ -207,18 +176,9 @@ class Frame(Manifold, FieldAlgebra):
         return v.reshape(*lead, self.dim), relative.reshape(lead)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.
+        """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``, NaN without any.
 
-        Parameters
-        ----------
-        y0, y1
-            Points, shape ``(..., *point_shape)``.
-
-        Returns
-        -------
-        ndarray or None
-            ``v`` with ``flow(v, y0) == y1``, shape ``(..., dim)``, NaN where there is none.
-            None if the frame does not define this map; see `local_coordinates`.
+        None if the frame does not define this map; see `local_coordinates`.
         """
         self._points(y0, "y0")
         self._points(y1, "y1")
@@ -234,18 +194,8 @@ class Frame(Manifold, FieldAlgebra):
             v \leftarrow v + E(y)^+ (y_1 - y), \qquad y = \exp(\textstyle\sum_i v_i E_i) y_0 ,
 
         with the matrix :math:`E(y)` of the fields, starts from `exp_coordinates` where these are
-        defined, from zero elsewhere, and ends when the residual is rounding.
-
-        Parameters
-        ----------
-        y0, y1
-            Points, shape ``(..., *point_shape)``.
-
-        Returns
-        -------
-        ndarray
-            ``v`` with ``flow(v, y0) == y1`` to rounding, shape ``(..., dim)``; zero where the
-            points are equal, NaN where the iteration fails for points too far apart.
+        defined, from zero elsewhere, and ends when the residual is rounding. The result is zero
+        where points are equal, NaN where the iteration fails for points too far apart.
         """
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         lead = start.shape[: start.ndim - len(self.point_shape)]
@@ -345,16 +295,6 @@ class Frame(Manifold, FieldAlgebra):
         The scale of a translation of Euclidean space is the absolute value of the coordinate that
         it changes; in a semidirect product it is the length of the vector that it changes. Other
         coordinates, such as angles, have scale one.
-
-        Parameters
-        ----------
-        y
-            Points, shape ``(..., *point_shape)``.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(..., dim)``.
         """
         point = self._points(y)
         return np.ones((*point.shape[: point.ndim - len(self.point_shape)], self.dim))

@@ -32,18 +32,12 @@ class CoadjointOrbit(Frame):
     ----------
     algebra
         A matrix group, for the structure constants of its basis (its convention is ignored), or
-        structure constants, shape ``(m, m, m)``.
+        constants, shape ``(m, m, m)``, antisymmetric and with the Jacobi identity.
     point
         A point of the orbit, shape ``(m,)``.
     convention
         ``"body"``: :math:`y' = \operatorname{ad}^*_v y` (default), ``"space"``:
         :math:`y' = -\operatorname{ad}^*_v y`, for systems reduced from the right.
-
-    Raises
-    ------
-    ValueError
-        If ``algebra`` is not antisymmetric or violates the Jacobi identity, ``point`` has the
-        wrong length, or ``convention`` is neither of the two.
 
     Notes
     -----

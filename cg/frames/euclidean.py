@@ -25,11 +25,6 @@ class Euclidean(Sized):
     n
         Dimension, at least 1.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is less than 1.
-
     Examples
     --------
     >>> Euclidean(2).flow([1.0, -2.0], [0.5, 0.5])

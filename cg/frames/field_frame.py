@@ -47,13 +47,6 @@ class FieldFrame(UserFrame):
         Function ``bracket(u, v)`` that returns the coefficients of the commutator, see
         `Frame.bracket`. Munthe-Kaas methods need it unless there is only one field.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If a function isn't callable, or ``point_shape`` isn't an integer or a sequence of integers;
-        if there is no field, an entry of ``point_shape`` is less than 1, or ``dtype`` is neither
-        ``float`` nor ``complex``.
-
     Notes
     -----
     Functions are called with one point at a time, in a loop over batches. Use `check` to verify

@@ -35,11 +35,6 @@ class Grassmann(Sized, Orbit):
     k
         Dimension of the subspaces, from 1 to ``n - 1``.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` or ``k`` isn't an integer or is out of range.
-
     Notes
     -----
     The flow is :math:`e^\Omega P e^{-\Omega}`, and a last step :math:`3 P^2 - 2 P^3` towards the

@@ -26,11 +26,6 @@ class Hyperbolic(Sized):
     n
         Dimension, at least 2.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is less than 2.
-
     Notes
     -----
     `distance` is the geodesic distance of the metric :math:`|dy|^2 / y_n^2` [1]_.

@@ -32,16 +32,6 @@ class Orbit(ConjugationSpace):
     def point_shape(self) -> tuple[int, ...]:
         return self.group.point_shape
 
-    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # In the eigenbasis of y the entries of [X, y] are those of X times differences of the
-        # eigenvalues; where these are equal, the X of least norm has zero.
-        _, vectors = np.linalg.eigh(y)
-        gaps = self._eigenvalues - self._eigenvalues[:, None]
-        entries = vectors.mT.conj() @ tangent @ vectors
-        rotation = np.divide(entries, gaps, out=np.zeros_like(entries), where=gaps != 0.0)
-        omega = vectors @ rotation @ vectors.mT.conj()
-        return self.group._algebra_projection(0.5 * (omega - omega.mT.conj()))
-
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.
 
@@ -70,12 +60,6 @@ class IsospectralOrbit(Orbit):
         The real eigenvalues, at least two, in any order; they are stored in increasing order.
     hermitian
         Whether the points are complex.
-
-    Raises
-    ------
-    ValueError
-        If ``spectrum`` isn't a vector of at least two finite real numbers, or ``hermitian`` not
-        a bool.
 
     Notes
     -----

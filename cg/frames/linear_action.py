@@ -68,13 +68,7 @@ class LinearAction(CompiledFlow, UserFrame):
         initial vectors. By default points are vectors. The norm that is restored is that of the
         whole matrix.
     membership_error, project, random_point
-        As for `cg.frames.MatrixFrame`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If one of the functions isn't callable; if ``generators`` aren't square matrices of finite
-        numbers, all of one shape, or a generator isn't skew-Hermitian with ``unitary=True``.
+        As for `FieldFrame`.
 
     References
     ----------

@@ -88,12 +88,6 @@ class Manifold(ABC):
             Random generator, such as ``numpy.random.default_rng(seed)``.
         size
             The leading axes; an integer is one axis.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them;
-            if ``size`` is negative.
         """
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
@@ -105,21 +99,8 @@ class Manifold(ABC):
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Convert points to a new C-ordered array of type ``dtype``.
 
-        Some frames also accept other representations, such as ``Rotation`` of SciPy.
-
-        Parameters
-        ----------
-        value
-            Points; neither the shape nor the membership is checked.
-        name
-            Name of the argument in error messages.
-
-        Raises
-        ------
-        ValueError
-            If it isn't numeric (real, unless points are complex).
-        TypeError
-            If ``name`` isn't a string.
+        Neither the shape nor the membership is checked. Errors call the argument ``name``. Some
+        frames also accept other representations, such as ``Rotation`` of SciPy.
         """
         check_name(name)
         return (real_array if self.dtype.kind == "f" else complex_array)(value, name)
@@ -129,22 +110,8 @@ class Manifold(ABC):
     ) -> Points:
         """Return ``y`` as a new array of type ``dtype`` after checking that it is one point.
 
-        Parameters
-        ----------
-        y
-            The candidate, shape ``point_shape``.
-        tolerance
-            Largest accepted `relative_error`.
-        name
-            Name of the argument in error messages.
-
-        Raises
-        ------
-        ValueError
-            If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
-            finite or lies off the manifold, or if ``tolerance`` is negative or not a number.
-        TypeError
-            If ``name`` isn't a string.
+        ValueError if it isn't numeric (real, unless points are complex), has another shape, isn't
+        finite or has a larger `relative_error` than ``tolerance``; it calls the argument ``name``.
         """
         check_name(name)
         if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:

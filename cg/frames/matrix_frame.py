@@ -32,22 +32,8 @@ class MatrixFrame(UserFrame):
         The :math:`A_i`, real or complex, shape ``(m, n, n)``.
     columns
         Number of columns of a point; None for points that are vectors of length ``n``.
-    membership_error
-        Function of one point that returns its distance from the manifold. Without it every array
-        is a point.
-    restore
-        Function that returns a point without rounding errors normal to the manifold; called after
-        each flow. Without it rounding errors accumulate.
-    project
-        Function of an array near the manifold that returns the nearest point.
-    random_point
-        Function of a random generator that returns one point.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If one of the functions isn't callable, or ``columns`` isn't an integer; if ``matrices``
-        aren't finite numbers of that shape, or ``columns`` is less than 1.
+    membership_error, restore, project, random_point
+        As for `FieldFrame`.
 
     Notes
     -----

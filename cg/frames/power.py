@@ -27,11 +27,6 @@ class Power(Frame):
     n
         Number of factors, at least 1.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``factor`` isn't a `Frame`, or ``n`` isn't an integer or is less than 1.
-
     Examples
     --------
     >>> import numpy as np

@@ -34,11 +34,6 @@ class Product(Frame):
     *factors
         At least one frame; products may be nested.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If a factor isn't a `Frame`; if there is no factor.
-
     Examples
     --------
     >>> from cg.frames import SO3, Euclidean

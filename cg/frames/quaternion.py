@@ -38,11 +38,6 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
     scalar_first
         Whether a point is ``(w, x, y, z)`` instead of ``(x, y, z, w)``.
 
-    Raises
-    ------
-    ValueError
-        If ``convention`` is neither of the two or ``scalar_first`` isn't a bool.
-
     Notes
     -----
     The fields are linear, :math:`q' = G(v) q` with :math:`G(v)^2 = -\tfrac14 |v|^2`, so that the
@@ -111,24 +106,10 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
     def attitude_difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the shortest rotation vector from one attitude to another.
 
-        Attitudes are the rotations that points represent: ``q`` and ``-q`` are the same one. Use
-        it for errors of attitudes, such as residuals of measurements.
-
-        Parameters
-        ----------
-        y0, y1
-            Points, shape ``(..., 4)``; leading axes broadcast.
-
-        Returns
-        -------
-        ndarray
-            In radians, of length at most :math:`\pi`, in body or space axes as coefficients are;
-            shape ``(..., 3)``. Its flow from ``y0`` ends at ``y1`` or ``-y1``.
-
-        Raises
-        ------
-        ValueError
-            If the last axis of an argument hasn't length 4.
+        Attitudes are the rotations that points represent: ``q`` and ``-q`` are the same one. The
+        vector, of length at most :math:`\pi` radians, is in body or space axes as coefficients are,
+        and its flow from ``y0`` ends at ``y1`` or ``-y1``. Use it for errors of attitudes, such as
+        residuals of measurements.
 
         Examples
         --------

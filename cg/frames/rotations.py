@@ -24,22 +24,7 @@ def is_rotation(value: Any) -> TypeGuard[Rotation]:
 
 
 def hat(v: ArrayLike) -> Array:
-    r"""Return the skew matrix with :math:`\hat v\, x = v \times x`.
-
-    Parameters
-    ----------
-    v
-        Vectors, shape ``(..., 3)``.
-
-    Returns
-    -------
-    ndarray
-        Matrices, shape ``(..., 3, 3)``.
-
-    Raises
-    ------
-    ValueError
-        If the last axis of ``v`` hasn't length 3.
+    r"""Return the skew matrices, ``(..., 3, 3)``, of vectors: :math:`\hat v\, x = v \times x`.
 
     Examples
     --------
@@ -58,22 +43,7 @@ def hat(v: ArrayLike) -> Array:
 
 
 def vee(matrix: ArrayLike) -> Array:
-    """Return the vector whose ``hat`` is the skew part of ``matrix``.
-
-    Parameters
-    ----------
-    matrix
-        Shape ``(..., 3, 3)``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(..., 3)``.
-
-    Raises
-    ------
-    ValueError
-        If the trailing shape isn't ``(3, 3)``.
+    """Return the vectors, ``(..., 3)``, whose ``hat`` is the skew part of ``matrix``.
 
     Examples
     --------

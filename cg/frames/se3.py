@@ -34,11 +34,6 @@ class SE3(Semidirect):
         :math:`y' = \Omega\,y`; then :math:`v` is the velocity of the point of the body that
         passes through the origin.
 
-    Raises
-    ------
-    ValueError
-        If ``convention`` is neither of the two.
-
     Notes
     -----
     The flow is the closed form of `Semidirect`, accurate for small angles too. The rotation is

@@ -32,12 +32,6 @@ class Semidirect(MatrixGroup):
     copies
         Number of columns of :math:`p`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``group`` isn't a `MatrixGroup`, or ``copies`` isn't an integer; if ``group`` is complex,
-        or ``copies`` is less than 1.
-
     Notes
     -----
     The blocks of the exponential of :math:`\binom{\Omega\;\;U}{0\;\;0}` are :math:`e^{\Omega}` and

@@ -25,13 +25,6 @@ class SL(NoncompactMatrixGroup):
     ----------
     n
         Number of rows, at least 2.
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

@@ -35,13 +35,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     ----------
     n
         Number of rows, at least 2.
-    convention
-        ``"body"``: :math:`y' = y\,\Omega` (default), ``"space"``: :math:`y' = \Omega\,y`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

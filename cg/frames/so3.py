@@ -22,11 +22,6 @@ class SO3(SO):
         ``"body"``: :math:`y' = y\,\hat v`, coefficients are an angular velocity in body axes.
         ``"space"``: :math:`y' = \hat v\, y`, coefficients are in space axes.
 
-    Raises
-    ------
-    ValueError
-        If ``convention`` is neither of the two.
-
     Notes
     -----
     The exponential is the rotation of a unit quaternion. Each flow ends with a step towards the

@@ -27,14 +27,6 @@ class Sp(NoncompactMatrixGroup):
     ----------
     n
         Number of rows, even: ``Sp(2)``, ``Sp(4)``, ...
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is odd or less than 2, or ``convention`` is neither of
-        the two.
 
     Notes
     -----

@@ -29,11 +29,6 @@ class SPD(Sized, ConjugationSpace):
     n
         Number of rows.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is less than 1.
-
     Notes
     -----
     `distance` is the affine-invariant one, the root of the sum of :math:`\ln^2 \lambda_i` over the

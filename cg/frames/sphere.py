@@ -34,11 +34,6 @@ class Sphere(Sized, UnitVectors, HomogeneousSpace):
     n
         Dimension of the sphere, at least 1.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is less than 1.
-
     Notes
     -----
     The flow is that of `SO`, a closed form on the circle and on :math:`S^2`, followed by a step

@@ -51,11 +51,6 @@ class Stiefel(_Columns, HomogeneousSpace):
     k
         Number of columns, from 1 to ``n``.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` or ``k`` isn't an integer or is out of range.
-
     Notes
     -----
     The flow is that of `SO`, followed by a Newton-Schulz step towards the polar factor [1]_.

@@ -29,13 +29,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     ----------
     n
         Number of rows, at least 1.
-    convention
-        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

@@ -18,7 +18,7 @@ class Control(NamedTuple):
     """
 
     h: float | None  # size of equal steps, None for adaptive steps
-    rtol: Array = np.array([1e-3])  # of the shape of atol
+    rtol: Array = np.array([1e-3])  # as many as atol
     atol: Array = np.array([1e-6])
     max_step: float = math.inf
     first_step: float | None = None

@@ -38,7 +38,7 @@ from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
-_BATCHES_PER_WORKER = 4  # of a vectorized function, which large ones make faster
+_BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
 _FINISHED = int(Stop.FINISHED)
 
 
@@ -108,8 +108,6 @@ def solve_ensemble(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument can't be used, as for `cg.solve_ivp`; an exception of ``f`` ends the call.
     RuntimeError
         If the workers of all members died.
 
@@ -157,10 +155,6 @@ def solve_linear_ensemble(
         ``(k,)`` and rows ``(k, n)`` of any members, and returns shape ``(k, frame.dim)``.
     t_span, y0, frame
         As for `cg.solve_ensemble`, as are all options.
-
-    Returns
-    -------
-    EnsembleSolution
 
     Examples
     --------

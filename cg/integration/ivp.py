@@ -197,8 +197,6 @@ def solve_ivp(
 
     Raises
     ------
-    TypeError
-        If an argument has an impossible type.
     ValueError
         If an argument has an impossible value, arguments contradict each other, derivatives are
         asked for on a frame that knows no bracket, a function returns another shape, or numbers
@@ -268,10 +266,6 @@ def solve_linear(
         ``f(t, *args)`` returns the coefficients, shape ``(frame.dim,)``.
     t_span, y0, frame
         As for `cg.solve_ivp` with ``linear=True``, as are all options.
-
-    Returns
-    -------
-    Solution
 
     Examples
     --------
@@ -385,15 +379,6 @@ def integrate(
         step is shorter.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
-
-    Returns
-    -------
-    Solution
-
-    Raises
-    ------
-    TypeError, ValueError, OverflowError, ConvergenceError, StepTooLongError, RuntimeError
-        As for `cg.solve_ivp` with fixed steps; or if the steps need more memory than there is.
 
     References
     ----------

@@ -107,11 +107,6 @@ class Stepper:
     nfev, njev, nlu, nexp, nrejected
         Counts so far, for an ensemble summed over the members.
 
-    Raises
-    ------
-    TypeError, ValueError
-        As `cg.solve_ivp` does.
-
     Notes
     -----
     If the error estimate can't be met, ``step`` and ``advance`` return a message, and ``status`` is
@@ -183,7 +178,7 @@ class Stepper:
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
         self._found: list[tuple[Any, Array, Points]] = []  # events of each call, see `Run.events`
-        self._cut_output: DenseOutput | None = None  # of a step that an event ended
+        self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._run.restart(start, self._run.end, self._first_step)
         self._stops_are_set = True  # whether compiled code uses `_stops`
@@ -266,8 +261,6 @@ class Stepper:
         ------
         RuntimeError
             If the integration has ended, or its members have steps of their own.
-        ValueError
-            If ``limit`` isn't between ``.t`` and ``t_bound``.
         """
         if self._many and not self._common:
             raise RuntimeError(
@@ -305,8 +298,6 @@ class Stepper:
 
         Raises
         ------
-        ValueError
-            If ``t`` lies before ``.t`` or beyond ``t_bound``.
         RuntimeError
             If the integration has ended.
         """
@@ -371,11 +362,6 @@ class Stepper:
             a new ``t`` or without any argument, after a failure or a jump, it is the ``first_step``
             of the constructor, or chosen anew, which takes one call of ``f``. Give it where a new
             point or other arguments change the solution much faster than before.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If an argument has an impossible value, or ``f`` doesn't take as many ``args``.
         """
         run, time, rows = self._run, self.t, self._run.end
         if t is not None:

@@ -45,12 +45,6 @@ def controller(
     max_step
         Largest size of a step, in the unit of time.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a tolerance is negative, both are zero, or a
-        shape doesn't fit, or ``max_step`` isn't positive.
-
     Warns
     -----
     UserWarning

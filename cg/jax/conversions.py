@@ -28,12 +28,6 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
         A single one, not a batch (``jax.vmap`` takes a batch); any object with the attribute
         ``wxyz`` or ``wxyz_xyz``.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is none of these, or ``pose`` lacks the attribute; if its array has another
-        shape, such as that of a batch.
-
     Notes
     -----
     Twists of ``jaxlie.SE3`` are (v, ω), those of `cg.frames.SE3` (ω, v): ``jnp.roll(twist, 3)``
@@ -81,12 +75,6 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     kind
         ``jaxlie.SO3`` or ``jaxlie.SE3``, called with the numbers (w, x, y, z) of the quaternion,
         and those of the position behind them; w is not negative if the point is a matrix.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is none of those of `from_jaxlie`, or ``kind`` is the other type of jaxlie; if
-        ``y`` has another shape.
 
     Examples
     --------

@@ -34,12 +34,6 @@ def divergence(
         random direction of entries ±1, instead of the sum of ``frame.dim`` derivatives. Its mean
         is the divergence. Use one key for a whole integration.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``f`` is no function, or JAX has no functions for ``frame``; if the frame has fields of
-        the user, whose invariant volume isn't known.
-
     Examples
     --------
     The gradient of the height on a sphere, at the north pole:

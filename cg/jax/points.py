@@ -14,21 +14,7 @@ from cg.jax.rules import read_point, real_dtype
 def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
     """Return the end of the time-1 flow with coefficients v: `cg.frames.Frame.flow` in JAX.
 
-    Its derivatives, of any order, are right at v = 0 as well.
-
-    Parameters
-    ----------
-    frame
-        A frame that `cg.jax` supports.
-    v
-        Coefficients, shape ``(dim,)``.
-    y
-        A point, shape ``point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit.
+    Its derivatives, of any order, are right at v = 0 as well. It takes one v and one point.
 
     Examples
     --------
@@ -50,19 +36,6 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
     As `cg.frames.Frame.exp_coordinates`; the derivatives are right at equal points too, so that
     ``(log(frame, y0, y1)**2).sum()`` is a cost to minimise.
 
-    Parameters
-    ----------
-    frame
-        A frame that `cg.jax` supports.
-    y0, y1
-        Points, shape ``point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit, or the frame has no such
-        coordinates.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -81,22 +54,8 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
 def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     r"""Return the derivatives of a cost along the fields of a frame, shape ``(dim,)``.
 
-    ``jax.grad`` with respect to a point has a number for each entry, as if entries could change
-    one by one. The result is :math:`\langle g, E_i(y) \rangle`.
-
-    Parameters
-    ----------
-    frame
-        A frame that `cg.jax` supports.
-    y
-        A point, shape ``point_shape``.
-    g
-        The gradient with respect to it that ``jax.grad`` gives, shape ``point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If JAX has no functions for ``frame``; if a shape doesn't fit.
+    ``jax.grad`` with respect to a point y gives an array g with a number for each entry, as if
+    entries could change one by one. The result is :math:`\langle g, E_i(y) \rangle`.
 
     Examples
     --------

@@ -16,18 +16,6 @@ from cg.jax.rules import Rules, read_point
 def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     """Return the points of the factors of a product, each of the shape of its factor.
 
-    Parameters
-    ----------
-    frame
-        A `cg.frames.Product`.
-    y
-        Shape ``frame.point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is no product; if ``y`` has another shape.
-
     Examples
     --------
     >>> import crouch_grossman as cg
@@ -49,18 +37,6 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
 
 def join(frame: Product, *parts: JaxArray) -> JaxArray:
     """Return the point of a product, the inverse of `split`, shape ``frame.point_shape``.
-
-    Parameters
-    ----------
-    frame
-        A `cg.frames.Product`.
-    *parts
-        A point of each factor, shape ``factor.point_shape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` is no product; if the number of parts or a shape is wrong.
 
     Examples
     --------

@@ -62,7 +62,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
         as a loop: a single solution takes a little less time, compiling and batches by
         ``jax.vmap`` take more. Stages of other methods are never a loop.
-
     max_angle
         Largest rotation in a step that is accepted, in radians, where steps are chosen and there is
         an event; None for no limit. diffrax compares signs of events at the ends of steps only, and
@@ -70,11 +69,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Raises
     ------
-    TypeError
-        If ``method`` is neither a name nor a method, or ``unroll`` is not a bool.
-    ValueError
-        If no method has that name, the method is implicit, ``dense`` has another value or
-        ``max_angle`` isn't positive.
     RuntimeError
         When it is used: if ``y0`` is farther from the manifold than 1e-8, or 1e-5 in single
         precision. ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.

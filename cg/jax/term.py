@@ -35,8 +35,6 @@ class FrameTerm(diffrax.AbstractTerm):
 
     Raises
     ------
-    TypeError
-        If ``f`` is no function, or JAX has no functions for ``frame``.
     ValueError
         When it is used: if ``f`` returns another shape or numbers that aren't real, or ``y0`` isn't
         an array of the shape and kind of a point.
@@ -110,11 +108,6 @@ class LinearTerm(FrameTerm):
     frame
         As for `FrameTerm`; also `cg.frames.LinearAction`, whose generators are dense in JAX.
 
-    Raises
-    ------
-    TypeError, ValueError
-        As for `FrameTerm`.
-
     Examples
     --------
     >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
@@ -160,8 +153,6 @@ class NoiseTerm(diffrax.ControlTerm):
 
     Raises
     ------
-    TypeError
-        If ``g`` is no function, ``path`` no Brownian path, or ``frame`` none for JAX.
     ValueError
         When it is used: if ``g`` returns another shape, the terms have two frames, or the method
         is of order one or for linear equations, whose steps have Itô's or another limit.

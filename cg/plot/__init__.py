@@ -1,7 +1,8 @@
 """Plots of trees, methods and results with matplotlib.
 
-Each function draws on the axes ``ax``, by default those of a new figure, and returns them. Colours
-are distinguishable for colour-blind readers; lines also differ in dashes and markers.
+Each function draws on the axes ``ax`` of matplotlib, by default those of a new figure, and returns
+them; spheres need three-dimensional axes. Colours are distinguishable for colour-blind readers;
+lines also differ in dashes and markers.
 """
 
 from importlib import import_module

@@ -42,8 +42,6 @@ def attitude(
         matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last. A
         solution with dense output is drawn between its steps too. Of an ensemble the curves of
         all members that succeeded are drawn.
-    ax
-        By default those of a new figure.
     show
         A sequence of Euler angles, as for SciPy's ``Rotation.as_euler``: ``"ZYX"`` (default; yaw,
         pitch and roll), upper case for rotations about axes of the body, lower case for axes in
@@ -62,14 +60,6 @@ def attitude(
     -------
     matplotlib.axes.Axes
         Angles are in degrees, angular velocities in degrees for each unit of time.
-
-    Raises
-    ------
-    ValueError
-        If `y` or `reference` holds no rotations, their numbers or that of `t` differ, `show` isn't
-        one of these, or `reference` is missing for errors or given for anything else.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Warns
     -----

@@ -29,23 +29,10 @@ def convergence(
     h, errors
         Shape ``(n,)``. Positive numbers (`cg.problems.convergence.final_errors`); points with error
         zero are left out.
-    ax
-        Where to draw; a new figure by default.
     label
         Name of the curve in the legend.
     order
         Draw a line of this slope through the last point.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or a number isn't finite and positive.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -90,23 +77,10 @@ def work_precision(
     ----------
     work, errors
         Shape ``(n,)``. Positive numbers; points with error zero are left out.
-    ax
-        Where to draw; a new figure by default.
     label
         Name of the curve in the legend.
     unit
         Unit of work, such as ``"seconds"``.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or a number isn't finite and positive.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------

@@ -29,20 +29,11 @@ def invariants(
         A function of the points ``solution.y``, time along the first axis, that returns the values
         of each invariant by its name, such as the ``invariants`` of problems; or such a function of
         one invariant by each name.
-    ax
-        By default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
         With logarithmic errors; zeros are left out.
-
-    Raises
-    ------
-    ValueError
-        If an invariant has no number for each time, or isn't finite.
-    TypeError
-        If `solution` is no solution, or `functions` neither a function nor a mapping of them.
 
     Examples
     --------
@@ -91,21 +82,8 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
         Times, shape ``(n,)``.
     values
         Shape ``(n, members)``. Numbers of each member, NaN where it has none.
-    ax
-        By default those of a new figure.
     label
         Name of the median in the legend.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the shapes don't fit, or a time has no numbers.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------

@@ -30,23 +30,10 @@ def trajectory_on_sphere(
         Points, shape ``(n, 3)``; rotation matrices ``(n, 3, 3)`` or quaternions ``(n, 4)``, whose
         third axis is drawn; or a solution with such points, of one member or of several. A solution
         with dense output is drawn between its steps too, others along great circles.
-    ax
-        Three-dimensional axes; a new figure by default.
     label
         Name of the curve in the legend.
     color
         Colour of the curve.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -94,17 +81,6 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
         list of QuTiP's states; or a solution with such points, of one member or of several.
     ax, label, color
         As for `trajectory_on_sphere`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -203,21 +179,8 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
         quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
         its steps too.
-    ax
-        Three-dimensional axes; a new figure by default.
     triads
         Number of times, including the first and the last, at which the axes are drawn.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
-    TypeError
-        If `ax` isn't axes of matplotlib, or `triads` isn't an integer.
 
     Warns
     -----

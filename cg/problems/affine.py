@@ -86,12 +86,6 @@ class AffineField(AffineProblem):
     seed
         Seed of the random numbers.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If ``frame`` isn't a `Frame`, or ``seed`` isn't an integer; if points are complex,
-        ``initial`` isn't a point, or the fields aren't affine.
-
     Examples
     --------
     >>> import numpy as np

@@ -33,19 +33,13 @@ class ForcedRigidBody(QuadraticProblem):
     Parameters
     ----------
     inertia
-        Principal moments of inertia (kg m²).
+        Principal moments of inertia (kg m²), each at most the sum of the others.
     cosine, sine
         The torques :math:`a` and :math:`b` (N m).
     frequency
         :math:`\nu` (rad/s).
     velocity
         Angular velocity at time zero (rad/s).
-
-    Raises
-    ------
-    ValueError
-        If a parameter has the wrong shape or isn't finite, or the moments of inertia violate the
-        triangle inequalities.
 
     Examples
     --------

@@ -31,15 +31,9 @@ class FreeRigidBody(QuadraticProblem):
     Parameters
     ----------
     inertia
-        Principal moments of inertia (kg m²).
+        Principal moments of inertia (kg m²), each at most the sum of the others.
     momentum
-        Angular momentum in body axes at time zero (kg m²/s).
-
-    Raises
-    ------
-    ValueError
-        If the moments of inertia violate the triangle inequalities, or the momentum isn't three
-        finite numbers or vanishes.
+        Angular momentum in body axes at time zero (kg m²/s), not zero.
 
     References
     ----------

@@ -44,11 +44,6 @@ class HeavyTop(QuadraticProblem):
     phi_over_pi
         The initial angle in units of :math:`\pi`, a rational number.
 
-    Raises
-    ------
-    ValueError
-        If ``reading`` is neither of the two, or ``phi_over_pi`` isn't a rational number.
-
     References
     ----------
     .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of

@@ -62,12 +62,6 @@ class QuadraticProblem(ABC):
         -------
         Reference
             The unknowns are the entries of the point in C order, then those that the class names.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If ``bits`` isn't an integer; if a time isn't a finite number, or ``bits`` is less than
-            2.
         """
         return reference_solution(self._system, times, bits=bits)
 

@@ -34,11 +34,6 @@ class StateDependentRotation(AffineProblem):
     convention
         The convention of `cg.frames.SO3`.
 
-    Raises
-    ------
-    ValueError
-        If the convention is neither "body" nor "space".
-
     Examples
     --------
     >>> import crouch_grossman as cg

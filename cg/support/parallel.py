@@ -6,7 +6,6 @@ its workers. Long calls therefore go through `stoppable`: they read a flag, and 
 is set.
 """
 
-import ctypes
 import os
 import sys
 import threading
@@ -47,40 +46,12 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-class _Loaded(ctypes.Structure):
-    """What ``dl_iterate_phdr`` tells of a library, and the number of all that were ever loaded."""
-
-    _fields_ = (
-        ("address", ctypes.c_void_p),
-        ("name", ctypes.c_char_p),
-        ("headers", ctypes.c_void_p),
-        ("count", ctypes.c_uint16),
-        ("loads", ctypes.c_ulonglong),
-    )
-
-
-def _keep_loads(loaded: Any, _: int, loads: Any) -> int:
-    loads[0] = loaded.contents.loads
-    return 1  # other libraries tell the same
-
-
-_read_loads = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.POINTER(_Loaded), ctypes.c_size_t, ctypes.POINTER(ctypes.c_ulonglong)
-)(_keep_loads)
-
-
-def _count_loads() -> int | None:
-    """Return the number of libraries that this process has loaded; None if it isn't known."""
-    if sys.platform != "linux":
-        return None
-    loads = ctypes.c_ulonglong()
-    ctypes.CDLL(None).dl_iterate_phdr(_read_loads, ctypes.byref(loads))
-    return loads.value
-
-
 @lru_cache(maxsize=1)
-def _libraries(loads: int) -> list[Any]:
-    """Return the libraries of linear algebra; to find them takes as long as a short integration."""
+def _libraries(modules: int) -> list[Any]:
+    """Return the libraries of linear algebra, searched for again when other modules are there.
+
+    To find them takes as long as a short integration.
+    """
     return list(ThreadpoolController().lib_controllers)
 
 
@@ -97,9 +68,7 @@ class _Limit:
         with self.lock:
             if not self.users:
                 _take_control()
-                if (loads := _count_loads()) is None:
-                    _libraries.cache_clear()
-                counts = [(one, one.num_threads or 1) for one in _libraries(loads or 0)]
+                counts = [(one, one.num_threads or 1) for one in _libraries(len(sys.modules))]
                 self._before = [(one, threads) for one, threads in counts if threads > 1]
                 for library, _ in self._before:
                     library.set_num_threads(1)

@@ -47,11 +47,6 @@ def table_of(method: Any) -> MethodTable:
     ----------
     method
         The name of a stored table, a file of a method, or any object with a method ``table()``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these.
     """
     if isinstance(method, str) and method in _lines():
         return stored_table(method)

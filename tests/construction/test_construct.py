@@ -14,10 +14,10 @@ from cg.construction.candidate import (
     solved,
     to_method,
 )
-from cg.construction.conditions import Rows, residuals, unknowns
+from cg.construction.conditions import Rows, residuals
 from cg.construction.drop import drop_flow
 from cg.construction.eliminate import eliminate, eliminate_stage, walk
-from cg.construction.optimise import Goals, fewer_exponentials, optimise
+from cg.construction.optimise import Goals, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
 
@@ -93,14 +93,6 @@ class TestOptimise:
         after = np.array(cg.conditions.unpack(drawn.x, 6)[0], dtype=float).sum(axis=1)
         outside = [max(-v.min(), v.max() - 1) for v in (c, after)]
         assert outside[1] < 0.1 * outside[0]
-
-    def test_fewer_exponentials(self):
-        candidate, zeros = fewer_exponentials(a_candidate(4, 6))
-        assert zeros.size > 2
-        assert not candidate.x[zeros].any()
-        method = to_method(candidate, name="sparse", source="test")
-        assert method.order == 4
-        assert method.exponentials == unknowns(6) - zeros.size
 
 
 class TestToTableau:

@@ -27,17 +27,18 @@ def at_call(number, then):
 
 # Calls 2 and 3 are differences, call 4 is the first step.
 @pytest.mark.parametrize("call", [1, 2, 3, 4, 20])
-@pytest.mark.parametrize(("returned", "error", "message"), [
-    (None, TypeError, "f must return real numbers, got None"),
-    ([1j, 2j], TypeError, "f must return real numbers"),
-    (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
-    (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
-    ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
-    ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
-    ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),
+@pytest.mark.parametrize(("returned", "message"), [
+    (None, r"have shape .* got shape \(\)"),
+    ([1j, 2j], "be an array of real numbers"),
+    (3.0, r"have shape \(n,\) with n > 0, got shape \(\)"),
+    (np.ones((2, 1)), r"have shape .* got shape \(2, 1\)"),
+    ([[1.0], [1.0, 2.0]], "be an array"),
+    ([1.0, np.nan], r"be finite, got nan at \[1\]"),
+    ([-np.inf, 1.0], r"be finite, got -inf at \[0\]"),
 ])  # fmt: skip
-def test_rejects_bad_residuals(call, returned, error, message):
-    refuses(error, message, cg.lmdif, at_call(call, lambda x: returned), START)
+def test_rejects_bad_residuals(call, returned, message):
+    message = f"^f: the residuals must {message}"
+    refuses(ValueError, message, cg.lmdif, at_call(call, lambda x: returned), START)
 
 
 @pytest.mark.parametrize("call", [2, 4])

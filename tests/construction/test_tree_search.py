@@ -8,7 +8,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.candidate import Candidate, solved
-from cg.construction.drop import drop_flow, drop_point_stage
+from cg.construction.drop import drop_flow
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, check_tree
 from cg.construction.search.shapes import draw_layout
@@ -126,14 +126,9 @@ def solution(order, **shape):
     return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
 
 
-def test_dropping_flow_or_stage_leaves_solution():
+def test_dropping_flow_leaves_solution():
     candidate = solution(4, stages=6, flows=9, starts=20)
     random = np.random.default_rng(1)
     fewer = drop_flow(candidate, random, largest=10.0)
     assert solved(fewer)
     assert (fewer.system.stages, len(fewer.system.layout.parents)) == (6, 8)
-    less = drop_point_stage(candidate, random, largest=10.0)
-    assert solved(less)
-    assert less.system.stages == 5
-    assert len(less.system.layout.parents) <= 9
-    check_tree(less.system.layout.tree(less.x))

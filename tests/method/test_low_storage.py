@@ -18,7 +18,7 @@ from cg.construction.methods.paths import paths_of
 from cg.integration import integrate
 from cg.support.quads import to_decimal
 
-TOOL = "tools/write_low_storage_table"
+TOOL = "research/low_storage"
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in FROZEN.items() if two_registers(method)]
 
@@ -81,7 +81,7 @@ class TestOrderOnManifolds:
             assert row.flat_refined < 1e-60, row.name
             assert row.refined < 1e-55, row.name
         page = (ROOT / "docs" / "low_storage.md").read_text(encoding="utf-8")
-        assert tool.table_of(rows) in page, "out of date; run tools/write_low_storage_table.py"
+        assert tool.table_of(rows) in page, "out of date; run research/low_storage.py"
 
 
 class TestSteps:

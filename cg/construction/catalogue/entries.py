@@ -262,8 +262,6 @@ def save(method: Method, path: str | PathLike[str]) -> None:
 
     Raises
     ------
-    ValueError
-        If `path` is a folder and the name of the method can't be a file name.
     OSError
         If the file can't be written.
 

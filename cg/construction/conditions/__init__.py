@@ -151,12 +151,6 @@ def residuals(
     ndarray of float, tuple of Fraction, or tuple of flint.arb
         With count(order, independent) entries.
 
-    Raises
-    ------
-    ValueError
-        If a shape doesn't match, an entry isn't finite, the order is out of range, or the method
-        has no second result.
-
     Examples
     --------
     The midpoint rule has order two, and not three.

@@ -138,13 +138,6 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
         digits; second weights equal to the first; rows that don't sum to c; a classical tableau
         used on manifolds without lifting.
 
-    Raises
-    ------
-    ValueError
-        If no method has that name, or `c` isn't a sequence of s numbers.
-    TypeError
-        If `method` is neither a name nor a method.
-
     Examples
     --------
     Heun's method of order three with a misprint, 2/5 in place of 2/3:

@@ -71,11 +71,6 @@ def export(
 
     Raises
     ------
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If there is no such method or format, `digits` is out of range or exceeds the known
-        digits, or the format is a language and the method is implicit.
     CertificationError
         If the certificate isn't one for the method.
 

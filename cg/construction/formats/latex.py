@@ -60,16 +60,6 @@ def to_array(method: Method) -> str:
     return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
 
 
-def short_numbers(method: Method) -> Iterator[list[str]]:
-    """Yield the rows of a tableau, abscissae first, or each point's weights, with few digits."""
-    if isinstance(method, CommutatorFree):
-        for weights in method.point_coefficients:
-            yield [_shown(weight) for weight in weights.values()]
-    else:
-        for row in _entries(method):
-            yield [_shown(entry) if entry else "" for entry in row]
-
-
 def _entries(
     method: Method, exact: Sequence[Fraction] | None = None
 ) -> Iterator[list[Coefficient | None]]:
@@ -175,15 +165,9 @@ def _number(entry: Coefficient) -> str:
 
 
 def _short(entry: Coefficient) -> str:
-    return _number(entry) if _is_short(entry) else _power(to_decimal(entry.value, _SHORT))
-
-
-def _shown(entry: Coefficient) -> str:
-    return entry.text if _is_short(entry) else to_decimal(entry.value, _SHORT)
-
-
-def _is_short(entry: Coefficient) -> bool:
-    return entry.unit == 0 and len(entry.text) <= 2 * _SHORT
+    if entry.unit == 0 and len(entry.text) <= 2 * _SHORT:
+        return _number(entry)
+    return _power(to_decimal(entry.value, _SHORT))
 
 
 def _power(text: str) -> str:

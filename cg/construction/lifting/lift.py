@@ -170,10 +170,6 @@ def lift(
     name, source
         Name and source of the method; by default those of the tableau.
 
-    Returns
-    -------
-    Lifted
-
     Raises
     ------
     TypeError, ValueError

@@ -48,9 +48,8 @@ class MuntheKaas(Method):
         collocation method of three implicit stages after one at the start, which only the second
         weights use (``"RadauIIA5"``); its stages are solved by Newton's method.
     third
-        Sequence of s numbers. Third weights of a pair, of lower order than the second. The estimate
-        is then :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_, with the differences
-        e and :math:`e_3` of the result from the results of the second and of the third weights.
+        As for `cg.CommutatorFree`, with the differences e and :math:`e_3` of the result from the
+        results of the second and of the third weights.
     name, source
         Name and origin of the method, by default those of the tableau.
 
@@ -71,8 +70,6 @@ class MuntheKaas(Method):
     ----------
     .. [1] H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29
        (1999), 115-127.
-    .. [2] E. Hairer, S. P. Nørsett, G. Wanner, "Solving Ordinary Differential Equations I", 2nd
-       ed., Springer, 1993, section II.5.
 
     Examples
     --------

@@ -37,8 +37,7 @@ class TableauError(MethodError):
 class Tableau(Method):
     """A Runge–Kutta method of Crouch–Grossman type, (2.2) and (2.3) of the paper.
 
-    The tableau is immutable. It keeps all coefficients as they were given; numbers derived from
-    them are exact or correctly rounded. Tableaux are equal if all their coefficients are equal.
+    Tableaux are equal if all their coefficients are equal.
 
     Parameters
     ----------

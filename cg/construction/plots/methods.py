@@ -25,20 +25,8 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     Parameters
     ----------
     method
-    ax
-        Where to draw; a new figure by default.
     digits
         Significant digits of coefficients that aren't short fractions.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, `digits` isn't a positive integer, or `ax` isn't axes of
-        matplotlib.
 
     Examples
     --------
@@ -116,17 +104,6 @@ def points(method: str | Method, ax: Any = None) -> Any:
     ----------
     method
         An explicit method.
-    ax
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, it is implicit, or `ax` isn't axes of matplotlib.
 
     Examples
     --------

@@ -34,20 +34,9 @@ def stability_region(
     Parameters
     ----------
     method
-    ax
-        Where to draw; a new figure by default.
     x, y
         Pairs of float. Ranges of the real and the imaginary part; by default they contain the
         regions.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, a range isn't increasing, or `ax` isn't axes of matplotlib.
 
     Examples
     --------

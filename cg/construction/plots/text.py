@@ -1,14 +1,75 @@
-"""Trees and points of steps as text."""
+"""Methods and trees as text."""
 
 from collections.abc import Callable, Sequence
+from fractions import Fraction
+from itertools import chain, zip_longest
 from typing import Any
 
 from cg.construction.layouts.points import START, points_of
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.splitting import Splitting
 from cg.construction.trees.ordered import OrderedTree
 from cg.support.checks import check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _NODE = "●"
+_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+
+
+def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
+    """Return rows, also short ones, as aligned columns of text, the first `left` flush left."""
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=False))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def draw_method(method: Method, *, digits: int = 6) -> str:
+    """Return the coefficients of a method as text: points as a tree, others in columns."""
+    if isinstance(method, CommutatorFree):
+        flat = _tableau(method, digits)
+        return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
+    if isinstance(method, MagnusMethod):
+        rows = {"nodes": [method.nodes], "bracket of": chain(*method.brackets)}
+        rows |= {"flow": method.weights}
+        rows |= {"flow of the second result": method.embedded_weights or ()}
+        rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
+        return columns([
+            [label, "│", *(_number(x.value, digits) for x in row)]
+            for label, block in rows.items()
+            for row in block
+        ])  # fmt: skip
+    if isinstance(method, Splitting):
+        numbers = [_number(x.value, digits) for x in method.coefficients]
+        pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
+        return columns([["drift", "kick"], *pairs], left=0)
+    return _tableau(method, digits)
+
+
+def _tableau(method: Method, digits: int) -> str:
+    """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
+    a, b = method.exact
+    rows: list[Any] = [(sum(row, Fraction(0)), *row) for row in a]
+    if method.explicit:
+        rows = [row[: end + 1] for end, row in enumerate(rows)]
+    rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
+    lines = [[x if isinstance(x, str) else _number(x, digits) for x in row] for row in rows]
+    text = columns([[first, "│", *rest] for first, *rest in lines]).splitlines()
+    rule = "─" * max(map(len, text))
+    return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
+
+
+def _number(x: Fraction, digits: int) -> str:
+    # Python may be unable to write a longer fraction
+    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
+    return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
 
 
 def draw_tree(tree: OrderedTree) -> str:

@@ -17,21 +17,8 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     ----------
     tree
         A tree, or its bracket notation; at most 200 nodes.
-    ax
-        Where to draw; a new figure by default.
     title
         Whether to write the bracket notation and the density γ below.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    TypeError
-        If `tree` is neither a tree nor a str, or `ax` isn't axes of matplotlib.
-    ValueError
-        If `tree` isn't valid bracket notation, or has too many nodes.
 
     Examples
     --------

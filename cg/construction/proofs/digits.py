@@ -106,10 +106,6 @@ def digits(
     ------
     CertificationError
         If there is no certificate, or it can't be proved.
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If `digits` is out of range, or there are no second weights.
 
     Examples
     --------

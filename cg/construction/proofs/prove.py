@@ -47,10 +47,6 @@ def certify(
 
     Raises
     ------
-    TypeError
-        If `method` is neither a name nor a method, or `order` isn't an integer.
-    ValueError
-        If no method has that name, or `order` is out of range.
     CertificationError
         If there is no proof; with the quantities that tell why.
 

@@ -130,21 +130,6 @@ def search(
         The solver varies the others. Methods have held coefficients as exact rationals, and held
         abscissae to the last digit.
 
-    Returns
-    -------
-    SearchResult
-
-    Raises
-    ------
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If an argument is out of its range, there are too few stages, or `store` isn't a store.
-    OSError
-        If the store can't be written.
-    MissingQuadsError
-        If the package was built without quadruple precision.
-
     Examples
     --------
     >>> result = search(order=2, stages=2)

@@ -35,7 +35,7 @@ References
    Section 324.
 """
 
-_ROUNDING = 1e-12  # of residuals
+_ROUNDING = 1e-12  # error of residuals
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -130,13 +130,13 @@ class Settings:
     tree: Layout | None = None  # None for tableaux and trees drawn at random
     first_same_as_last: bool = False
     hold: Hold = ()
-    # of searches
+    # for searches
     algorithm: str = ALGORITHMS[0]
     rows: Rows = Rows.EXPLICIT
     maxfev: int = 0
     refine_below: float = 0.0
     refine_maxfev: int = 0
-    # of constructions, which eliminate stages or flows
+    # for constructions, which eliminate stages or flows
     structure: Structure = Structure.GENERAL
     first_stages: int = 0
     first_flows: int | None = None

@@ -101,25 +101,6 @@ def layout_of_fields(fields: Mapping[str, Any]) -> Layout:
     )
 
 
-def select_points(
-    layout: Layout,
-    parents: Sequence[int],
-    weights: Sequence[dict[int, float]],
-    stage_points: Sequence[int],
-    points: Sequence[int],
-) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout of some `points` of a tree, numbered anew, and their packed weights."""
-    number = {START: START} | {m: k for k, m in enumerate(points)}
-    rows = [dict(sorted(weights[m].items())) for m in points]
-    smaller = Layout(
-        tuple(number[parents[m]] for m in points),
-        tuple(tuple(row) for row in rows),
-        tuple(number[m] for m in stage_points),
-        tuple(number[m] for m in layout.results),
-    )
-    return smaller, np.array([weight for row in rows for weight in row.values()])
-
-
 def merge_point(
     layout: Layout, x: Sequence[float], point: int
 ) -> tuple[Layout, NDArray[np.float64]]:
@@ -131,7 +112,15 @@ def merge_point(
             for stage, weight in weights[point].items():
                 weights[m][stage] = weights[m].get(stage, 0.0) + weight
     points = [m for m in range(len(parents)) if m != point]
-    return select_points(layout, parents, weights, layout.stage_points, points)
+    number = {START: START} | {m: k for k, m in enumerate(points)}
+    rows = [dict(sorted(weights[m].items())) for m in points]
+    smaller = Layout(
+        tuple(number[parents[m]] for m in points),
+        tuple(map(tuple, rows)),
+        tuple(number[m] for m in layout.stage_points),
+        tuple(number[m] for m in layout.results),
+    )
+    return smaller, np.array([weight for row in rows for weight in row.values()])
 
 
 def fixed_weights(order: int, layout: Layout) -> list[int]:

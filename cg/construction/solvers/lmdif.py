@@ -19,6 +19,7 @@ from cg import _core_r64
 from cg.construction.conditions.core_calls import Trees, described, evaluation_bytes
 from cg.construction.layouts.layout import Layout
 from cg.support import quads
+from cg.support.arrays import check_finite, real_array
 from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.copies import ReadOnly
 from cg.support.memory import reserved
@@ -121,10 +122,6 @@ def lmdif(
     diag
         Shape ``(n,)``. Positive scale factors of the unknowns; by default the largest norms so far
         of the columns of the Jacobian.
-
-    Returns
-    -------
-    LmdifResult
 
     Raises
     ------
@@ -259,39 +256,18 @@ def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:
     """Return a checked copy of ``f(x)``; `x` may be the solver's memory, so f gets a copy."""
     if not np.isfinite(x).all():
         raise ValueError(f"f varies too much: the next point would be x = {x}")
-    returned: Any = f(x.copy())
-    try:
-        values = np.asarray(returned)
-    except ValueError as error:
-        raise ValueError(f"f must return an array of shape (m,), got {returned!r}") from error
-    if values.dtype.kind not in "biuf" or np.ma.is_masked(returned):
-        raise TypeError(f"f must return real numbers, got {returned!r}")
-    if values.ndim != 1:
-        raise ValueError(f"f must return an array of shape (m,), got shape {values.shape}")
+    values = _vector("f: the residuals", f(x.copy()))
     if rows is not None and values.size != rows:
         raise ValueError(f"f must return {rows} residuals as it did at x0, got {values.size}")
-    checked = values.astype(np.float64)
-    if not np.isfinite(checked).all():
-        index = int(np.flatnonzero(~np.isfinite(checked))[0])
-        where = "x0" if rows is None else "x"
-        raise ValueError(
-            f"f must return finite residuals, got f[{index}] = {checked[index]} at {where} = {x}"
-        )
-    return checked
+    return values
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise ValueError(f"{name} must be an array of shape (n,), got {value!r}") from error
-    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise TypeError(f"{name} must hold real numbers, got {value!r}")
+    array = real_array(value, name)
     if array.ndim != 1 or array.size == 0:
         raise ValueError(f"{name} must have shape (n,) with n > 0, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {value!r}")
-    return array.astype(np.float64)
+    check_finite(array, name)
+    return array
 
 
 def _scale_factors(diag: ArrayLike, n: int) -> Vector:

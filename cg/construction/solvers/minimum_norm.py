@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cg import _core_r64
 from cg.construction.conditions.core_calls import Trees, Vector, derivatives_bytes, described
@@ -18,7 +18,6 @@ from cg.construction.layouts.layout import Layout
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.capsules import provide_lapack
-from cg.support.checks import MAX_COUNT, check_flag, check_integer, check_real
 from cg.support.memory import reserved
 from cg.support.parallel import stoppable
 from cg.support.shared_numbers import MinimumNormStatus
@@ -40,7 +39,7 @@ class MinimumNormFit:
 
 
 def fit_conditions(
-    x0: ArrayLike,
+    x0: Vector,
     system: ConditionSystem,
     *,
     movable: Sequence[int] | NDArray[np.intp] | None = None,
@@ -57,15 +56,7 @@ def fit_conditions(
     With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
     singular values below 1e-8 of the largest; this takes up to three times as long.
     """
-    size = system.size
-    x = np.asarray(x0, dtype=np.float64)
-    if x.shape != (size,) or not np.isfinite(x).all():
-        raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    x, indices = np.array(system.complete(x)), system.moving(movable)
-    ftol = check_real("ftol", ftol)
-    damping = check_real("damping", damping, positive=True)
-    max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
-    accurate = check_flag("accurate", accurate)
+    x, indices = np.array(system.complete(x0)), system.moving(movable)
     if system.held is not None and system.held.dependent:
         end, f = finish(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
         done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cg.construction import conditions
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.support.arrays import check_finite, real_array
 
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
@@ -68,34 +67,29 @@ def refine_rational(
 
 
 def polish(
-    x: Sequence[Fraction], system: ConditionSystem, *, directions: ArrayLike | None = None
+    x: Sequence[Fraction],
+    system: ConditionSystem,
+    *,
+    movable: Sequence[int] | NDArray[np.intp] | None = None,
 ) -> RationalZero:
     """Correct packed weights until the exact residuals of the independent conditions are small.
 
-    Corrections are combinations of the columns of `directions`, (n, k); by default, all movable
-    entries may change. The structure of the system isn't used.
+    Only the entries `movable` change. The structure of the system isn't used.
     """
-    start = tuple(system.complete(list(map(Fraction, x))))
-    if len(start) != system.size:
-        raise ValueError(f"x must have {system.size} entries, got {len(start)}")
+    start = list(system.complete(list(map(Fraction, x))))
     system = replace(system, structure=Structure.GENERAL)
+    moving = system.moving(movable).tolist()
     jac = system.jacobian(np.array([float(entry) for entry in start]))
-    span = _directions(
-        np.eye(len(start))[:, system.movable] if directions is None else directions, len(start)
+    inverse, _ = pseudo_inverse(jac[:, moving], _RANK_TOLERANCE)
+
+    def whole(entries: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        changed = dict(zip(moving, entries, strict=True))
+        return tuple(system.complete([changed.get(k, entry) for k, entry in enumerate(start)]))
+
+    end = refine_rational(
+        lambda entries: _residuals(whole(entries), system), [start[k] for k in moving], inverse
     )
-    inverse, _ = pseudo_inverse(jac @ span, _RANK_TOLERANCE)
-
-    def moved(steps: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """Return the point after steps along the directions."""
-        moved = [
-            entry + sum((Fraction(d) * m for d, m in zip(row, steps, strict=True) if d), Fraction())
-            for entry, row in zip(start, span.tolist(), strict=True)
-        ]
-        return tuple(system.complete(moved))
-
-    start_steps = [Fraction()] * span.shape[1]
-    end = refine_rational(lambda steps: _residuals(moved(steps), system), start_steps, inverse)
-    return replace(end, x=moved(end.x))
+    return replace(end, x=whole(end.x))
 
 
 def polish_zeros(
@@ -105,14 +99,13 @@ def polish_zeros(
 
     If the conditions can't be solved with these zeros, the weights keep their values.
     """
-    unit = np.eye(system.size)
-    polished = polish(x, system, directions=unit[:, movable])
+    polished = polish(x, system, movable=movable)
     tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _ROUNDING}
     rest = [k for k in movable if k not in tiny]
     if not tiny or not rest:
         return polished
     start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
-    sparse = polish(start, system, directions=unit[:, rest])
+    sparse = polish(start, system, movable=rest)
     return sparse if sparse.largest_residual <= max(polished.largest_residual, _BELOW) else polished
 
 
@@ -124,13 +117,3 @@ def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction
             tree, system.order - 1, independent=True, embedded=True, arithmetic="exact"
         )
     return residuals
-
-
-def _directions(directions: ArrayLike, size: int) -> NDArray[np.float64]:
-    span = real_array(directions, "directions")
-    if span.ndim != 2 or span.shape[0] != size or span.shape[1] == 0:
-        raise ValueError(
-            f"directions must have shape ({size}, k) with k at least 1, got {span.shape}"
-        )
-    check_finite(span, "directions")
-    return span

@@ -42,13 +42,8 @@ def refine(
     Only the entries `movable` change. The simplifying assumptions of the system hold afterwards.
     """
     core = quads.core("refinement")
-    if x.shape != (system.size, 16):
-        raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
-    start = quads.to_float(x)
-    if not np.isfinite(start).all():
-        raise ValueError(f"x must be finite, got {start}")
     moving = system.moving(movable)
-    jac = system.jacobian(start, independent=False)[:, moving]
+    jac = system.jacobian(quads.to_float(x), independent=False)[:, moving]
     rank, inverse = 0, np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible
         inverse, rank = pseudo_inverse(jac, _RANK_TOLERANCE)

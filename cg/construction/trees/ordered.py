@@ -69,13 +69,7 @@ class OrderedTree:
 
     @classmethod
     def parse(cls, text: str) -> OrderedTree:
-        """Read a tree from its text in brackets; white space is ignored.
-
-        Raises
-        ------
-        ValueError
-            If `text` isn't exactly one balanced tree.
-        """
+        """Read a tree from its text in brackets; white space is ignored."""
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {type(text).__name__}")
         finished: list[list[OrderedTree]] = [[]]

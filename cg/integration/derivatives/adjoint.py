@@ -51,7 +51,7 @@ class Adjoint:
 
     _equation: Equation
     _output: DenseOutput
-    _times: Array  # of the output
+    _times: Array  # times of the output
 
     def __repr__(self) -> str:
         return f"Adjoint(times={len(self._times)}, shape={self._equation.shape})"

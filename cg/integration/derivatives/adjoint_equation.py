@@ -22,7 +22,7 @@ from cg.support.arrays import Array, Points
 _COUNT = 5
 _X, _W = np.polynomial.legendre.leggauss(_COUNT)
 _NODES, _WEIGHTS = (_X + 1) / 2, _W / 2
-# of values at the nodes to coefficients of Legendre polynomials
+# the matrix from values at the nodes to coefficients of Legendre polynomials
 _TO_LEGENDRE = np.array([(2 * k + 1) * _WEIGHTS * Legendre.basis(k)(_X) for k in range(_COUNT)])
 # entry [j, l]: the integral of the l-th Lagrange polynomial from node j to 1
 _INTEGRALS = (
@@ -33,7 +33,7 @@ _MIXED = 8
 _LARGEST_NORM = 1e5  # the number of intervals is proportional to it
 _MANY = 8  # intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
-_ENTRIES = 1 << 22  # of the matrices that are solved at a time
+_ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
 
 class Gradient(NamedTuple):
@@ -63,11 +63,11 @@ class Equation:
     # A and B at times, shapes (times, n, n) and (times, m, k); B is None without parameters and
     # inputs, which are the last of the k
     at: Callable[[Array], tuple[Points, Array | None]]
-    shape: tuple[int, ...]  # of a covector
+    shape: tuple[int, ...]  # shape of a covector
     tolerance: float
     parameters: int | None = None  # their number, None without any
     inputs: Inputs | None = None
-    # of a linear equation y' = A y: A = sum_m a_m G_m, where B are the derivatives of the a_m
+    # for a linear equation y' = A y: A = sum_m a_m G_m, where B are the derivatives of the a_m
     generators: Points | None = None
     skew: bool = False  # whether its matrices are skew-Hermitian
     output: DenseOutput | None = None  # its solution
@@ -110,7 +110,7 @@ class Intervals(NamedTuple):
     size: Array  # signed
     maps: Points  # from the covector at the end to those at the start and the nodes
     by_parameters: Array  # B at the nodes, shape (intervals, nodes, m, k)
-    points: Points  # of a linear equation at the nodes, shape (intervals, nodes, n, columns)
+    points: Points  # at the nodes, for a linear equation; shape (intervals, nodes, n, columns)
 
     @property
     def times(self) -> Array:

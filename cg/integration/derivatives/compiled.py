@@ -44,7 +44,7 @@ class CompiledVariation(CompiledRhs):
     variational: Any = None  # the `VariationalField`
     plan: Any = None  # plan of the frame without derivatives
     args: tuple[Any, ...] = ()  # type: ignore[misc]
-    records: Any = None  # of the members, or one for all
+    records: Any = None  # one for each member, or one for all
     kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
 
     def __repr__(self) -> str:

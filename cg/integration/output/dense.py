@@ -23,7 +23,7 @@ class Steps:
     """Steps with the interpolants by which compiled code evaluates the solution within them."""
 
     plan: Plan
-    member: NDArray[np.int64]  # of each step, increasing, shape (n,)
+    member: NDArray[np.int64]  # the member of each step, increasing, shape (n,)
     # start, signed size, end (an event may end a step before its full size), and 1 if the
     # interpolant is in coordinates, shape (n, 4)
     t: Array
@@ -133,11 +133,6 @@ class DenseOutput(ReadOnly):
         ndarray
             Shape ``(*t.shape, *point_shape)``: time comes first. At an event with a jump it
             is the point after the jump.
-
-        Raises
-        ------
-        ValueError
-            If a time is beyond the ends, or ``t`` isn't real numbers.
         """
         return self._points(t) if self._derivatives is None else self._part("y", t)
 

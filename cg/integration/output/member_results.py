@@ -25,7 +25,7 @@ class MemberResults(NamedTuple):
     reached: Array  # their last times
     status: Any
     counts: Any  # shape (members, 6)
-    messages: dict[int, str]  # of members whose status isn't 0
+    messages: dict[int, str]  # by member, of those whose status isn't 0
     steps: Steps | None
     events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
     warnings: list[str]
@@ -45,7 +45,7 @@ class Results:
             if problem.observer is not None and not problem.keeps_points:
                 shape, kind = (self.members, *problem.observer.shape), np.dtype(np.float64)
             _check_out(out, (len(problem.t_eval), *shape), kind)
-        self._marks: dict[int, tuple[Array, Points]] = {}  # of events in continuous solutions
+        self._marks: dict[int, tuple[Array, Points]] = {}  # times and points of events, by member
         self._outputs: dict[int, DenseOutput] = {}
         self._events: dict[int, list[tuple[Array, Points]]] = {}
 

@@ -125,7 +125,7 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
-_MAX_PLANS = 64  # of a frame that are kept
+_MAX_PLANS = 64  # number that are kept for a frame
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 

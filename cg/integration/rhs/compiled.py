@@ -36,7 +36,7 @@ class CompiledRhs:
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
     frame: Frame | None = None  # the frame of its points
-    # of each member, shape (members, k); their address is passed in place of ``user_data``
+    # a row for each member, shape (members, k); their address is passed in place of ``user_data``
     parameters: Array | None = None
     source: Any = None  # the pointer made of ``function``, kept alive as well
     inputs: Inputs | None = None

@@ -6,7 +6,7 @@ import numpy as np
 
 from cg.support.arrays import Array
 
-_ROUNDING = 4 * float(np.finfo(float).eps)  # of times and values, relative
+_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values
 
 
 def curve_of(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array, Array]:

@@ -56,13 +56,6 @@ class Event:
         the event is at all multiples, and where the value wraps there is none. Between two
         comparisons of signs the function must change by less than half a period.
 
-    Raises
-    ------
-    TypeError
-        If ``function`` or ``jump`` isn't callable.
-    ValueError
-        If ``terminal``, ``direction`` or ``period`` has an impossible value.
-
     Examples
     --------
     A ball that bounces three times, losing a tenth of its speed each time:

@@ -34,8 +34,6 @@ class CompiledFunction:
 
     Raises
     ------
-    TypeError
-        If an argument has an impossible type.
     ValueError
         If the library can't be loaded, or has no such function.
 

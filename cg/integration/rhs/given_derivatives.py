@@ -20,7 +20,7 @@ class Derivative:
     name: str
     function: Any  # a `CompiledRhs` if it is compiled
     frame: Frame
-    shape: tuple[int, ...]  # of its values at one point
+    shape: tuple[int, ...]  # shape of its value at one point
     vectorized: bool = False  # whether it takes several points in one call
 
     def __call__(self, t: Any, y: Points, arguments: tuple[Any, ...], data: int = 0) -> Array:

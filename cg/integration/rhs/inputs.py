@@ -15,7 +15,7 @@ from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array
 from cg.tables import MethodTable
 
-_ROUNDING = 1e-15  # of abscissae
+_ROUNDING = 1e-15  # error of abscissae
 
 
 def address(array: Any) -> int:

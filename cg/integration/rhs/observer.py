@@ -26,7 +26,7 @@ class Observer:
 
     function: Any  # in Python, or a list of compiled ones
     frame: Frame  # frame of the points that it is given
-    shape: tuple[int, ...]  # of its value at one time
+    shape: tuple[int, ...]  # shape of its value at one time
     keeps_points: bool  # whether the points are stored as well
 
     def check(self, value: Any, t: float, _: Points) -> Array:

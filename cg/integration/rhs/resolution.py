@@ -25,7 +25,7 @@ from cg.support.arrays import Array
 _IGNORED = 0.08  # deviations between samples, of a spline whose kinks count as 1
 _BLOCKS = 2.0  # in a step, whose nodes are closer than its ends
 _PEAK = 1.5  # the largest value of an oscillation relative to its mean deviation
-_FALL = 16.0  # of errors of cubics where distances are halved
+_FALL = 16.0  # ratio of the errors of cubics when distances are halved
 
 
 class Resolution:

@@ -20,8 +20,8 @@ from cg.support.copies import ReadOnly
 from cg.support.times import apart
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
-_BLOCK = 64  # of values whose curves are made at a time
-_ROUNDING = 64 * float(np.finfo(float).eps)  # of values, relative, and of jumps due to it
+_BLOCK = 64  # number of values whose curves are made at a time
+_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
@@ -58,14 +58,6 @@ class Samples(ReadOnly):
         is constant. It jumps at the edges.
     members
         Whether ``values`` has a first axis for the members of an ensemble.
-
-    Raises
-    ------
-    TypeError
-        If an argument has an impossible type.
-    ValueError
-        If ``times`` aren't increasing, there are other numbers of times and values, numbers aren't
-        finite, or arguments contradict each other.
 
     Examples
     --------
@@ -208,11 +200,6 @@ class Samples(ReadOnly):
         t
         member
             The member of an ensemble, for values of several members. All of them by default.
-
-        Raises
-        ------
-        ValueError
-            If the time lies outside the curve, or ``t`` isn't one time.
         """
         if not isinstance(t, float) and np.ndim(t):
             raise ValueError(f"t must be one time, got shape {np.shape(t)}")

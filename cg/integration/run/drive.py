@@ -33,7 +33,7 @@ def drive(
         run.call()
         raise_if_stopped()
         if watch is not None:
-            with np.errstate(over="ignore"):  # of members without an end
+            with np.errstate(over="ignore"):  # members may have no end
                 watch(float(np.abs(run.reached - run.t0).sum()))
         if record.ended == run.members:
             return

@@ -51,7 +51,7 @@ class Run:
     of vectors of coefficients that a member keeps between steps.
     """
 
-    address = 0  # of the run in compiled code
+    address = 0  # address of the run in compiled code
 
     def __init__(
         self,

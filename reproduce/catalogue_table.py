@@ -1,6 +1,6 @@
-"""The catalogue as a table, computed from coefficients except for the column of certificates."""
+"""The table of docs/catalogue.md, computed from coefficients except for the certificates."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
@@ -12,33 +12,18 @@ from cg.construction.methods.tableau import Tableau
 from cg.construction.proofs import certificate_of
 from cg.construction.proofs.files import certificate_names
 
-from ..blocks import Block, Data, Table, Text, number, places
-from ..coefficients import RANK_THRESHOLD, singular_values
-from ..context import Context, Item
-from ..markdown import table as markdown_table
-
-_EXPLANATION = (
-    "The columns are explained in docs/catalogue.md. They were computed in this run, except the "
-    "last one, which is read from the certificates' files: the radius around the stored "
-    "coefficients within which an exact method was proved to exist, and in part if this was proved "
-    "for independent conditions and the others were proved to be tiny. crouch-grossman certify "
-    "--check repeats the proofs."
-)
+from .blocks import Data, Table, number, places
+from .coefficients import RANK_THRESHOLD, singular_values
+from .markdown import table as markdown_table
 
 
-def compute(context: Context) -> Data:
-    """Return ``methods``, what `describe` returns of all, the explicit ones first, by order."""
-    entries = []
-    described = [m for m in methods.values() if isinstance(m, Tableau | CommutatorFree)]
-    for done, method in enumerate(described):
-        context.progress(done, len(described))
-        entries.append(describe(method))
-    return {"methods": sorted(entries, key=_place)}
-
-
-def _place(entry: Data) -> tuple[Any, ...]:
-    pair = entry["embedded_order"] is not None
-    return not entry["explicit"], entry["order"], pair, entry["name"]
+def entries() -> list[dict[str, Any]]:
+    """Return what `describe` returns of all tableaux and commutator-free methods, by order."""
+    shown = (m for m in methods.values() if isinstance(m, Tableau | CommutatorFree))
+    return sorted(
+        map(describe, shown),
+        key=lambda e: (not e["explicit"], e["order"], e["embedded_order"] is not None, e["name"]),
+    )
 
 
 def describe(method: Method) -> dict[str, Any]:
@@ -75,18 +60,13 @@ def _certificate(method: Method) -> Data | None:
     return {"radius": str(certificate.radius).lower(), "complete": certificate.complete}
 
 
-def present(data: Data) -> Sequence[Block]:
-    """Explain and show the table."""
-    return Text(_EXPLANATION), table(data)
-
-
-def table(data: Data) -> Table:
-    """Make the table of what `compute` returns."""
+def table(entries: Iterable[Data]) -> Table:
+    """Make the table of what `entries` returns."""
     return Table(
         "The catalogue",
         ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
          "principal error", "effort", "residual", "rank", "certificate (from its file)"),
-        [_row(entry) for entry in data["methods"]],
+        list(map(_row, entries)),
     )  # fmt: skip
 
 
@@ -115,6 +95,3 @@ def markdown(shown: Table) -> str:
     """Write a table in Markdown, its first column as code."""
     rows = [[f"`{first}`", *rest] for first, *rest in shown.rows]
     return markdown_table(shown.header, rows) + "\n"
-
-
-ITEMS = (Item("beyond.catalogue", "Beyond the paper: the catalogue", 110, 110, compute, present),)

@@ -1,4 +1,4 @@
-"""Write the table of docs/low_storage.md anew: ``python tools/write_low_storage_table.py [FILE]``.
+"""Write the table of docs/low_storage.md anew: ``python research/low_storage.py [FILE]``.
 
 Methods in print satisfy their conditions to their digits only. Each is moved to the closest
 solution of the classical conditions alone, by corrections of least norm in A and B whose
@@ -24,7 +24,7 @@ from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.reproduce.markdown import replace_between, table
 
-METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
+METHODS = Path(__file__).parent / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
 STEP = Fraction(1, 10**30)  # step of differences

@@ -1,42 +1,35 @@
-"""Sections of the report beyond the paper."""
+"""The table of the catalogue in the documentation, and the methods that it recommends."""
 
 import re
 from pathlib import Path
 
 import pytest
 from kinds import FROZEN, MAGNUS
-from report_pages import check_page, read
 
 from cg.construction.catalogue import methods
 from cg.construction.conditions import count
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.proofs.files import certificate_names
-from cg.reproduce.context import Context, Settings
-from cg.reproduce.main import main
-from cg.reproduce.sections import beyond_catalogue, beyond_order
+from cg.reproduce import catalogue_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 
 
 @pytest.fixture(scope="module")
 def catalogue():
-    return beyond_catalogue.compute(Context(Settings(), Path()))
-
-
-def entries(catalogue):
-    return {entry["name"]: entry for entry in catalogue["methods"]}
+    return {entry["name"]: entry for entry in catalogue_table.entries()}
 
 
 def test_properties(catalogue):
-    assert sorted(entries(catalogue)) == sorted(FROZEN)
-    entry = entries(catalogue)["CG4a"]
+    assert sorted(catalogue) == sorted(FROZEN)
+    entry = catalogue["CG4a"]
     assert (entry["order"], entry["embedded_order"], entry["approximate"]) == (4, None, False)
     assert (entry["stages"], entry["exponentials"]) == (5, 15)
     assert entry["largest_coefficient"] == 1.3918565724203246
     assert entry["abscissae"] == [0, 0.8768903263420429]
     # the one dependent condition of CG5a is known
-    assert (entry["rank"], entries(catalogue)["CG5a"]["rank"]) == (13, 37)
-    for name, actual in entries(catalogue).items():
+    assert (entry["rank"], catalogue["CG5a"]["rank"]) == (13, 37)
+    for name, actual in catalogue.items():
         assert actual["conditions"] == count(actual["order"], independent=True)
         assert 0 < actual["rank"] <= actual["conditions"]
         assert actual["approximate"] == (actual["largest_residual"] > 1e-32) == (name == "CG6a")
@@ -44,8 +37,8 @@ def test_properties(catalogue):
 
 
 def test_catalogue_section_shows_certificates(catalogue):
-    rows = {row[0]: row[-1] for row in beyond_catalogue.table(catalogue).rows}
-    proved = {name for name, actual in entries(catalogue).items() if actual["certificate"]}
+    rows = {row[0]: row[-1] for row in catalogue_table.table(catalogue.values()).rows}
+    proved = {name for name, actual in catalogue.items() if actual["certificate"]}
     assert proved == {n for n, cell in rows.items() if cell != "–"}
     assert proved == {*certificate_names()} - {*MAGNUS}
     assert rows["CG6a"] == "–"
@@ -54,7 +47,7 @@ def test_catalogue_section_shows_certificates(catalogue):
 
 
 def test_table_in_docs_matches_the_catalogue(catalogue):
-    shown = beyond_catalogue.markdown(beyond_catalogue.table(catalogue))
+    shown = catalogue_table.markdown(catalogue_table.table(catalogue.values()))
     page = PAGE.read_text("utf-8")
     assert shown in page, "out of date; run python tools/update_catalogue.py"
     advice = page.partition("## Which method to use")[2].partition("## The table")[0]
@@ -78,35 +71,8 @@ def test_recommended_methods_are_best_in_their_class(catalogue, name, by):
     # Crouch–Grossman methods among themselves, others among all
     rivals = {
         other["name"]: other[by]
-        for other in catalogue["methods"]
+        for other in catalogue.values()
         if other["explicit"] and other["order"] == methods[name].order
         if not (name.startswith("CG") and isinstance(methods[other["name"]], CommutatorFree))
     }
     assert rivals[name] == min(rivals.values())
-
-
-def test_report_has_the_catalogue_section(tmp_path, monkeypatch):
-    listed = {name: methods[name] for name in ("CG4a", "CG2(3)", "ImplicitMidpoint")}
-    monkeypatch.setattr(beyond_catalogue, "methods", listed)
-    assert main(["--only", "beyond.catalogue", "--out", str(tmp_path)]) == 0
-    item = read(tmp_path)["items"]["beyond.catalogue"]["methods"]
-    assert [entry["name"] for entry in item] == ["CG2(3)", "CG4a", "ImplicitMidpoint"]
-    check_page((tmp_path / "report.html").read_text("utf-8"))
-
-
-def test_report_has_the_order_section(tmp_path, monkeypatch):
-    monkeypatch.setattr(beyond_order, "_POWERS", range(3, 8))
-    assert main(["--only", "beyond.order", "--out", str(tmp_path)]) == 0
-    part = read(tmp_path)["items"]["beyond.order"]["readings"]["momentum"]
-    assert 0 < part["reference_error"] < 1e-40
-    names = beyond_order.select()
-    assert list(part["methods"]) == names
-    assert {"CG6a", "CG6b", "CF8a"} <= set(names)
-    assert [methods[n].order for n in names] == sorted(methods[n].order for n in names)
-    for name, run in part["methods"].items():
-        assert len(run["h"]) == 5
-        if name == "CG6a":
-            assert run["error"][-1] > 1e-8
-        else:
-            assert run["local"][-1] == pytest.approx(methods[name].order, abs=0.1)
-    check_page((tmp_path / "report.html").read_text("utf-8"))
