@@ -1,32 +1,17 @@
 """The code in the README and in other pages runs."""
 
-from pathlib import Path
-
 import numpy as np
 from tests_of_pages import blocks_of, run
 
-HERE = Path(__file__).parents[2]
 
-
-def test_code_of_readme_runs(capsys):
-    assert len(blocks_of("README.md")) >= 3
+def test_code_of_readme_runs():
+    assert len(blocks_of("README.md")) == 3
     names = run("README.md")
     assert names["solution"].success
-    assert names["frame"].membership_error(names["solution"].y).max() < 1e-14
     assert names["four"]
+    assert names["free"]
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
-    assert "The end of t_span was reached" in capsys.readouterr().out
-
-
-def test_code_of_package_page_runs(capsys):
-    names = run("PACKAGE.md")
-    assert names["solution"].success
-    assert "The end of t_span was reached" in capsys.readouterr().out
-
-
-def test_package_page_has_no_relative_links():
-    assert "](" not in (HERE / "PACKAGE.md").read_text(encoding="utf-8")
 
 
 def test_code_of_frames_page():
