@@ -31,7 +31,10 @@ def faults(version: str, files: list[Path]) -> list[str]:
     pythons = [build.strip("-*") for build in settings["tool"]["cibuildwheel"]["build"]]
     absent = {
         platform: [
-            p for p in pythons if not any(f.match(f"*-{p}-{p}-*{platform}.whl") for f in files)
+            p
+            for p in pythons
+            # the tag of the interpreter says nothing of threads
+            if not any(f.match(f"*-{p.rstrip('t')}-{p}-*{platform}.whl") for f in files)
         ]
         for platform in PLATFORMS
     }

@@ -23,9 +23,14 @@ def output(*command: str | Path) -> str:
     return done.stdout
 
 
+def program(name: str) -> list[str]:
+    """Return the command of a program on PATH, where images have it, or of this Python."""
+    return [name] if shutil.which(name) else [sys.executable, "-m", name]
+
+
 def oldest_tag(wheel: Path) -> str:
     """Return the oldest platform that the wheel runs on once its libraries are in it."""
-    report = output(sys.executable, "-m", "auditwheel", "show", wheel)
+    report = output(*program("auditwheel"), "show", wheel)
     tags = re.findall(r"\"((?:manylinux|musllinux)_\d+_\d+_\w+)\"", report)
     if not tags:
         raise SystemExit(f"auditwheel names no platform for {wheel.name}:\n{report}")
@@ -59,7 +64,7 @@ def repair(wheel: Path, folder: str) -> None:
         "darwin": ("delocate-wheel", "-w", folder, "-v"),
         "win32": ("delvewheel", "repair", "-w", folder),
     }
-    linux = (sys.executable, "-m", "auditwheel", "repair", "-w", folder, "--plat")
+    linux = (*program("auditwheel"), "repair", "-w", folder, "--plat")
     command = tools[sys.platform] if sys.platform in tools else (*linux, oldest_tag(wheel))
     output(*command, wheel)
 
