@@ -192,3 +192,24 @@ def test_the_flat_condition_is_the_sum_of_the_orders():
     assert len(actual) == 3
     sides = sum(Fraction(n, OrderedTree((t,)).density) for t, n in actual.items())
     assert sides == Fraction(1, flat_density(tree))
+
+
+def test_weights_of_one_sign():
+    """The sum of ``docs/impossible.md`` vanishes where the conditions through order three do.
+
+    On any tableau, also implicit ones, it is a combination of their residuals: with as many random
+    tableaux as there are conditions and one more, it lies in the span of the residuals.
+    """
+    rng = np.random.default_rng(3)
+    rows, sums = [], []
+    for _ in range(14):
+        a, b = rng.normal(size=(4, 4)), rng.normal(size=4)
+        b /= b.sum()
+        c, middle = a.sum(axis=1), np.cumsum(b) - b / 2
+        rows.append(residuals(a, b, 3))
+        sums.append((b * (c - middle) ** 2).sum() + (b**3).sum() / 12)
+    factors, *_ = np.linalg.lstsq(np.array(rows)[:8], sums[:8], rcond=None)
+    np.testing.assert_allclose(np.array(rows) @ factors, sums, rtol=0, atol=1e-12)
+    for method in cg.methods.values():
+        if isinstance(method, cg.Tableau) and method.order >= 3:
+            assert method.b.min() < 0
