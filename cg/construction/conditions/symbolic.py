@@ -11,7 +11,7 @@ from cg.construction.layouts.layout import Layout, Rows
 from cg.support.checks import check_flag, check_integer
 
 
-def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
+def equations(method: Any, order: int, independent: bool = True, form: str = "sums") -> list[Any]:
     """Return order conditions as equations of SymPy, in unknown coefficients.
 
     Parameters
@@ -23,6 +23,9 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
         Conditions through this order.
     independent
         Whether conditions that others imply are left out.
+    form
+        ``"sums"`` keeps products of sums, as the conditions are computed; ``"expanded"`` multiplies
+        them out, which takes minutes for order five with nine stages.
 
     Returns
     -------
@@ -44,6 +47,8 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
     """
     import sympy
 
+    if form not in ("sums", "expanded"):
+        raise ValueError(f'form must be "sums" or "expanded", got {form!r}')
     if isinstance(method, int) and not isinstance(method, bool):
         layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
     else:
@@ -57,5 +62,7 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
     weights = Weights(layout, [Quantity(layout.stages, word) for word in words])
     values = weights.evaluate([sympy.Symbol(name) for name in layout.names])
     sides = [sympy.Rational(str(reciprocal_density(word))) for word in words]
+    if form == "expanded":
+        values = [sympy.expand(value) for value in values]
     pairs = zip(values, sides, strict=True)
-    return [sympy.Eq(sympy.expand(value), side, evaluate=False) for value, side in pairs]
+    return [sympy.Eq(value, side, evaluate=False) for value, side in pairs]
