@@ -13,7 +13,13 @@ from cg.plot.errors import convergence, work_precision
 from cg.plot.observables import bands, invariants
 from cg.plot.trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
 
-_OF_METHODS = ("points", "stability_region", "tableau", "tree")  # imported at their first use
+_OF_METHODS = (
+    "order_star",
+    "points",
+    "stability_region",
+    "tableau",
+    "tree",
+)  # imported at their first use
 
 __all__ = [
     "attitude",
@@ -21,6 +27,7 @@ __all__ = [
     "bloch",
     "convergence",
     "invariants",
+    "order_star",
     "points",
     "stability_region",
     "tableau",

@@ -91,6 +91,19 @@ class TestStability:
         assert -3 < left < -2
         assert 0 < right < 1
 
+    @pytest.mark.parametrize("name", ["CG3", "CF4", "RadauIIA5"])
+    def test_fingers_of_order_stars(self, ax, name):
+        """As many as the order and one meet at the origin, thus twice as many curves leave it."""
+        cg.plot.order_star(name, ax, x=(-0.6, 0.6), y=(-0.6, 0.6))
+        (edge,) = [c for c in ax.collections if len(c.get_edgecolors()) and not c.filled]
+        segments = [
+            line for path in edge.get_paths() for line in path.to_polygons(closed_only=False)
+        ]
+        inside = [np.hypot(*line.T) < 0.5 for line in segments]
+        crossings = sum(int(np.count_nonzero(np.diff(flags))) for flags in inside)
+        assert crossings == 2 * (cg.methods[name].order + 1)
+        assert ax.get_title() == name
+
 
 class TestErrors:
     def test_convergence(self, ax):
@@ -139,6 +152,7 @@ BAD = [
     (cg.plot.tableau, "method", [{"method": "XX"}]),
     (cg.plot.tableau, "digits", [{"method": "CG3", "digits": 0}]),
     (cg.plot.stability_region, "x", [{"method": "CG3", "x": (1, 0)}]),
+    (cg.plot.order_star, "y", [{"method": "CG3", "y": (1, 0)}]),
     (cg.plot.stability_region, "method", [{"method": []}]),
     (cg.plot.trajectory_on_sphere, "ax", [{"y": np.eye(3), "ax": None}]),
     (cg.plot.trajectory_on_sphere, "y", [{"y": np.ones((3, 4))}, {"y": np.nan * np.eye(3)}]),

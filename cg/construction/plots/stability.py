@@ -75,6 +75,41 @@ def stability_region(
     return ax
 
 
+def order_star(
+    method: str | Method, ax: Any = None, *, x: tuple[float, float] | None = None,
+    y: tuple[float, float] | None = None,
+) -> Any:  # fmt: skip
+    """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
+
+    Of a method of order p, p + 1 fingers and as many gaps meet at the origin.
+
+    Parameters
+    ----------
+    method
+    x, y
+        Pairs of float. Ranges of the real and the imaginary part, by default between ±(1 + stages).
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> cg.plot.order_star("CF4").get_title()
+    'CF4'
+    """
+    one = resolve_method(method)
+    reach = 1.0 + one.stages
+    left, right = (-reach, reach) if x is None else check_interval("x", x)
+    low, high = (-reach, reach) if y is None else check_interval("y", y)
+    ax = axes_for(ax)
+    grid = np.meshgrid(np.linspace(left, right, _POINTS), np.linspace(low, high, _POINTS))
+    z = grid[0] + 1j * grid[1]
+    size = np.abs(growth(one, z) * np.exp(-z))
+    ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
+    ax.contour(*grid, size, levels=[1.0], colors=[COLOURS[0]], linewidths=0.8)
+    ax.plot(0.0, 0.0, "k+")
+    ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=verbatim(one.name) or "without name")
+    return ax
+
+
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``."""
     if problem := too_large(method):
