@@ -94,6 +94,25 @@ def test_misprint_in_fehlbergs_tableau(kind, second):
     assert right.corrections == ()
 
 
+@pytest.mark.parametrize("kind", [cg.Tableau, lambda *a: cg.MuntheKaas(cg.Tableau(*a))])
+@pytest.mark.parametrize(("first", "second"), [((3, 1), (3, 2)), ((3, 1), (4, 1)), (2, 3)])
+def test_exchanged_neighbours(kind, first, second):
+    """In a row, in a column, and two weights."""
+    a, b = [list(row) for row in FEHLBERG_A], list(FEHLBERG_B[1])
+    if isinstance(first, int):
+        b[first], b[second] = b[second], b[first]
+        names = f"b_{first + 1}, b_{second + 1}"
+    else:
+        (i, j), (k, n) = first, second
+        a[i][j], a[k][n] = a[k][n], a[i][j]
+        names = f"a_{i + 1},{j + 1}, a_{k + 1},{n + 1}"
+    diagnosis = cg.diagnose(kind(a, b))
+    (one,) = diagnosis.corrections
+    assert (one.name, one.order, one.flat) == (names, 5, True)
+    assert one.given.split(", ") == one.value.split(", ")[::-1]
+    assert f"if only {names} were exchanged" in diagnosis.mistakes[0]
+
+
 def test_single_condition():
     (one,) = cg.diagnose(cg.Tableau([[], ["0.666669"]], ["1/4", "3/4"])).corrections
     assert (one.name, one.value, one.order, one.conditions) == ("a_2,1", "2/3", 2, 1)

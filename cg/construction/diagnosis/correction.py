@@ -1,4 +1,6 @@
-"""The one coefficient whose change restores the highest order, on manifolds or on vector spaces.
+"""The change of one coefficient, or an exchange of neighbours, that restores the highest order.
+
+Orders are those on manifolds or on vector spaces.
 
 If entry k is wrong by -δ, the residuals of the conditions are ``r = -J_k δ`` up to O(δ²), with the
 column J_k of their Jacobian. Gauss–Newton steps ``-J_k·r / J_k·J_k`` solve the conditions of one
@@ -6,6 +8,7 @@ order after another for each entry alone, until none of the entries solves all o
 violated conditions are affine in most entries, so that also large changes are found.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,16 +39,16 @@ _MAX_DENOMINATOR = 10**6
 
 @dataclass(frozen=True)
 class Correction:
-    """A change of one coefficient that solves all conditions through a higher order.
+    """A change of one coefficient, or an exchange, that solves all conditions to a higher order.
 
     Attributes
     ----------
     name
-        Name of the coefficient, such as ``a_6,3``.
+        Name of the coefficient, such as ``a_6,3``, or of the two that are exchanged.
     given
-        Its text.
+        Its text, or both.
     value
-        The text that it should have.
+        The text that it should have, or both.
     order
         Order with this value.
     flat
@@ -66,7 +69,7 @@ class Correction:
 
 
 def corrections(method: Method) -> tuple[Correction, ...]:
-    """Return the changes of single coefficients that restore the highest order.
+    """Return the changes of single coefficients, or else exchanges, that restore the highest order.
 
     The shortest texts, such as those of fractions, come first, then the smallest changes. Of
     pairs with a first result that no change improves, they are those of the second result.
@@ -75,10 +78,44 @@ def corrections(method: Method) -> tuple[Correction, ...]:
         if owner == ConditionOwner.FIRST_RESULT or method.embedded_order is not None:
             kinds = (True,) if isinstance(method, MuntheKaas) else (False, True)
             found = [_highest(method, owner, flat) for flat in kinds]
+            found += [_exchanged(method, owner, flat) for flat in kinds]
             best = max(found, key=lambda some: some[0].order if some else 0)
             if best:
                 return best
     return ()
+
+
+def _exchanged(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correction, ...]:
+    """Return the exchanges of two neighbours in a row or a column that restore the most."""
+    names, values = method.layout.names, [entry.value for entry in method.coefficients]
+    places: dict[tuple[Any, ...], int] = {
+        (re.sub(r"\d+", "#", name), *map(int, re.findall(r"\d+", name))): k
+        for k, name in enumerate(names)
+    }
+    pairs = []
+    for (kind, *place), k in places.items():
+        for axis in range(len(place)):
+            j = places.get((kind, *(n + (axis == i) for i, n in enumerate(place))))
+            if j is not None and values[j] != values[k]:
+                pairs.append((k, j))
+    violated, reached = 0, 0
+    for order in range(1, _MAX_ORDER + 1):
+        conditions = _Conditions(method, order, owner, flat)
+        if conditions.violated:
+            left = [pair for pair in pairs if conditions.hold_with(*pair)]
+            if not left:
+                break
+            pairs, violated, reached = left, conditions.violated, order
+    if not violated:
+        return ()
+    texts = [short(entry) for entry in method.coefficients]
+    return tuple(
+        Correction(
+            f"{names[k]}, {names[j]}", f"{texts[k]}, {texts[j]}", f"{texts[j]}, {texts[k]}",
+            reached, flat, owner == ConditionOwner.SECOND_RESULT, violated,
+        )
+        for k, j in pairs
+    )  # fmt: skip
 
 
 def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correction, ...]:
@@ -157,9 +194,19 @@ class _Conditions:
                 return change
         return None
 
-    def _residuals_at(self, k: int = 0, change: Fraction = Fraction()) -> NDArray[np.float64]:
+    def hold_with(self, k: int, j: int) -> bool:
+        """Return whether all hold if two entries are exchanged."""
+        self._bits[[k, j]] = self._bits[[j, k]]
+        left = np.abs(self._residuals_at())
+        self._bits[[k, j]] = self._bits[[j, k]]
+        return bool((left <= np.maximum(self._allowed.sum(axis=1), _ROUNDING)).all())
+
+    def _residuals_at(
+        self, k: int | None = None, change: Fraction = Fraction()
+    ) -> NDArray[np.float64]:
         bits = self._bits.copy()
-        bits[k] = quads.encode([self._x[k] + change])[0]
+        if k is not None:
+            bits[k] = quads.encode([self._x[k] + change])[0]
         residuals = core_calls.residuals(*self._arguments, bits, *self._trees)
         if self._flat is None:
             return quads.to_float(residuals)

@@ -223,7 +223,12 @@ def _changed(changes: Sequence[Correction]) -> str:
     first, more = changes[0], len(changes) - _MAX_SHOWN
     order = f"the order{' of the second result' if first.embedded else ''} be {first.order}"
     where = " where flows commute" if first.flat else ""
-    entries = [f"{one.name} = {one.given} were {one.value}" for one in changes[:_MAX_SHOWN]]
+    entries = [
+        f"{one.name} were exchanged"
+        if "," in one.given
+        else f"{one.name} = {one.given} were {one.value}"
+        for one in changes[:_MAX_SHOWN]
+    ]
     others = f", or one of {more} others changed" if more > 0 else ""
     return (
         f"{first.conditions} violated conditions would hold, and {order}{where}, if only "
