@@ -110,14 +110,26 @@ class LinearAction(CompiledFlow, UserFrame):
         matrices = _read(generators)
         if check_flag("unitary", unitary):
             matrices = [_skew_hermitian(matrix, i) for i, matrix in enumerate(matrices)]
-        pattern, values = _on_one_pattern(matrices)
-        values.flags.writeable = False
         if columns is not None:
             columns = check_integer("columns", columns, 1)
-        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+        self._store(*on_one_pattern(matrices), columns)
         self._store_functions(
             membership_error=membership_error, project=project, random_point=random_point
         )
+
+    def _store(self, pattern: sparse.csr_array, values: Points, columns: int | None) -> None:
+        values.flags.writeable = False
+        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+
+    @classmethod
+    def from_pattern(
+        cls, pattern: sparse.csr_array, values: Points, columns: int | None
+    ) -> LinearAction:
+        """Return the frame of generators that are known to be right, by their values."""
+        frame = cls.__new__(cls)
+        frame._store(pattern, values, columns)
+        frame._store_functions(membership_error=None, project=None, random_point=None)
+        return frame
 
     def __repr__(self) -> str:
         m, n = len(self._values), self._pattern.shape[0]
@@ -155,7 +167,7 @@ class LinearAction(CompiledFlow, UserFrame):
     @cached_property
     def _numbers(self) -> Array:
         """The generators as ``fortran/frames/linear_action.f90`` reads them."""
-        if self._columns is not None:
+        if (self._columns or 1) > 1:
             from scipy import sparse
 
             # entries of a point are its rows, one after the other
@@ -182,7 +194,8 @@ class LinearAction(CompiledFlow, UserFrame):
     @cached_property
     def is_skew(self) -> bool:
         """Whether all generators are skew-Hermitian."""
-        return not any(abs(g + g.conj().T).max() for g in map(self._matrix, np.eye(self.dim)))
+        place = transposed(self._pattern)
+        return place is not None and not (self._values + self._values[:, place].conj()).any()
 
     def _matrix(self, v: Array) -> sparse.csr_array:
         from scipy import sparse
@@ -252,21 +265,37 @@ def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
     raise ValueError(f"generators[{i}] must be skew-Hermitian if unitary is True{hint}")
 
 
-def _on_one_pattern(matrices: list[sparse.csr_array]) -> tuple[sparse.csr_array, Points]:
+def on_one_pattern(
+    matrices: list[sparse.csr_array], symmetric: bool = False
+) -> tuple[sparse.csr_array, Points]:
     """Return the union of the sparsity patterns, and the values of each matrix on it."""
     from scipy import sparse
 
-    ones = [
-        sparse.csr_array((np.ones(m.nnz), m.indices, m.indptr), shape=m.shape) for m in matrices
-    ]
-    pattern = sparse.csr_array(sum(ones[1:], ones[0]))
-    pattern.sort_indices()
-    n = pattern.shape[0]
-    keys = np.repeat(np.arange(n), np.diff(pattern.indptr)) * n + pattern.indices
-    dtype = np.result_type(*(m.dtype for m in matrices))
-    values = np.zeros((len(matrices), pattern.nnz), dtype=dtype)
-    for row, matrix in zip(values, matrices, strict=True):
+    n = matrices[0].shape[0]
+    keys = []
+    for matrix in matrices:
         matrix.sum_duplicates()
-        positions = np.repeat(np.arange(n), np.diff(matrix.indptr)) * n + matrix.indices
-        row[np.searchsorted(keys, positions)] = matrix.data
-    return pattern, values
+        matrix.eliminate_zeros()
+        keys.append(_rows(matrix) * n + matrix.indices)
+    union = np.concatenate(keys)
+    if symmetric:
+        union = np.concatenate([union, union % n * n + union // n])
+    union = np.unique(union)
+    values = np.zeros((len(matrices), len(union)), np.result_type(*(m.dtype for m in matrices)))
+    for row, matrix, key in zip(values, matrices, keys, strict=True):
+        row[np.searchsorted(union, key)] = matrix.data
+    starts = np.searchsorted(union, n * np.arange(n + 1))
+    return sparse.csr_array((np.ones(len(union)), union % n, starts), shape=(n, n)), values
+
+
+def transposed(pattern: sparse.csr_array) -> Array | None:
+    """Return the places of the transpose's entries, None if they lie elsewhere."""
+    rows = _rows(pattern)
+    place = np.lexsort((rows, pattern.indices))
+    same = np.array_equal(rows[place], pattern.indices)
+    return place if same and np.array_equal(pattern.indices[place], rows) else None
+
+
+def _rows(matrix: sparse.csr_array) -> Array:
+    """Return the row of each entry."""
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
