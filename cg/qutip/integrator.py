@@ -12,7 +12,7 @@ from qutip.core.data import Data, Dense
 from qutip.solver.integrator import Integrator, IntegratorException
 from scipy import sparse
 
-from cg.frames.linear_action import LinearAction, on_one_pattern, transposed
+from cg.frames.linear_action import LinearAction, on_one_pattern
 from cg.integration.ivp import solve_linear
 from cg.qutip.arrays import times_of_arrays
 
@@ -48,9 +48,10 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     name = "cg"
 
     def _prepare(self) -> None:
-        terms = _collect(self.system)
-        self._functions = [coefficient for coefficient, _ in terms[1:]]
-        self._pattern, self._values = on_one_pattern([matrix for _, matrix in terms], True)
+        self._functions, places, matrices = _collect(self.system)
+        self._pattern, parts = on_one_pattern(matrices, symmetric=True)
+        self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
+        np.add.at(self._values, places, parts)
         self._stops: dict[float, NDArray[np.float64]] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
@@ -66,7 +67,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             values = np.concatenate([values, 1j * values[1:]])
         self._hermitian = np.empty((0, len(values)))
         if self._is_skew:
-            adjoints = values[:, transposed(pattern)].conj()
+            adjoints = values[:, pattern.transposed()].conj()
             sums, values = values + adjoints, 0.5 * (values - adjoints)
             if np.abs(sums).max(initial=0.0) > _ROUNDING * np.abs(values).max(initial=0.0):
                 self._hermitian = np.linalg.qr(sums.T, mode="r")
@@ -129,9 +130,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 self._rebuild()
         if not solution.success:
             raise IntegratorException(solution.message)
-        for t, y in zip(times[1:], solution.y[1:], strict=True):
-            self._t, self._y = float(t), y
-            yield self.get_state()
+        for self._t, self._y in zip(times[1:].tolist(), solution.y[1:], strict=True):
+            yield self._t, Dense(self._y, copy=False)
 
     def _solve(self, times: NDArray[np.float64]) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
@@ -146,7 +146,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             frame=self._frame(),
             t_eval=times,
             max_steps=self.options["nsteps"],
-            breakpoints=inside if times[0] == start else inside[::-1],
+            breakpoints=(inside if times[0] == start else inside[::-1]) if len(inside) else None,
             **options,
         )
 
@@ -183,10 +183,13 @@ class _WrongAssumptionError(Exception):
     """Coefficients at some time need generators that were left out."""
 
 
-def _collect(system: Any) -> list[tuple[Any, sparse.csr_array]]:
-    """Return the coefficients and the matrices of a system, the constant part first."""
-    constant = sparse.csr_array(system.shape, dtype=complex)
-    terms: list[tuple[Any, sparse.csr_array]] = []
+def _collect(system: Any) -> tuple[list[Any], list[int], list[sparse.csr_array]]:
+    """Return the coefficients, and the place of its coefficient, from 1, and matrix of each part.
+
+    The place of constant parts is 0.
+    """
+    functions: list[Any] = []
+    places, matrices = [], []
     for part in system.to_list():
         operator, coefficient = part if isinstance(part, list) else (part, None)
         if not isinstance(operator, Qobj):
@@ -194,12 +197,8 @@ def _collect(system: Any) -> list[tuple[Any, sparse.csr_array]]:
                 "the system must be a sum of operators with coefficients for the method 'cg', got "
                 "a function that returns operators"
             )
-        matrix = operator.to("CSR").data.as_scipy()
-        same = [k for k, (other, _) in enumerate(terms) if other == coefficient]
-        if coefficient is None:
-            constant = constant + matrix
-        elif same:
-            terms[same[0]] = coefficient, terms[same[0]][1] + matrix
-        else:
-            terms.append((coefficient, matrix))
-    return [(None, constant), *terms]
+        if coefficient is not None and coefficient not in functions:
+            functions.append(coefficient)
+        places.append(0 if coefficient is None else 1 + functions.index(coefficient))
+        matrices.append(operator.to("CSR").data.as_scipy())
+    return functions, places, matrices
