@@ -51,7 +51,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         self._functions, places, matrices = _collect(self.system)
         self._pattern, parts = on_one_pattern(matrices, symmetric=True)
         self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
-        np.add.at(self._values, places, parts)
+        for place, part in zip(places, parts, strict=True):
+            self._values[place] += part
         self._stops: dict[float, NDArray[np.float64]] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
