@@ -138,17 +138,27 @@ FRAMES = [
     R(), R("space"), Q(), Q("space"), Q(scalar_first=True), S, E, cg.frames.Power(S, 2),
     cg.frames.Product(E, Q("space", scalar_first=True), R("space"), cg.frames.Power(R(), 2), S),
 ]  # fmt: skip
+FULL = [[2.0, 0.3, -0.1], [0.3, 1.5, 0.2], [-0.1, 0.2, 2.6]]
+BODIES = [
+    cg.frames.PhaseSpace(Q(), [1.0, 2.0, 2.5]), cg.frames.PhaseSpace(R(), FULL),
+    cg.frames.PhaseSpace(Q(scalar_first=True), [2.0, 1.0, 1.0]),
+    cg.frames.PhaseSpace(cg.frames.Product(E, R("space"), Q()), (FULL, 0.7, [3.0, 1.0, 2.0])),
+]  # fmt: skip
+CASES = [(name, frame) for frame in FRAMES for name in ("CF4", "RKMK4")]
+CASES += [(name, frame) for frame in BODIES for name in ("Leapfrog", "BlanesMoan6")]
 
 
 @pytest.mark.parametrize("kind", ["double", "float"])
-@pytest.mark.parametrize("name", ["CF4", "RKMK4"])
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize(("name", "frame"), CASES, ids=repr)
 def test_flows_of_frames_in_c(name, frame, kind, tmp_path):
     """Ten steps of a field that depends on the point; it is zero at first."""
+    mechanical = frame in BODIES
     prefix, start = identifier(name), frame.random_point(np.random.default_rng(5))
     macro = prefix.upper()
     (tmp_path / "step.h").write_text(cg.export(name, "c", frame=frame), encoding="utf-8")
     dexpinv = f", {prefix}_frame_dexpinv" if name == "RKMK4" else ""
+    size, work = ("", "") if mechanical else (f"{macro}_N, {macro}_M,", ", work")
+    functions = "f" if mechanical else f"f, {prefix}_frame_flow{dexpinv}"
     macros = f"""
 #define {macro}_REAL float
 #define {macro}_NUMBER(x) x##f
@@ -167,11 +177,11 @@ static int f({kind} t, const {kind} *y, {kind} *v, void *data)
 int main(void)
 {{
     {kind} y[] = {{{", ".join(f"({kind}){x!r}" for x in start.ravel().tolist())}}};
-    {kind} work[{macro}_WORK({macro}_N, {macro}_M)];
+    {"" if mechanical else f"{kind} work[{macro}_WORK({macro}_N, {macro}_M)];"}
     int k;
     for (k = 0; k < 10; k++)
-        if ({prefix}_step(f, {prefix}_frame_flow{dexpinv}, 0, {macro}_N, {macro}_M,
-                ({kind})0.25 * ({kind})k, ({kind})0.25, y, work))
+        if ({prefix}_step({functions}, 0, {size}
+                ({kind})0.25 * ({kind})k, ({kind})0.25, y{work}))
             return 1;
     for (k = 0; k < {macro}_N; k++) printf("%.17g ", (double)y[k]);
     return 0;
@@ -183,7 +193,9 @@ int main(void)
 
     def f(t, y):
         y = y.ravel()
-        return t * np.array([y[(i + 1) % y.size] - 0.5 * y[i % y.size] for i in range(frame.dim)])
+        return t * np.array(
+            [y[(i + 1) % y.size] - 0.5 * y[i % y.size] for i in range(frame.rhs_dim)]
+        )
 
     expected = cg.integrate(f, (0, 2.5), start, frame=frame, method=name, h=0.25).y[-1]
     bound = 1e-14 if kind == "double" else 1e-5
