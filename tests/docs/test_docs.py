@@ -19,6 +19,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}
 NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip", "howto/questions": "sympy"}
+NEEDED |= {"howto/casadi": "casadi"}
 SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))

@@ -63,7 +63,8 @@ def export(
         Certificate of the method (`cg.certify`); by default the one in the catalogue.
     frame
         Of ``"c"`` only: a frame of unit quaternions, rotations of space, points of the sphere in
-        space and vectors, or a product or power of them, whose flow the file has.
+        space and vectors, or a product or power of them, whose flow the file has. Of a splitting
+        method their `cg.frames.PhaseSpace`, without spheres, whose free motion the file has.
 
     Returns
     -------
@@ -96,6 +97,8 @@ def export(
     mechanical = isinstance(method, Splitting) and isinstance(frame, PhaseSpace) and format == "c"
     data = format in ("json", "toml") or mechanical
     if isinstance(method, MagnusMethod | Splitting) and not data:
+        if isinstance(method, Splitting) and format == "c":
+            raise ValueError(f"frame must be a PhaseSpace for the method {method!r}, got {frame!r}")
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     if frame is not None and not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3() or None, got {frame!r}")
