@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 from functools import cached_property
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,7 +87,7 @@ class LinearAction(CompiledFlow, UserFrame):
     array([0.+0.j, 0.-1.j])
     """
 
-    _pattern: sparse.csr_array
+    _pattern: Pattern
     _values: Points
     _columns: int | None
 
@@ -104,17 +104,27 @@ class LinearAction(CompiledFlow, UserFrame):
         matrices = _read(generators)
         if check_flag("unitary", unitary):
             matrices = [_skew_hermitian(matrix, i) for i, matrix in enumerate(matrices)]
-        pattern, values = _on_one_pattern(matrices)
-        values.flags.writeable = False
         if columns is not None:
             columns = check_integer("columns", columns, 1)
-        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+        self._store(*on_one_pattern(matrices), columns)
         self._store_functions(
             membership_error=membership_error, project=project, random_point=random_point
         )
 
+    def _store(self, pattern: Pattern, values: Points, columns: int | None) -> None:
+        values.flags.writeable = False
+        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+
+    @classmethod
+    def from_pattern(cls, pattern: Pattern, values: Points, columns: int | None) -> LinearAction:
+        """Return the frame of generators that are known to be right, by their values."""
+        frame = cls.__new__(cls)
+        frame._store(pattern, values, columns)
+        frame._store_functions(membership_error=None, project=None, random_point=None)
+        return frame
+
     def __repr__(self) -> str:
-        m, n = len(self._values), self._pattern.shape[0]
+        m, n = len(self._values), self._pattern.size
         columns = "" if self._columns is None else f", columns={self._columns}"
         return f"LinearAction({m} generators of shape ({n}, {n}){columns})"
 
@@ -125,7 +135,7 @@ class LinearAction(CompiledFlow, UserFrame):
     def _digest(self) -> bytes:
         """A checksum of the generators, by which large frames are compared quickly."""
         digest = blake2b()
-        for part in (self._values, self._pattern.indices, self._pattern.indptr):
+        for part in (self._values, self._pattern.columns, self._pattern.rows):
             digest.update(part.tobytes())
         return digest.digest()
 
@@ -135,7 +145,7 @@ class LinearAction(CompiledFlow, UserFrame):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        n = int(self._pattern.shape[0])
+        n = self._pattern.size
         return (n,) if self._columns is None else (n, self._columns)
 
     @property
@@ -149,7 +159,7 @@ class LinearAction(CompiledFlow, UserFrame):
     @cached_property
     def _numbers(self) -> Array:
         """The generators as ``fortran/frames/linear_action.f90`` reads them."""
-        if self._columns is not None:
+        if (self._columns or 1) > 1:
             from scipy import sparse
 
             # entries of a point are its rows, one after the other
@@ -169,21 +179,21 @@ class LinearAction(CompiledFlow, UserFrame):
         if kind == _Entries.COMPLEX:
             places = np.stack([2 * place + 1, 2 * place + 2], axis=-1).reshape(-1)
         starts = np.searchsorted(generator, np.arange(self.dim + 1))
-        sizes = (*pattern.shape[:1], self.dim, pattern.nnz, len(generator), kind, self.is_skew)
-        indices = pattern.indptr + 1, pattern.indices + 1, starts + 1, places
+        sizes = pattern.size, self.dim, len(pattern.rows), len(generator), kind, self.is_skew
+        indices = pattern.starts + 1, pattern.columns + 1, starts + 1, places
         return np.concatenate([sizes, *indices, terms.view(np.float64)], dtype=np.float64)
 
     @cached_property
     def is_skew(self) -> bool:
         """Whether all generators are skew-Hermitian."""
-        return not any(abs(g + g.conj().T).max() for g in map(self._matrix, np.eye(self.dim)))
+        place = self._pattern.transposed()
+        return place is not None and not (self._values + self._values[:, place].conj()).any()
 
     def _matrix(self, v: Array) -> sparse.csr_array:
         from scipy import sparse
 
-        pattern = self._pattern
-        entries = v @ self._values
-        return sparse.csr_array((entries, pattern.indices, pattern.indptr), shape=pattern.shape)
+        n, _, columns = self._pattern
+        return sparse.csr_array((v @ self._values, columns, self._pattern.starts), shape=(n, n))
 
     def dense(self) -> Points:
         """Return the generators as one array, shape ``(m, n, n)``."""
@@ -246,21 +256,41 @@ def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
     raise ValueError(f"generators[{i}] must be skew-Hermitian if unitary is True{hint}")
 
 
-def _on_one_pattern(matrices: list[sparse.csr_array]) -> tuple[sparse.csr_array, Points]:
-    """Return the union of the sparsity patterns, and the values of each matrix on it."""
-    from scipy import sparse
+class Pattern(NamedTuple):
+    """The places of entries of square matrices, row by row."""
 
-    ones = [
-        sparse.csr_array((np.ones(m.nnz), m.indices, m.indptr), shape=m.shape) for m in matrices
+    size: int
+    rows: Array
+    columns: Array
+
+    @property
+    def starts(self) -> Array:
+        """Number of entries before each row, and of all."""
+        return np.searchsorted(self.rows, np.arange(self.size + 1))
+
+    def transposed(self) -> Array | None:
+        """Return the places of the transpose's entries, None if some lie elsewhere."""
+        place = np.lexsort((self.rows, self.columns))
+        same = np.array_equal(self.rows[place], self.columns)
+        return place if same and np.array_equal(self.columns[place], self.rows) else None
+
+
+def on_one_pattern(
+    matrices: list[sparse.csr_array], symmetric: bool = False
+) -> tuple[Pattern, Points]:
+    """Return the union of the sparsity patterns, and the values of each matrix on it."""
+    n = matrices[0].shape[0]
+    kept = [np.flatnonzero(m.data) for m in matrices]
+    keys = [
+        np.repeat(n * np.arange(n), np.diff(m.indptr))[k] + m.indices[k]
+        for m, k in zip(matrices, kept, strict=True)
     ]
-    pattern = sparse.csr_array(sum(ones[1:], ones[0]))
-    pattern.sort_indices()
-    n = pattern.shape[0]
-    keys = np.repeat(np.arange(n), np.diff(pattern.indptr)) * n + pattern.indices
-    dtype = np.result_type(*(m.dtype for m in matrices))
-    values = np.zeros((len(matrices), pattern.nnz), dtype=dtype)
-    for row, matrix in zip(values, matrices, strict=True):
-        matrix.sum_duplicates()
-        positions = np.repeat(np.arange(n), np.diff(matrix.indptr)) * n + matrix.indices
-        row[np.searchsorted(keys, positions)] = matrix.data
-    return pattern, values
+    union = np.concatenate(keys)
+    if symmetric:
+        union = np.concatenate([union, union % n * n + union // n])
+    union.sort()
+    union = union[np.diff(union, prepend=-1) > 0]  # numpy.unique takes ten times as long
+    values = np.zeros((len(matrices), len(union)), np.result_type(*(m.dtype for m in matrices)))
+    for row, matrix, k, key in zip(values, matrices, kept, keys, strict=True):
+        np.add.at(row, np.searchsorted(union, key), matrix.data[k])
+    return Pattern(n, union // n, union % n), values

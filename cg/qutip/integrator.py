@@ -12,7 +12,7 @@ from qutip.core.data import Data, Dense
 from qutip.solver.integrator import Integrator, IntegratorException
 from scipy import sparse
 
-from cg.frames.linear_action import LinearAction
+from cg.frames.linear_action import LinearAction, on_one_pattern
 from cg.integration.ivp import solve_linear
 from cg.qutip.arrays import times_of_arrays
 
@@ -48,7 +48,11 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     name = "cg"
 
     def _prepare(self) -> None:
-        self._terms = _collect(self.system)
+        self._functions, places, matrices = _collect(self.system)
+        self._pattern, parts = on_one_pattern(matrices, symmetric=True)
+        self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
+        for place, part in zip(places, parts, strict=True):
+            self._values[place] += part
         self._stops: dict[float, NDArray[np.float64]] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
@@ -59,16 +63,16 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         They are taken as real, and the sum of the terms as skew-Hermitian, until a time at which
         this is wrong; the integration then starts again with all generators.
         """
-        matrices = [matrix for _, matrix in self._terms]
+        pattern, values = self._pattern, self._values
         if not self._is_real:
-            matrices += [1j * matrix for matrix in matrices[1:]]
-        adjoints = [matrix.conj().T for matrix in matrices]
-        pairs = list(zip(matrices, adjoints, strict=True))
+            values = np.concatenate([values, 1j * values[1:]])
+        self._hermitian = np.empty((0, len(values)))
         if self._is_skew:
-            columns = sparse.hstack([(a + b).reshape((-1, 1)) for a, b in pairs])
-            self._hermitian = np.linalg.qr(columns.toarray(), mode="r")
-            matrices = [0.5 * (a - b) for a, b in pairs]
-        self._matrices = matrices
+            adjoints = values[:, pattern.transposed()].conj()
+            sums, values = values + adjoints, 0.5 * (values - adjoints)
+            if np.abs(sums).max(initial=0.0) > _ROUNDING * np.abs(values).max(initial=0.0):
+                self._hermitian = np.linalg.qr(sums.T, mode="r")
+        self._generators = pattern, values
         self._frames: dict[int, LinearAction] = {}
 
     @property
@@ -99,9 +103,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def set_state(self, t: float, state: Data) -> None:
         """Set the time and the state, a vector or a matrix whose columns evolve alike."""
-        columns = state.to_array()
-        self._t, self._shape = float(t), columns.shape
-        self._y = columns.reshape(-1, order="F").astype(complex)
+        self._t, self._y = float(t), state.to_array().astype(complex)
         self._is_set = True
 
     def reset(self, hard: bool = False) -> None:
@@ -110,7 +112,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def get_state(self, copy: bool = True) -> tuple[float, Data]:
         """Return the time and the state."""
-        return self._t, self._state(self._y)
+        return self._t, Dense(self._y)
 
     def integrate(self, t: float, copy: bool = True) -> tuple[float, Data]:
         """Integrate to a time; return it and the state."""
@@ -129,12 +131,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 self._rebuild()
         if not solution.success:
             raise IntegratorException(solution.message)
-        for t, y in zip(times[1:], solution.y[1:], strict=True):
-            self._t, self._y = float(t), y
-            yield self.get_state()
-
-    def _state(self, y: NDArray[Any]) -> Dense:
-        return Dense(np.asarray(y).reshape(self._shape, order="F"))
+        for self._t, self._y in zip(times[1:].tolist(), solution.y[1:], strict=True):
+            yield self._t, Dense(self._y, copy=False)
 
     def _solve(self, times: NDArray[np.float64]) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
@@ -146,33 +144,35 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             self._coefficients,
             (times[0], times[-1]),
             self._y,
-            frame=self._frame(self._shape[1]),
+            frame=self._frame(),
             t_eval=times,
             max_steps=self.options["nsteps"],
-            breakpoints=inside if times[0] == start else inside[::-1],
+            breakpoints=(inside if times[0] == start else inside[::-1]) if len(inside) else None,
             **options,
         )
 
     def _times_of_arrays(self, rtol: float) -> NDArray[np.float64]:
         """Return the times at which steps end because of coefficients from arrays."""
         if rtol not in self._stops:
-            coefficients = [coefficient for coefficient, _ in self._terms[1:]]
-            self._stops[rtol] = times_of_arrays(coefficients, rtol)
+            self._stops[rtol] = times_of_arrays(self._functions, rtol)
         return self._stops[rtol]
 
-    def _frame(self, columns: int) -> LinearAction:
+    def _frame(self) -> LinearAction:
+        columns = self._y.shape[1]
         if columns not in self._frames:
-            each = sparse.eye_array(columns)
-            self._frames[columns] = LinearAction([sparse.kron(each, a) for a in self._matrices])
+            self._frames[columns] = LinearAction.from_pattern(*self._generators, columns)
         return self._frames[columns]
 
-    def _coefficients(self, t: float) -> NDArray[np.float64]:
-        values = np.array([coefficient(t) for coefficient, _ in self._terms[1:]], dtype=complex)
-        if self._is_real and values.imag.any():
+    def _coefficients(self, t: float) -> list[float]:
+        values = [coefficient(t) for coefficient in self._functions]
+        v = [1.0, *[value.real for value in values]]
+        imaginary = [value.imag for value in values]
+        if not self._is_real:
+            v += imaginary
+        elif any(imaginary):
             self._is_real = False
             raise _WrongAssumptionError
-        v = np.concatenate([[1.0], values.real, [] if self._is_real else values.imag])
-        if self._is_skew:
+        if len(self._hermitian):
             size = float(np.abs(self._hermitian).max(axis=0, initial=0.0) @ np.abs(v))
             if np.abs(self._hermitian @ v).max() > _ROUNDING * max(size, 1.0):
                 self._is_skew = False
@@ -184,10 +184,13 @@ class _WrongAssumptionError(Exception):
     """Coefficients at some time need generators that were left out."""
 
 
-def _collect(system: Any) -> list[tuple[Any, sparse.csr_array]]:
-    """Return the coefficients and the matrices of a system, the constant part first."""
-    constant = sparse.csr_array(system.shape, dtype=complex)
-    terms: list[tuple[Any, sparse.csr_array]] = []
+def _collect(system: Any) -> tuple[list[Any], list[int], list[sparse.csr_array]]:
+    """Return the coefficients, and the place of its coefficient, from 1, and matrix of each part.
+
+    The place of constant parts is 0.
+    """
+    functions: list[Any] = []
+    places, matrices = [], []
     for part in system.to_list():
         operator, coefficient = part if isinstance(part, list) else (part, None)
         if not isinstance(operator, Qobj):
@@ -195,12 +198,8 @@ def _collect(system: Any) -> list[tuple[Any, sparse.csr_array]]:
                 "the system must be a sum of operators with coefficients for the method 'cg', got "
                 "a function that returns operators"
             )
-        matrix = operator.to("CSR").data.as_scipy()
-        same = [k for k, (other, _) in enumerate(terms) if other == coefficient]
-        if coefficient is None:
-            constant = constant + matrix
-        elif same:
-            terms[same[0]] = coefficient, terms[same[0]][1] + matrix
-        else:
-            terms.append((coefficient, matrix))
-    return [(None, constant), *terms]
+        if coefficient is not None and coefficient not in functions:
+            functions.append(coefficient)
+        places.append(0 if coefficient is None else 1 + functions.index(coefficient))
+        matrices.append(operator.to("CSR").data.as_scipy())
+    return functions, places, matrices

@@ -19,6 +19,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}
 NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip", "howto/questions": "sympy"}
+NEEDED |= {"howto/casadi": "casadi", "howto/conventions": "mujoco pinocchio"}
 SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
@@ -39,7 +40,7 @@ def test_code_of_page_runs(page, capsys, monkeypatch):
     monkeypatch.syspath_prepend(DOCS / "gallery")
     if page in IN_JAX:
         pytest.importorskip("diffrax", reason="diffrax is not installed")
-    if package := NEEDED.get(page):
+    for package in NEEDED.get(page, "").split():
         pytest.importorskip(package, reason=f"{package} is not installed")
     names = run(f"docs/{page}.md")
     if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:

@@ -1,15 +1,18 @@
 """A step in C: a header file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
+from cg.construction.formats.digits import Numbers
 from cg.construction.formats.language import Language
-from cg.construction.formats.program import Program
-from cg.construction.formats.text import fill, real, wrapped
+from cg.construction.formats.mechanics import STEP, parts_of
+from cg.construction.formats.program import Program, identifier
+from cg.construction.formats.text import array, comment, fill, reals
 from cg.frames.base import Frame
 from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
+from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind
 
-_HEADER = """@heading@
+_TOP = """@heading@
 
 #ifndef @NAME@_H
 #define @NAME@_H
@@ -26,7 +29,11 @@ _HEADER = """@heading@
 #define @NAME@_NUMBER(x) x
 #define @NAME@_MATH(function) function
 #endif
+"""
 
+_HEADER = (
+    _TOP
+    + """
 /* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y to f.
    All callbacks return 0; another value ends the step, which returns that value. */
 typedef int (*@name@_f)(@NAME@_REAL t, const @NAME@_REAL *y, @NAME@_REAL *f, void *data);
@@ -73,6 +80,7 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
 
 @flows@#endif
 """
+)
 
 _DEXPINV = """
 /* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
@@ -128,8 +136,9 @@ enum { @NAME@_N = @n@, @NAME@_M = @m@ };
 /* The flow of the frame */
 static inline int @name@_frame_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
 {
+    @NAME@_REAL q[4];
 @moves@
-    (void)data;
+    (void)q; (void)data;
     return 0;
 }
 @dexpinvs@
@@ -165,13 +174,12 @@ static inline void @name@_cross(const @NAME@_REAL *u, const @NAME@_REAL *v, @NAM
 """
 
 _TURN = """
-/* Turns the quaternion with the vector part u and the scalar part w by the vector v: from the left
-   where side is 1, from the right where it is -1. The last lines remove rounding off length one. */
-static inline void @name@_turn(const @NAME@_REAL *v, int side, @NAME@_REAL *u, @NAME@_REAL *w)
+/* Turns the quaternion with the vector part u and the scalar part w by q: from the left where side
+   is 1, from the right where it is -1. The last lines remove rounding off length one. */
+static inline void @name@_turn(const @NAME@_REAL *q, int side, @NAME@_REAL *u, @NAME@_REAL *w)
 {
-    @NAME@_REAL q[4], a[3], scalar, square = 0;
+    @NAME@_REAL a[3], scalar, square = 0;
     int i;
-    @name@_quaternion(v, q);
     @name@_cross(q, u, a);
     scalar = *w * q[3] - q[0] * u[0] - q[1] * u[1] - q[2] * u[2];
     for (i = 0; i < 3; i++) u[i] = *w * q[i] + q[3] * u[i] + (side > 0 ? a[i] : -a[i]);
@@ -184,14 +192,13 @@ static inline void @name@_turn(const @NAME@_REAL *v, int side, @NAME@_REAL *u, @
 """
 
 _ROTATE = """
-/* Rotates vectors, the k-th of which has entries y[k * first + i * next], by the vector v, or back
-   where side is -1; then a step towards orthonormal vectors removes rounding. */
-static inline void @name@_rotate(const @NAME@_REAL *v, int side, int count, int first, int next,
+/* Rotates vectors, the k-th of which has entries y[k * first + i * next], by q, or back where side
+   is -1; then a step towards orthonormal vectors removes rounding. */
+static inline void @name@_rotate(const @NAME@_REAL *q, int side, int count, int first, int next,
     @NAME@_REAL *y)
 {
-    @NAME@_REAL q[4], p[3], a[3], b[3], old[9], product;
+    @NAME@_REAL p[3], a[3], b[3], old[9], product;
     int i, j, k;
-    @name@_quaternion(v, q);
     for (k = 0; k < count; k++) {
         for (i = 0; i < 3; i++) p[i] = y[k * first + i * next];
         @name@_cross(q, p, a);
@@ -230,48 +237,70 @@ static inline void @name@_rotation_dexpinv(const @NAME@_REAL *u, int side, @NAME
 
 def with_flows(text: str, program: Program, frame: Frame | None) -> str:
     """Return a header with the flows of a frame, or without flows."""
-    return fill(text, {"flows": "" if frame is None else _flows_of(program, frame)})
+    flows = "" if frame is None else _Flows(frame).text(_FLOWS, program.name, program.on_algebra)
+    return fill(text, {"flows": flows})
 
 
-def _flows_of(program: Program, frame: Frame) -> str:
-    """Return the functions of a frame: a product of rotations, unit vectors and vectors."""
-    moves, changes, kinds, y, v = [], [], set(), 0, 0
-    for kind, n, options, *_ in frame.compiled_blocks() or [(0, 0, 0)]:
-        side = 1 if options & SPACE_AXES or kind == BlockKind.SPHERE else -1
-        match kind:
-            case BlockKind.EUCLIDEAN:
-                moves.append(f"for (int i = 0; i < {n}; i++) y[{y} + i] = y[{y} + i] + v[{v} + i];")
-                size = dim = n
-            case BlockKind.QUATERNION:
-                vector, scalar = (y + 1, y) if options & SCALAR_FIRST else (y, y + 3)
-                moves.append(f"@name@_turn(v + {v}, {side}, y + {vector}, y + {scalar});")
-                size, dim = 4, 3
-            case BlockKind.SO3 | BlockKind.SPHERE:
-                size, dim = (9, 3) if kind == BlockKind.SO3 else (3, 3)
-                steps = "1, 3" if kind == BlockKind.SO3 and side > 0 else "3, 1"
-                moves.append(f"@name@_rotate(v + {v}, {side}, {size // 3}, {steps}, y + {y});")
-            case _:
-                raise ValueError(
-                    "frame must be UnitQuaternion, SO3, Sphere(2), Euclidean, or a product or "
-                    f"power of these, got {frame!r}"
-                )
-        if kind != BlockKind.EUCLIDEAN:
-            changes.append(f"@name@_rotation_dexpinv(u + {v}, {side}, v + {v});")
-        kinds.add(kind)
-        y, v = y + size, v + dim
-    rotations = {BlockKind.SO3, BlockKind.SPHERE}
-    parts = _QUATERNION if kinds - {BlockKind.EUCLIDEAN} else ""
-    parts += _TURN if BlockKind.QUATERNION in kinds else ""
-    parts += _ROTATE if kinds & rotations else ""
-    if program.on_algebra and changes:
-        parts += _ROTATION_DEXPINV
-    return fill(_FLOWS, {
-        "moves": "\n".join(f"    {line}" for line in moves),
-        "dexpinvs": _FRAME_DEXPINV if program.on_algebra else "",
-        "changes": "".join(f"    {line}\n" for line in changes),
-        "parts": parts, "n": y, "m": v, "frame": repr(frame),
-        "name": program.name, "NAME": program.name.upper(),
-    })  # fmt: skip
+def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
+    """Return the header of a step of a splitting method for mechanical systems."""
+    flows, name = _Flows(frame), identifier(numbers.method.name)
+    bodies = parts_of(numbers, name, frame, flows.moves, flows.turns)
+    heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
+    text = fill(_TOP + STEP + "\n#endif\n", {"heading": heading, **bodies})
+    return flows.text(text, name, False)
+
+
+class _Flows:
+    """The flows of the blocks of a frame: rotations, unit vectors and vectors."""
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = repr(frame)
+        self.moves: list[str] = []  # along the vector v
+        self.turns: list[str] = []  # by the quaternion q
+        self._changes, self._kinds, y, v = [], set(), 0, 0
+        for kind, n, options, *_ in frame.compiled_blocks() or [(0, 0, 0)]:
+            side = 1 if options & SPACE_AXES or kind == BlockKind.SPHERE else -1
+            match kind:
+                case BlockKind.EUCLIDEAN:
+                    move = f"for (int i = 0; i < {n}; i++) y[{y} + i] = y[{y} + i] + v[{v} + i];"
+                    size = dim = n
+                case BlockKind.QUATERNION:
+                    vector, scalar = (y + 1, y) if options & SCALAR_FIRST else (y, y + 3)
+                    move = f"@name@_turn(q, {side}, y + {vector}, y + {scalar});"
+                    size, dim = 4, 3
+                case BlockKind.SO3 | BlockKind.SPHERE:
+                    size, dim = (9, 3) if kind == BlockKind.SO3 else (3, 3)
+                    steps = "1, 3" if kind == BlockKind.SO3 and side > 0 else "3, 1"
+                    move = f"@name@_rotate(q, {side}, {size // 3}, {steps}, y + {y});"
+                case _:
+                    raise ValueError(
+                        "frame must be UnitQuaternion, SO3, Sphere(2), Euclidean, or a product or "
+                        f"power of these, got {frame!r}"
+                    )
+            self.turns.append(move)
+            if kind != BlockKind.EUCLIDEAN:
+                move = f"@name@_quaternion(v + {v}, q);\n    {move}"
+                self._changes.append(f"@name@_rotation_dexpinv(u + {v}, {side}, v + {v});")
+            self.moves.append(move)
+            self._kinds.add(kind)
+            y, v = y + size, v + dim
+        self._size, self._dim = y, v
+
+    def text(self, text: str, name: str, on_algebra: bool) -> str:
+        """Return a text with the flows."""
+        rotations = {BlockKind.SO3, BlockKind.SPHERE}
+        parts = _QUATERNION if self._kinds - {BlockKind.EUCLIDEAN} else ""
+        parts += _TURN if BlockKind.QUATERNION in self._kinds else ""
+        parts += _ROTATE if self._kinds & rotations else ""
+        if on_algebra and self._changes:
+            parts += _ROTATION_DEXPINV
+        return fill(text, {
+            "moves": "\n".join(f"    {line}" for line in self.moves),
+            "dexpinvs": _FRAME_DEXPINV if on_algebra else "",
+            "changes": "".join(f"    {line}\n" for line in self._changes),
+            "parts": parts, "n": self._size, "m": self._dim, "frame": self.frame,
+            "name": name, "NAME": name.upper(),
+        })  # fmt: skip
 
 
 def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
@@ -284,17 +313,10 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
         "   along the weighted sum of the fields at stages. */",
     ]
     for name, entries in integers.items():
-        lines.append(_array(f"static const int {program.name}_{name}", entries))
+        lines.append(array(f"static const int {program.name}_{name}", entries))
     for name, texts in numbers.items():
-        values = [f"{program.name.upper()}_NUMBER({real(text)})" for text in texts]
-        declared = f"static const {program.name.upper()}_REAL {program.name}_{name}"
-        lines.append(_array(declared, values))
+        lines.append(reals(program.name, name, texts))
     return "\n".join(lines)
-
-
-def _array(declared: str, entries: Sequence[str]) -> str:
-    entries = entries or ["0"]  # C has no empty arrays
-    return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"
 
 
 C = Language(

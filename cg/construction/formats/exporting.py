@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
-from cg.construction.formats.c import C, with_flows
+from cg.construction.formats.c import C, with_flows, with_free_motion
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
 from cg.construction.formats.program import make_program
@@ -14,6 +14,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
 from cg.support.parsing import visible
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ def export(
         Certificate of the method (`cg.certify`); by default the one in the catalogue.
     frame
         Of ``"c"`` only: a frame of unit quaternions, rotations of space, points of the sphere in
-        space and vectors, or a product or power of them, whose flow the file has.
+        space and vectors, or a product or power of them, whose flow the file has. Of a splitting
+        method their `cg.frames.PhaseSpace`, without spheres, whose free motion the file has.
 
     Returns
     -------
@@ -87,7 +89,11 @@ def export(
         raise TypeError(f"format must be a str, got {format!r}")
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
-    if isinstance(method, MagnusMethod | Splitting) and format not in ("json", "toml"):
+    mechanical = isinstance(method, Splitting) and isinstance(frame, PhaseSpace) and format == "c"
+    data = format in ("json", "toml") or mechanical
+    if isinstance(method, MagnusMethod | Splitting) and not data:
+        if isinstance(method, Splitting) and format == "c":
+            raise ValueError(f"frame must be a PhaseSpace for the method {method!r}, got {frame!r}")
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     if frame is not None and not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3() or None, got {frame!r}")
@@ -100,6 +106,8 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
+    if mechanical:
+        return with_free_motion(numbers, summary(method), frame)
     program = make_program(numbers, summary(method))
     return with_flows(_CODE[format].write(program), program, frame)
 

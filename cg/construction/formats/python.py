@@ -20,7 +20,8 @@ def step(@call@):
     Parameters
     ----------
     f
-        ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,).
+        ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,), or symbols of
+        CasADi.
     flow
         ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
 @argument@    t : float
@@ -51,6 +52,10 @@ def _move(@moved@, h, begin, end):
 @move@
 
 
+def _array(values):
+    return values if hasattr(values, "shape") else np.asarray(values)
+
+
 def _combined(terms, fields, h):
     total = None
     for stage, weight in terms:
@@ -64,7 +69,7 @@ _ON_MANIFOLD = {
     "argument": "",
     "coordinates": "",
     "moved": "flow, points, fields",
-    "evaluate": "        fields.append(np.asarray(f(t + c * h, points[slot])))",
+    "evaluate": "        fields.append(_array(f(t + c * h, points[slot])))",
     "move": "        points[target] = flow(_combined(terms, fields, h), points[origin])",
 }
 
@@ -76,8 +81,8 @@ _ALGEBRA = {
 """,
     "coordinates": "    coordinates = [None] * SLOTS\n",
     "moved": "flow, points, coordinates, fields",
-    "evaluate": """        field = np.asarray(f(t + c * h, points[slot]))
-        fields.append(field if slot == 0 else np.asarray(dexpinv(coordinates[slot], field)))""",
+    "evaluate": """        field = _array(f(t + c * h, points[slot]))
+        fields.append(field if slot == 0 else _array(dexpinv(coordinates[slot], field)))""",
     "move": """        coordinates[target] = _combined(terms, fields, h)
         points[target] = flow(coordinates[target], points[origin])""",
 }

@@ -1,7 +1,7 @@
 """Text functions of both languages: comments, lists over several lines, templates."""
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from cg.support.parsing import visible
 
@@ -43,3 +43,15 @@ def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
         length += len(entry) + 2
     lines.append(", ".join(line))
     return f",{end}\n".join(indent + text for text in lines)
+
+
+def array(declared: str, entries: Sequence[str]) -> str:
+    """Return the definition of an array in C."""
+    entries = entries or ["0"]  # C has no empty arrays
+    return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"
+
+
+def reals(name: str, table: str, texts: Iterable[str]) -> str:
+    """Return the definition of an array of real numbers, of the type that the header names."""
+    values = [f"{name.upper()}_NUMBER({real(text)})" for text in texts]
+    return array(f"static const {name.upper()}_REAL {name}_{table}", values)
