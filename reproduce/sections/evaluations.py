@@ -4,12 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cg.construction.search.random_search import search
 from cg.construction.search.random_starts import RandomStart
 
-from .. import fingerprint
 from ..blocks import Block, Data, Table, Text, number
-from ..context import Context, Item, Progress
+from ..context import Context, Item
 from ..statistics import median, quartiles
 from .search import PLANS, Plan
 
@@ -71,7 +69,8 @@ def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomSt
         def report(done: int, _: int, before: int = before, cost: int = cost) -> None:
             context.report_work(before + done * cost, total)
 
-        found.append(_search(context, plan, report))
+        name = f"limit{plan.maxfev}"
+        found.append(plan.search(name, plan.starts, context, report).starts)
         before += plan.starts * cost
     return found
 
@@ -79,20 +78,6 @@ def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomSt
 def _cost(plan: Plan) -> int:
     """Return the cost of a start, in evaluations in double."""
     return plan.maxfev + (_QUAD_COST * plan.refine_maxfev if plan.refine_below else 0)
-
-
-def _search(context: Context, plan: Plan, progress: Progress) -> Sequence[RandomStart]:
-    arguments = plan.arguments(context.settings.seed)
-    digest = fingerprint.digest(**arguments)
-    result = search(
-        **arguments,
-        starts=plan.starts,
-        workers=context.workers,
-        progress=progress,
-        store=context.checkpoints
-        / f"limit{plan.maxfev}-seed{context.settings.seed}-{digest}.jsonl",
-    )
-    return result.starts
 
 
 def present(data: Data) -> Sequence[Block]:

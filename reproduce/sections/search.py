@@ -21,7 +21,7 @@ from cg.support.shared_numbers import Status
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
 from ..coefficients import coefficient_table, largest_coefficient, method_data
-from ..context import Context, Item
+from ..context import Context, Item, Progress
 from ..statistics import quartiles
 from ..style import PALETTE, grid
 
@@ -64,6 +64,18 @@ class Plan:
             "refine_maxfev": self.refine_maxfev,
         }
 
+    def search(self, name: str, starts: int, context: Context, progress: Progress) -> SearchResult:
+        """Search, or continue a search from its store, whose file is called after `name`."""
+        arguments = self.arguments(context.settings.seed)
+        file = f"{name}-seed{context.settings.seed}-{fingerprint.digest(**arguments)}.jsonl"
+        return search(
+            **arguments,
+            starts=starts,
+            workers=context.workers,
+            store=context.checkpoints / file,
+            progress=progress,
+        )
+
 
 PLANS = {
     4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
@@ -75,7 +87,7 @@ PLANS = {
 
 
 def compute(plan: Plan, context: Context) -> Data:
-    """Search, or continue a search from its store.
+    """Search with the starts of the settings.
 
     By start there are ``f_double``, ``nfev_double``, ``info_double``, ``f_quad``, ``nfev_quad``
     (null where not refined) and ``exact``; in all, how many starts are ``at_limit`` of evaluations
@@ -84,17 +96,8 @@ def compute(plan: Plan, context: Context) -> Data:
     ``best``, the start with the smallest residual. ``settings`` and the ``paper``'s values of f are
     there to compare.
     """
-    arguments = plan.arguments(context.settings.seed)
-    digest = fingerprint.digest(**arguments)
-    name = f"search{plan.order}-seed{context.settings.seed}-{digest}.jsonl"
-    result = search(
-        **arguments,
-        starts=plan.full_starts if context.settings.full else plan.starts,
-        workers=context.workers,
-        store=context.checkpoints / name,
-        progress=context.progress,
-    )
-    return _data(plan, result)
+    starts = plan.full_starts if context.settings.full else plan.starts
+    return _data(plan, plan.search(f"search{plan.order}", starts, context, context.progress))
 
 
 def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
