@@ -32,6 +32,7 @@ class Body:
     """The inertia of one factor of a configuration."""
 
     inverse: Array  # shape (n, n), or (n, 1) if it is diagonal
+    root: Array  # R with the inertia R Rᵀ, of the same shape
     top: Array | None  # the numbers of `top_t` in Fortran, if the moments of inertia differ
     vectors: slice  # its velocities among all
     points: slice  # the doubles of its point among all
@@ -42,6 +43,11 @@ class Body:
         """The number of columns of the inverse, negative for a rigid body with a ``top``."""
         columns = int(self.inverse.shape[1])
         return columns if self.top is None else -columns
+
+    def numbers(self) -> list[Array]:
+        """Return the constants of the body, as compiled code reads them."""
+        numbers = [self.inverse.T.ravel(), self.root.T.ravel(), self.top]
+        return [each for each in numbers if each is not None]
 
     def velocity(self, momentum: Array) -> Array:
         """Return the velocity for the momentum of the body, shape ``(..., n)``."""
@@ -83,6 +89,7 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     bodies.append(
         Body(
             _inverse(matrix),
+            np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix),
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
             slice(points, points + width),

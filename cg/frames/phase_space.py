@@ -161,6 +161,28 @@ class PhaseSpace(Product):
         momentum = self._points(y)[..., self._point_slices[1]]
         return np.asarray(0.5 * np.vecdot(momentum, self.velocity(y)))
 
+    def random_momentum(self, q: ArrayLike, temperature: float, rng: np.random.Generator) -> Array:
+        r"""Return random momenta in thermal equilibrium, shape ``(..., configuration.dim)``.
+
+        Their probability is proportional to :math:`e^{-K / T}` with the kinetic energy K.
+
+        Parameters
+        ----------
+        q
+            Configurations, shape ``(..., *configuration.point_shape)``.
+        temperature
+            The temperature T times Boltzmann's constant, an energy.
+        rng
+            The generator of random numbers.
+        """
+        lead = np.shape(q)[: np.ndim(q) - len(self.configuration.point_shape)]
+        xi = np.sqrt(temperature) * rng.standard_normal((*lead, self.configuration.dim))
+        for body in self._bodies:
+            at = (..., body.vectors)
+            diagonal = body.root.shape[1] == 1
+            xi[at] = xi[at] * body.root[:, 0] if diagonal else xi[at] @ body.root.T
+        return self.join(q, xi)[..., self._point_slices[1]]
+
     @property
     def rhs_dim(self) -> int:
         """Number of forces, that of the configuration's fields."""
@@ -177,8 +199,7 @@ class PhaseSpace(Product):
 
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
-        numbers = [x for body in self._bodies for x in (body.inverse.T.ravel(), body.top)]
         columns = np.array([body.columns for body in self._bodies], dtype=np.intc)
-        return columns, np.concatenate([x for x in numbers if x is not None])
+        return columns, np.concatenate([x for body in self._bodies for x in body.numbers()])
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`

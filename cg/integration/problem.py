@@ -31,6 +31,7 @@ from cg.integration.arguments import (
 from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
+from cg.integration.langevin import Langevin, check_thermostat
 from cg.integration.options import EnsembleOptions
 from cg.integration.output.results import EnsembleSolution
 from cg.integration.plan.jacobian import Jacobian, jacobian_of
@@ -75,6 +76,8 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
+    thermostat: Langevin | None = None
+    first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
 
@@ -110,7 +113,7 @@ class Problem:
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
-        return replace(self, points=points, rhs=rhs)
+        return replace(self, points=points, rhs=rhs, first=first)
 
 
 def _make_rhs(
@@ -331,6 +334,7 @@ def make_problem(
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:
         points, numbers = _broadcast(points, numbers, options["inputs"])
+    check_thermostat(options["thermostat"], plan.method, options, stop < start)
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
     inputs: Any = options["inputs"]
@@ -352,6 +356,8 @@ def make_problem(
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
+        if options["thermostat"] is not None:  # nothing between steps has its noise
+            stops = np.union1d(stops, t_eval[t_eval != start])
     elif many:
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     if (events := options["events"]) is not None:
@@ -368,4 +374,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer,
+        thermostat=options["thermostat"],
     )  # fmt: skip

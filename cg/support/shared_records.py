@@ -46,6 +46,12 @@ RECORD = {
     "max_step": "real",
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
+    # the heat bath of a splitting method, see fortran/steps/heat_bath.f90
+    "heated": "integer",  # whether there is one
+    "friction": "real",
+    "temperature": "real",
+    "seed": "integer",
+    "first_member": "integer",  # the member of the ensemble that is the first one here
     # input of each call
     "budget": "integer",  # steps to try until the call returns
     # output of each call

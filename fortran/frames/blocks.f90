@@ -23,6 +23,7 @@ module blocks_m
   ! The inertia of a block of a mechanical system
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
+    real(wp), allocatable :: root(:, :)      ! of the inertia, R with J = R R', (n, n) or (n, 1)
     logical :: turns = .false.               ! whether its moments of inertia differ
     type(top_t) :: top                       ! if it turns
   end type body_t

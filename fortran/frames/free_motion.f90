@@ -21,7 +21,7 @@ contains
     ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
     ! free to turn about any axis
     integer, intent(in) :: columns(:)
-    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, top_t
+    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, root, top_t
     type(frame_t), intent(inout) :: frame
     integer :: i, used
 
@@ -31,6 +31,8 @@ contains
     do i = 1, size(columns)
       associate (body => frame%bodies(i), n => frame%blocks(i)%dimension)
         body%inverse = reshape(constants(used + 1:used + n * abs(columns(i))), [n, abs(columns(i))])
+        used = used + n * abs(columns(i))
+        body%root = reshape(constants(used + 1:used + n * abs(columns(i))), shape(body%inverse))
         used = used + n * abs(columns(i))
         body%turns = columns(i) < 0
         if (.not. body%turns) cycle

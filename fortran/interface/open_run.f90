@@ -4,6 +4,7 @@ module open_run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use error_norm_m, only: tolerances_t
+  use heat_bath_m, only: bath_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
   use shared_numbers
@@ -55,6 +56,8 @@ contains
       problem%scheme => plan%scheme
       problem%common = record%common /= 0
       problem%of_time = record%of_time /= 0
+      problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
+                            record%first_member, record%h)
       problem%unique_flows = record%unique_flows /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%dense = record%jacobian /= sparse_jacobian

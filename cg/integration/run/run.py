@@ -113,7 +113,7 @@ class Run:
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=max(problem.every, 1), dense=problem.dense,
+            every=max(problem.every, 1), dense=problem.dense, **_heat(problem),
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -402,6 +402,13 @@ class Run:
         events = self.events()
         self._events.clear()
         return events
+
+
+def _heat(problem: Problem) -> dict[str, Any]:
+    """Return the entries of a record for the heat bath of a problem."""
+    if (bath := problem.thermostat) is None:
+        return {}
+    return {"heated": 1, **vars(bath), "first_member": problem.first}
 
 
 def _joined(parts: list[list[Any]]) -> list[Any]:
