@@ -44,11 +44,6 @@ class Body:
         columns = int(self.inverse.shape[1])
         return columns if self.top is None else -columns
 
-    def numbers(self) -> list[Array]:
-        """Return the constants of the body, as compiled code reads them."""
-        numbers = [self.inverse.T.ravel(), self.root.T.ravel(), self.top]
-        return [each for each in numbers if each is not None]
-
     def velocity(self, momentum: Array) -> Array:
         """Return the velocity for the momentum of the body, shape ``(..., n)``."""
         if self.inverse.shape[1] == 1:
@@ -56,14 +51,22 @@ class Body:
         return np.asarray(momentum @ self.inverse)
 
 
-def read_inertia(frame: Frame, value: Any) -> tuple[Inertia, tuple[Body, ...]]:
+def numbers_of(bodies: tuple[Body, ...]) -> Array:
+    """Return the constants of bodies, as compiled code reads them."""
+    each = [x for body in bodies for x in (body.inverse.T.ravel(), body.root.T.ravel(), body.top)]
+    return np.concatenate([x for x in each if x is not None])
+
+
+def read_inertia(
+    frame: Frame, value: Any, name: str = "inertia"
+) -> tuple[Inertia, tuple[Body, ...]]:
     """Return the inertia as hashable numbers, and the bodies of a configuration.
 
     ValueError if the free motion isn't known for the frame or for the inertia, or if this isn't
     positive definite.
     """
     bodies: list[Body] = []
-    return _read(frame, value, "inertia", bodies), tuple(bodies)
+    return _read(frame, value, name, bodies), tuple(bodies)
 
 
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
@@ -79,11 +82,19 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         parts = enumerate(zip(frame.factors, value, strict=True))
         return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
     if type(frame) is Power:
-        for _ in range(frame.n):
-            inertia = _read(frame.factor, value, name, bodies)
-        return inertia
+        each = _of_each_body(frame, value, name)
+        if each is None:
+            for _ in range(frame.n):
+                inertia = _read(frame.factor, value, name, bodies)
+            return inertia
+        for k, part in enumerate(each):
+            _read(frame.factor, part, f"{name}[{k}]", bodies)
+        return tuple(tuple(map(tuple, part)) if part.ndim == 2 else tuple(part) for part in each)
     _check_frame(frame)
-    matrix = _checked(value, frame.dim, name)
+    hint = ""
+    if frame.dim == 3 and not isinstance(frame, Euclidean | Sphere):
+        hint = "; a body without a moment about an axis, such as a linear rotor, is a Sphere(2)"
+    matrix = _checked(value, frame.dim, name, hint)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
     width = prod(frame.point_shape) * (2 if frame.dtype.kind == "c" else 1)
     bodies.append(
@@ -101,6 +112,27 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     return tuple(matrix.tolist()) if matrix.ndim == 1 else tuple(map(tuple, matrix.tolist()))
 
 
+def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
+    """Return the inertia of each body of a power, None if that of all is given."""
+    n, dim = frame.n, frame.factor.dim
+    if type(frame.factor) in (Power, Product) or np.ndim(value) < 2:
+        return None
+    rows = real_array(value, name)
+    if rows.shape == (n, dim) == (dim, n) != (1, 1):
+        raise ValueError(
+            f"{name} must have shape {(n, dim, dim)} or ({dim},) on {frame!r}, where shape "
+            f"{(n, dim)} may mean one matrix or {n} diagonals"
+        )
+    if rows.shape == (dim, dim):
+        return None
+    if rows.shape not in ((n, 1), (n, dim), (n, dim, dim)):
+        raise ValueError(
+            f"{name} must have shape ({dim},), {(dim, dim)}, or one for each body, {(n, dim)} or "
+            f"{(n, dim, dim)}, got {rows.shape}"
+        )
+    return np.broadcast_to(rows, (n, dim)) if rows.shape == (n, 1) else rows
+
+
 def _check_frame(frame: Frame) -> None:
     """Raise ValueError unless the free motion on a frame is known for some inertia."""
     if isinstance(frame, SO | UnitQuaternion | U | Euclidean | Sphere):
@@ -115,7 +147,7 @@ def _check_frame(frame: Frame) -> None:
     )
 
 
-def _checked(value: Any, n: int, name: str) -> Array:
+def _checked(value: Any, n: int, name: str, hint: str) -> Array:
     """Return a positive definite inertia: its diagonal, or a matrix that isn't diagonal."""
     matrix = real_array(1.0 if value is None else value, name)
     if matrix.shape not in ((), (n,), (n, n)):
@@ -129,7 +161,7 @@ def _checked(value: Any, n: int, name: str) -> Array:
         raise ValueError(f"{name} must be symmetric, got {short(value)}")
     smallest = matrix.min() if matrix.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
     if not smallest > 0.0:
-        raise ValueError(f"{name} must be positive definite, got {short(value)}")
+        raise ValueError(f"{name} must be positive definite, got {short(value)}{hint}")
     return matrix
 
 
@@ -157,7 +189,7 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]
     gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
-    rest = _orthogonal_rest(axes)
+    rest = np.zeros((3, 3)) if matrix.ndim == 1 else _orthogonal_rest(axes)
     return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import Body, Inertia, read_inertia
+from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
 from cg.frames.product import Product
 from cg.support.arrays import Array
 
@@ -42,9 +42,10 @@ class PhaseSpace(Product):
         ``Sphere(2)``, and products and powers of them.
     inertia
         A matrix of shape ``(dim, dim)``, or its diagonal, or a multiple of the identity as a
-        number, by default the identity. Of a product a tuple, one for each factor; of a power that
-        of each factor. On Euclidean space it may be any positive definite one, and on rotations of
-        space in body axes, also one without a body, whose largest moment exceeds the sum of the
+        number, by default the identity. Of a product a tuple, one for each factor; of a power of n
+        that of all factors, or one for each, shape ``(n, 1)``, ``(n, dim)`` or ``(n, dim, dim)``;
+        ``(dim, dim)`` is one matrix, which is refused for n = dim. On Euclidean space it may be any
+        positive definite one, and on rotations of space in body axes, also one without a body, whose largest moment exceeds the sum of the
         others. On other groups, on spheres and in space axes it is a multiple of the
         identity.
 
@@ -200,6 +201,6 @@ class PhaseSpace(Product):
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
         columns = np.array([body.columns for body in self._bodies], dtype=np.intc)
-        return columns, np.concatenate([x for body in self._bodies for x in body.numbers()])
+        return columns, numbers_of(self._bodies)
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`

@@ -63,6 +63,7 @@ class EnsembleOptions(Options, total=False):
     """Options of integrations of many members."""
 
     common_steps: bool
+    inertia: Any
     executor: ExecutorLike
     workers: int | None
     out: Any

@@ -32,6 +32,7 @@ from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
 from cg.integration.langevin import Langevin, check_thermostat
+from cg.integration.member_inertia import MemberInertia, read_member_inertia
 from cg.integration.options import EnsembleOptions
 from cg.integration.output.results import EnsembleSolution
 from cg.integration.plan.jacobian import Jacobian, jacobian_of
@@ -77,6 +78,7 @@ class Problem:
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
     thermostat: Langevin | None = None
+    inertia: MemberInertia | None = None  # of each member, None for that of the frame
     first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
@@ -96,11 +98,12 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, part: slice) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return place, points, parameters and inputs of some members, for `select`."""
+    def data(self, part: slice) -> tuple[Any, ...]:
+        """Return place, points, parameters, inputs and inertia of members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
-        return part.start, self.points[part], numbers, inputs and inputs.part(part)
+        inertia = self.inertia and self.inertia.part(part)
+        return part.start, self.points[part], numbers, inputs and inputs.part(part), inertia
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
@@ -109,11 +112,16 @@ class Problem:
         return self.select(*self.data(members))
 
     def select(
-        self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
+        self,
+        first: int,
+        points: Points,
+        parameters: Array | None,
+        inputs: Inputs | None,
+        inertia: MemberInertia | None,
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
-        return replace(self, points=points, rhs=rhs, first=first)
+        return replace(self, points=points, rhs=rhs, first=first, inertia=inertia)
 
 
 def _make_rhs(
@@ -247,6 +255,10 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     """Return a point and its parameters for each member of the inputs."""
     curves = inputs if isinstance(inputs, tuple) else (inputs,)
     count = next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
+    return _repeat(points, numbers, count)
+
+
+def _repeat(points: Points, numbers: Array | None, count: int) -> tuple[Points, Array | None]:
     points = np.repeat(points, count, axis=0)
     if numbers is not None:
         numbers = np.repeat(numbers, count, axis=0)
@@ -335,6 +347,11 @@ def make_problem(
     if many and len(points) == 1 and options["inputs"] is not None:
         points, numbers = _broadcast(points, numbers, options["inputs"])
     check_thermostat(options["thermostat"], plan.method, options, stop < start)
+    inertia = None
+    if options["inertia"] is not None:
+        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
+        if len(points) == 1:
+            points, numbers = _repeat(points, numbers, len(inertia.columns))
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
     inputs: Any = options["inputs"]
@@ -374,5 +391,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer,
-        thermostat=options["thermostat"],
+        thermostat=options["thermostat"], inertia=inertia,
     )  # fmt: skip

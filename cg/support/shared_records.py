@@ -52,6 +52,10 @@ RECORD = {
     "temperature": "real",
     "seed": "integer",
     "first_member": "integer",  # the member of the ensemble that is the first one here
+    # the inertia of each member, if it has its own
+    "body_numbers": "integer",  # constants of a member
+    "bodies": "address",  # C integers, columns of the inertia of each body
+    "body_constants": "address",
     # input of each call
     "budget": "integer",  # steps to try until the call returns
     # output of each call

@@ -30,7 +30,7 @@ module frames_m
     ! of a mechanical system, the number of momenta, the last coefficients and entries of a point;
     ! right-hand sides give as many forces
     integer :: forces = 0
-    type(body_t), allocatable :: bodies(:)   ! of all blocks but the last
+    type(body_t), pointer :: bodies(:) => null()       ! of all blocks but the last
   end type frame_t
 
 contains

@@ -16,20 +16,19 @@ module free_motion_m
 
 contains
 
-  ! Gives a frame the bodies of its blocks but the last, the momenta.
-  subroutine make_bodies(columns, constants, frame)
+  ! Makes the bodies of the blocks of a frame but the last, the momenta.
+  pure subroutine make_bodies(columns, constants, frame, bodies)
     ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
     ! free to turn about any axis
     integer, intent(in) :: columns(:)
     real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, root, top_t
-    type(frame_t), intent(inout) :: frame
+    type(frame_t), intent(in) :: frame
+    type(body_t), intent(out) :: bodies(:)
     integer :: i, used
 
-    allocate (frame%bodies(size(columns)))
-    frame%forces = frame%dimension / 2
     used = 0
     do i = 1, size(columns)
-      associate (body => frame%bodies(i), n => frame%blocks(i)%dimension)
+      associate (body => bodies(i), n => frame%blocks(i)%dimension)
         body%inverse = reshape(constants(used + 1:used + n * abs(columns(i))), [n, abs(columns(i))])
         used = used + n * abs(columns(i))
         body%root = reshape(constants(used + 1:used + n * abs(columns(i))), shape(body%inverse))

@@ -34,7 +34,9 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
-  call make_bodies(columns, constants, plan%frame)
+  plan%frame%forces = plan%frame%dimension / 2
+  allocate (plan%frame%bodies(bodies))
+  call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
 end subroutine plan_set_bodies
 
 ! Lets right-hand sides on the frame of a plan give derivatives of points.
@@ -116,6 +118,7 @@ subroutine plan_close(address)
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
+  if (associated(plan%frame%bodies)) deallocate (plan%frame%bodies)
   deallocate (plan)
 end subroutine plan_close
 

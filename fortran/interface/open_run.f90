@@ -1,9 +1,10 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use error_norm_m, only: tolerances_t
+  use free_motion_m, only: make_bodies
   use heat_bath_m, only: bath_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
@@ -24,6 +25,7 @@ contains
 
     call set_problem(plan, run)
     call set_tolerances(run)
+    if (run%record%body_numbers > 0) call set_bodies(run)
     if (run%record%event_functions > 0) call set_events(run)
     call set_lanes(run, memory)
     if (memory /= 0) return
@@ -132,6 +134,26 @@ contains
                      [7, int(run%record%curves)])
     run%events%inputs = run%field%inputs
   end subroutine set_inputs
+
+  ! Sets the inertia of each member.
+  subroutine set_bodies(run)
+    type(run_t), intent(inout) :: run
+    integer(c_int), pointer, contiguous :: columns(:, :)
+    real(wp), pointer, contiguous :: numbers(:, :)
+    integer :: bodies, i, members
+
+    associate (record => run%record)
+      bodies = size(run%frame%bodies)
+      members = int(record%members)
+      call c_f_pointer(transfer(record%bodies, c_null_ptr), columns, [bodies, members])
+      call c_f_pointer(transfer(record%body_constants, c_null_ptr), numbers, &
+                       [int(record%body_numbers), members])
+      allocate (run%bodies(bodies, members))
+      do i = 1, members
+        call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
+      end do
+    end associate
+  end subroutine set_bodies
 
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)

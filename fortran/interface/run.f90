@@ -4,6 +4,7 @@
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
+  use blocks_m, only: body_t
   use callback_m, only: callback_t
   use derivatives_m, only: coefficients_of
   use events_m, only: events_t, observer_t
@@ -32,6 +33,7 @@ module run_m
   type :: run_t
     type(problem_t) :: problem
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
+    type(body_t), allocatable :: bodies(:, :)          ! (bodies, members) where they differ
     type(callback_t) :: python
     type(events_t) :: events
     type(inner_points_t) :: inner
@@ -142,6 +144,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_minimum .or. status == needs_maximum) return
+        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status

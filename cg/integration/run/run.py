@@ -92,6 +92,10 @@ class Run:
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_inputs()
+        if problem.inertia is not None:
+            self.record.body_numbers = problem.inertia.numbers.shape[1]
+            self._share("bodies", problem.inertia.columns)
+            self._share("body_constants", problem.inertia.numbers)
         self._share("rtols", self.control.rtol.ravel())
         self._share("atol", self.control.atol.ravel())
         if events is not None and self._functions:
