@@ -180,6 +180,7 @@ VARIATION = {
     "index": "address",
     "constant": "address",
     "step": "real",  # step of differences, relative
+    "kicks": "integer",  # 1 for forces alone, of a splitting method
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
     "failed_function": "integer",  # the last one, a `FailedFunction`

@@ -3,11 +3,12 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: body_t, flow_sequence_t
+  use blocks_m, only: body_t, flow_sequence_t, velocities
   use frames_m, only: frame_t, apply_flows
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: sphere_block
+  use tangent_motion_m, only: carry_tangents
   use vectors_m, only: cross
   implicit none
   private
@@ -76,7 +77,7 @@ contains
     real(wp), intent(inout) :: f(frame%dimension)
     integer :: i, k
 
-    k = frame%point_size - frame%forces      ! entries before the momenta
+    k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i), m => frame%forces)
@@ -88,19 +89,6 @@ contains
       end associate
     end do
   end subroutine add_free_motion
-
-  ! The velocities of a body
-  pure function velocities(body, momentum)
-    type(body_t), intent(in) :: body
-    real(wp), intent(in) :: momentum(:)
-    real(wp) :: velocities(size(momentum))
-
-    if (size(body%inverse, 2) == 1) then
-      velocities = body%inverse(:, 1) * momentum
-    else
-      velocities = matmul(body%inverse, momentum)
-    end if
-  end function velocities
 
   ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
   ! bodies move freely for its time.
@@ -115,10 +103,10 @@ contains
     integer :: j, k
 
     associate (m => frame%forces)
-      associate (momentum => y(frame%point_size - m + 1:))
+      associate (momentum => y(frame%before + 1:))       ! and tangents
         do j = begin, last
           do k = flows%first(j), flows%first(j + 1) - 1
-            momentum = momentum + weight(k) * f(m + 1:2 * m, flows%stage(k))
+            momentum = momentum + weight(k) * f(m + 1:frame%dimension, flows%stage(k))
           end do
           if (abs(times(j)) > 0) call drift(frame, times(j), y)
         end do
@@ -134,7 +122,7 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j
 
-    associate (m => frame%forces, momentum => y(frame%point_size - frame%forces + 1:))
+    associate (m => frame%forces, momentum => y(frame%before + 1:))
       do j = 1, size(times)
         momentum = momentum + impulse(m + 1:, j)
         call make_tangential(frame, y, momentum)
@@ -151,9 +139,12 @@ contains
     real(wp) :: v(frame%forces), q(4)
     integer :: i, k
 
+    if (frame%tangents > 0) &
+      call carry_tangents(frame, time, y(frame%before + 1:frame%before + frame%forces), &
+                          y(frame%before + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
-        k = frame%point_size - frame%forces + block%vectors
+        k = frame%before + block%vectors
         associate (momentum => y(k + 1:k + block%dimension), &
                    point => y(block%points + 1:block%points + block%point_size), &
                    own => v(block%vectors + 1:block%vectors + block%dimension))

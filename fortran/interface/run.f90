@@ -235,7 +235,7 @@ contains
     integer :: i, m, memory
 
     m = run%frame%dimension
-    if (run%frame%forces > 0) m = run%frame%forces
+    if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)

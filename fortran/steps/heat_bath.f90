@@ -55,7 +55,7 @@ contains
     end do
     kept = exp(-bath%friction * time)
     part = sqrt(bath%temperature * (1 - kept) * (1 + kept))
-    k = frame%point_size - frame%forces
+    k = frame%before
     do i = 1, size(frame%bodies)
       associate (n => frame%blocks(i)%dimension, v => frame%blocks(i)%vectors, &
                  root => frame%bodies(i)%root)
