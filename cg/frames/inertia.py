@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import prod
 from typing import Any
@@ -14,6 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
+from cg.frames.rotations import hat, vee
 from cg.frames.so import SO
 from cg.frames.sphere import Sphere
 from cg.frames.u import U
@@ -33,6 +34,7 @@ class Body:
 
     inverse: Array  # shape (n, n), or (n, 1) if it is diagonal
     root: Array  # R with the inertia R Rᵀ, of the same shape
+    gyroscopic: Array | None  # antisymmetric B of a force B ω, shape (n, n)
     top: Array | None  # the numbers of `top_t` in Fortran, if the moments of inertia differ
     vectors: slice  # its velocities among all
     points: slice  # the doubles of its point among all
@@ -44,6 +46,18 @@ class Body:
         columns = int(self.inverse.shape[1])
         return columns if self.top is None else -columns
 
+    @property
+    def commutes(self) -> bool:
+        """Whether the flow of the gyroscopic force commutes with free motion."""
+        if self.top is None or self.gyroscopic is None:
+            return True
+        inverse = self.inverse
+        full = np.diag(inverse[:, 0]) if inverse.shape[1] == 1 else inverse
+        axis = full @ vee(self.gyroscopic)
+        commutator = full @ hat(axis) - hat(axis) @ full
+        scale = np.abs(full).max() * np.abs(axis).max()
+        return bool(np.abs(commutator).max() <= _ROUNDING * scale)
+
     def velocity(self, momentum: Array) -> Array:
         """Return the velocity for the momentum of the body, shape ``(..., n)``."""
         if self.inverse.shape[1] == 1:
@@ -53,12 +67,18 @@ class Body:
 
 def numbers_of(bodies: tuple[Body, ...]) -> Array:
     """Return the constants of bodies, as compiled code reads them."""
-    each = [x for body in bodies for x in (body.inverse.T.ravel(), body.root.T.ravel(), body.top)]
-    return np.concatenate([x for x in each if x is not None])
+    parts: list[Any] = []
+    for body in bodies:
+        matrix = body.gyroscopic
+        parts += [body.inverse.T.ravel(), body.root.T.ravel(), [0.0]]
+        if matrix is not None:
+            parts[-1] = [1.0 if body.commutes else 2.0, *matrix.T.ravel()]
+        parts += [] if body.top is None else [body.top]
+    return np.concatenate(parts)
 
 
 def read_inertia(
-    frame: Frame, value: Any, name: str = "inertia"
+    frame: Frame, value: Any, name: str = "inertia", gyroscopic: Any = None
 ) -> tuple[Inertia, tuple[Body, ...]]:
     """Return the inertia as hashable numbers, and the bodies of a configuration.
 
@@ -66,7 +86,13 @@ def read_inertia(
     positive definite.
     """
     bodies: list[Body] = []
-    return _read(frame, value, name, bodies), tuple(bodies)
+    numbers = _read(frame, value, name, bodies)
+    if gyroscopic is not None:
+        matrices = gyroscopic_matrices(frame, gyroscopic)
+        bodies = [
+            replace(body, gyroscopic=matrix) for body, matrix in zip(bodies, matrices, strict=True)
+        ]
+    return numbers, tuple(bodies)
 
 
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
@@ -101,6 +127,7 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         Body(
             _inverse(matrix),
             np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix),
+            None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
             slice(points, points + width),
@@ -110,6 +137,45 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     if value is None:
         return None
     return tuple(matrix.tolist()) if matrix.ndim == 1 else tuple(map(tuple, matrix.tolist()))
+
+
+def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> list[Array | None]:
+    """Return the antisymmetric matrix of each body of a configuration, None without one.
+
+    ValueError if the motion isn't known with it, or if it isn't antisymmetric.
+    """
+    if type(frame) is Product:
+        parts = (None,) * len(frame.factors) if value is None else value
+        if not isinstance(parts, tuple | list) or len(parts) != len(frame.factors):
+            raise ValueError(
+                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
+                f"{short(value)}"
+            )
+        each = enumerate(zip(frame.factors, parts, strict=True))
+        return [m for k, (f, part) in each for m in gyroscopic_matrices(f, part, f"{name}[{k}]")]
+    if type(frame) is Power:
+        return frame.n * gyroscopic_matrices(frame.factor, value, name)
+    if value is None:
+        return [None]
+    if not isinstance(frame, Euclidean) and (
+        frame.dim != 3 or isinstance(frame, Sphere) or getattr(frame, "convention", "") != "body"
+    ):
+        raise ValueError(
+            f"{name} must be None on {frame!r}: with such forces the motion is known on Euclidean "
+            "space, and on rotations of space in body axes, as that of a body with a rotor"
+        )
+    matrix, n = real_array(value, name), frame.dim
+    if matrix.shape == (3,) == (n,):
+        matrix = hat(matrix)
+    if matrix.shape != (n, n):
+        raise ValueError(f"{name} must have shape {(n, n)}, got {matrix.shape}")
+    check_finite(matrix, name)
+    if np.abs(matrix + matrix.T).max() > _ROUNDING * np.abs(matrix).max():
+        raise ValueError(
+            f"{name} must be antisymmetric, or else it does work; friction is that of "
+            f"thermostat=cg.Langevin, got {short(value)}"
+        )
+    return [(matrix - matrix.T) / 2]
 
 
 def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:

@@ -49,6 +49,14 @@ class PhaseSpace(Product):
         whose largest moment exceeds the sum of the others. On other groups, on spheres and in space
         axes it is a multiple of the identity.
 
+    gyroscopic
+        A force that is linear in the velocity and does no work, :math:`B \omega` with an
+        antisymmetric matrix B of shape ``(dim, dim)``, which is added to the others: that of a
+        magnetic field, of a turning frame, or of a rotor with a constant momentum l in the body,
+        :math:`l \times \omega`. In three dimensions also the vector l. Of a product a tuple, of a
+        power that of all factors. It may be given on Euclidean space, and on rotations of space in
+        body axes.
+
     Raises
     ------
     TypeError
@@ -62,6 +70,11 @@ class PhaseSpace(Product):
     Splitting methods move points along the free motion and along forces in turn, and are
     symplectic. Their forces depend on time and configuration only. The free motion of a rigid
     body is computed by Jacobi's elliptic functions [1]_.
+
+    With a gyroscopic force, splitting methods move points exactly on Euclidean space, and with a
+    rotor if the moments of inertia are equal, or those about the other axes than that of the rotor.
+    With others the motion between forces is composed of exact parts, of order six, and methods of
+    order eight have order six.
 
     On a sphere the momentum is :math:`q \times p`, and the inertia is the mass. `join` removes
     its component along q, and forces along q have no effect.
@@ -93,18 +106,23 @@ class PhaseSpace(Product):
 
     configuration: Frame
     inertia: Inertia
+    gyroscopic: Any
     _bodies: tuple[Body, ...] = field(init=False, compare=False)
 
-    def __init__(self, frame: Frame, inertia: Any = None) -> None:
+    def __init__(self, frame: Frame, inertia: Any = None, *, gyroscopic: Any = None) -> None:
         if not isinstance(frame, Frame):
             raise TypeError(f"frame must be a Frame, got {frame!r}")
-        numbers, bodies = read_inertia(frame, inertia)
+        numbers, bodies = read_inertia(frame, inertia, gyroscopic=gyroscopic)
         super().__init__(frame, Euclidean(frame.dim))
         numbers = None if inertia is None else numbers
-        vars(self).update(configuration=frame, inertia=numbers, _bodies=bodies)
+        vars(self).update(
+            configuration=frame, inertia=numbers, gyroscopic=_hashable(gyroscopic), _bodies=bodies
+        )
 
     def __repr__(self) -> str:
         inertia = "" if self.inertia is None else f", {self.inertia!r}"
+        if self.gyroscopic is not None:
+            inertia += f", gyroscopic={self.gyroscopic!r}"
         return f"PhaseSpace({self.configuration!r}{inertia})"
 
     def join(self, *parts: ArrayLike) -> Array:
@@ -198,6 +216,8 @@ class PhaseSpace(Product):
             if body.top is not None:
                 at = (..., body.vectors)
                 slope[at] += np.cross(momentum[at], velocity[at])
+            if body.gyroscopic is not None:
+                slope[..., body.vectors] += velocity[..., body.vectors] @ body.gyroscopic.T
         return np.concatenate([velocity, slope], axis=-1)
 
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
@@ -206,3 +226,10 @@ class PhaseSpace(Product):
         return columns, numbers_of(self._bodies)
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`
+
+
+def _hashable(value: Any) -> Any:
+    """Return nested tuples of the numbers of sequences or arrays."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value

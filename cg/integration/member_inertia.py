@@ -42,7 +42,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
         )
     columns, rows = [], []
     for k, own in enumerate(each):
-        _, bodies = read_inertia(frame.configuration, own, f"inertia[{k}]")
+        _, bodies = read_inertia(frame.configuration, own, f"inertia[{k}]", frame.gyroscopic)
         columns.append([body.columns for body in bodies])
         rows.append(numbers_of(bodies))
     numbers = np.zeros((len(rows), max(map(len, rows))))

@@ -24,6 +24,10 @@ module blocks_m
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
     real(wp), allocatable :: root(:, :)      ! of the inertia, R with J = R R', (n, n) or (n, 1)
+    ! the matrix of a force that is linear in the velocity, if there is one, and whether its flow
+    ! commutes with free motion
+    real(wp), allocatable :: gyroscopic(:, :)
+    logical :: commutes = .true.
     logical :: turns = .false.               ! whether its moments of inertia differ
     type(top_t) :: top                       ! if it turns
   end type body_t

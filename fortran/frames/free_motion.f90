@@ -5,9 +5,10 @@ module free_motion_m
   use kinds, only: wp
   use blocks_m, only: body_t, flow_sequence_t, velocities
   use frames_m, only: frame_t, apply_flows
+  use gyroscopic_m, only: move_linearly, rotor_momentum, substeps, turn_with_rotor
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
-  use shared_numbers, only: sphere_block
+  use shared_numbers, only: euclidean_block, sphere_block
   use tangent_motion_m, only: carry_tangents
   use vectors_m, only: cross
   implicit none
@@ -22,7 +23,8 @@ contains
     ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
     ! free to turn about any axis
     integer, intent(in) :: columns(:)
-    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, root, top_t
+    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, its root, 0 or 1 or
+    ! 2 and a gyroscopic matrix that commutes with free motion or doesn't, top_t
     type(frame_t), intent(in) :: frame
     type(body_t), intent(out) :: bodies(:)
     integer :: i, used
@@ -34,6 +36,12 @@ contains
         used = used + n * abs(columns(i))
         body%root = reshape(constants(used + 1:used + n * abs(columns(i))), shape(body%inverse))
         used = used + n * abs(columns(i))
+        if (constants(used + 1) > 0) then
+          body%commutes = constants(used + 1) < 2
+          body%gyroscopic = reshape(constants(used + 2:used + 1 + n**2), [n, n])
+          used = used + n**2
+        end if
+        used = used + 1
         body%turns = columns(i) < 0
         if (.not. body%turns) cycle
         body%top = transfer(constants(used + 1:used + 24), body%top)
@@ -85,6 +93,8 @@ contains
           velocity = velocity + velocities(body, momentum)
           if (body%turns) &
             f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
+          if (allocated(body%gyroscopic)) &
+            f(m + v + 1:m + v + n) = f(m + v + 1:m + v + n) + matmul(body%gyroscopic, velocity)
         end associate
       end associate
     end do
@@ -131,35 +141,64 @@ contains
     end associate
   end subroutine move_by_impulses
 
-  ! Moves all bodies freely.
+  ! Moves all bodies freely, or with their gyroscopic forces.
   subroutine drift(frame, time, y)
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: v(frame%forces), q(4)
+    real(wp) :: momenta(frame%forces)
+    real(wp), allocatable :: parts(:)
     integer :: i, k
 
+    momenta = y(frame%before + 1:frame%before + frame%forces)
     if (frame%tangents > 0) &
-      call carry_tangents(frame, time, y(frame%before + 1:frame%before + frame%forces), &
-                          y(frame%before + frame%forces + 1:))
+      call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
-        k = frame%before + block%vectors
-        associate (momentum => y(k + 1:k + block%dimension), &
-                   point => y(block%points + 1:block%points + block%point_size), &
-                   own => v(block%vectors + 1:block%vectors + block%dimension))
-          if (body%turns) then
-            call turn_freely(body%top, time, momentum, q)
-            call turn_point(block, q, point)
+        associate (momentum => momenta(block%vectors + 1:block%vectors + block%dimension))
+          if (.not. allocated(body%gyroscopic)) then
+            call move_body(frame, i, time, momentum, y)
+          else if (block%kind == euclidean_block) then
+            call move_linearly(body, time, momentum, &
+                               y(block%points + 1:block%points + block%point_size))
           else
-            own = time * velocities(body, momentum)
-            call apply_flows(frame, 1, v, y, i)
-            if (block%kind == sphere_block) call remove_component(point, momentum)
+            momentum = momentum + rotor_momentum(body)
+            parts = time * substeps(body)
+            do k = 1, size(parts)
+              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+              call move_body(frame, i, parts(k), momentum, y)
+              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+            end do
+            momentum = momentum - rotor_momentum(body)
           end if
         end associate
       end associate
     end do
+    y(frame%before + 1:frame%before + frame%forces) = momenta
   end subroutine drift
+
+  ! Moves the body of block i freely.
+  subroutine move_body(frame, i, time, momentum, y)
+    type(frame_t), intent(in) :: frame
+    integer, intent(in) :: i
+    real(wp), intent(in) :: time
+    real(wp), intent(inout) :: momentum(frame%blocks(i)%dimension), y(frame%point_size)
+    real(wp) :: v(frame%forces), q(4)
+
+    associate (block => frame%blocks(i), body => frame%bodies(i))
+      associate (point => y(block%points + 1:block%points + block%point_size), &
+                 own => v(block%vectors + 1:block%vectors + block%dimension))
+        if (body%turns) then
+          call turn_freely(body%top, time, momentum, q)
+          call turn_point(block, q, point)
+        else
+          own = time * velocities(body, momentum)
+          call apply_flows(frame, 1, v, y, i)
+          if (block%kind == sphere_block) call remove_component(point, momentum)
+        end if
+      end associate
+    end associate
+  end subroutine move_body
 
   ! Removes the component of a vector along a unit vector.
   pure subroutine remove_component(point, vector)
