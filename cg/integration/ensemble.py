@@ -242,7 +242,7 @@ def solve_one(problem: Problem, options: Options) -> Solution:
 
 def _count_steps(problem: Problem) -> int:
     """Return the number of equal steps after checking it, 0 for adaptive ones."""
-    if (h := problem.control.h) is None:
+    if (h := problem.control.h) is None or problem.sizes is not None:
         return 0
     steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
     every = problem.every * problem.keeps_points

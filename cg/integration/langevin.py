@@ -91,15 +91,11 @@ def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: boo
             "thermostat must be given with a splitting method, such as 'Leapfrog', on a phase "
             f"space only: others have no part of a step that is noise alone, got {method!r}"
         )
-    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
-    if len(drifts) == len(kicks):
-        drifts = np.append(0.0, drifts)
-    for numbers in (drifts, kicks):
-        if not np.allclose(numbers, numbers[::-1], rtol=0.0, atol=1e-12):
-            raise ValueError(
-                f"thermostat must be given with a symmetric method, in whose middle the noise is, "
-                f"got {method!r}"
-            )
+    if not is_symmetric(method):
+        raise ValueError(
+            "thermostat must be given with a symmetric method, in whose middle the noise is, got "
+            f"{method!r}"
+        )
     if options["derivatives"] is not None:
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
     if options["dense_output"]:
@@ -108,3 +104,13 @@ def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: boo
         raise ValueError(
             "thermostat must be None backward in time, where friction would drive momenta"
         )
+
+
+def is_symmetric(method: MethodTable) -> bool:
+    """Return whether a splitting method is symmetric."""
+    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
+    if len(drifts) == len(kicks):
+        drifts = np.append(0.0, drifts)
+    return all(
+        np.allclose(numbers, numbers[::-1], rtol=0.0, atol=1e-12) for numbers in (drifts, kicks)
+    )

@@ -40,6 +40,7 @@ class StepOptions(TypedDict, total=False):
     jac: Function | ArrayLike | None
     vectorized: bool
     thermostat: Langevin | None
+    step_function: Any
 
 
 class Options(StepOptions, total=False):

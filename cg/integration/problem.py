@@ -44,6 +44,7 @@ from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
+from cg.integration.step_function import sizes_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
@@ -78,6 +79,7 @@ class Problem:
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
     thermostat: Langevin | None = None
+    sizes: Observer | None = None  # how steps vary, None for equal or adaptive ones
     inertia: MemberInertia | None = None  # of each member, None for that of the frame
     first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
@@ -384,6 +386,7 @@ def make_problem(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
             f"{short(options['events'])}"
         )
+    sizes = sizes_of(options, plan, rhs, start, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
@@ -391,5 +394,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer,
-        thermostat=options["thermostat"], inertia=inertia,
+        thermostat=options["thermostat"], inertia=inertia, sizes=sizes,
     )  # fmt: skip

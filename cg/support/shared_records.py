@@ -46,6 +46,13 @@ RECORD = {
     "max_step": "real",
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
+    # how steps vary, as observers
+    "sized": "integer",
+    "sizers": "integer",
+    "sizer_table": "address",
+    "sizer": "address",
+    "sizer_data": "address",
+    "sizer_stride": "integer",
     # the heat bath of a splitting method, see fortran/steps/heat_bath.f90
     "heated": "integer",  # whether there is one
     "friction": "real",
