@@ -242,6 +242,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "forced_rigid_body": forced_rigid_body,
     "body_with_pendulum": body_with_pendulum,
     "gradient_flow": gradient_flow,
+    "heat_bath": lambda: of_page(Path(__file__).parent / "howto" / "heat_baths.md"),
 }
 
 

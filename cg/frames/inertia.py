@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import prod
 from typing import Any
@@ -14,6 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
+from cg.frames.rotations import hat, vee
 from cg.frames.so import SO
 from cg.frames.sphere import Sphere
 from cg.frames.u import U
@@ -32,6 +33,8 @@ class Body:
     """The inertia of one factor of a configuration."""
 
     inverse: Array  # shape (n, n), or (n, 1) if it is diagonal
+    root: Array  # R with the inertia R Rᵀ, of the same shape
+    gyroscopic: Array | None  # antisymmetric B of a force B ω, shape (n, n)
     top: Array | None  # the numbers of `top_t` in Fortran, if the moments of inertia differ
     vectors: slice  # its velocities among all
     points: slice  # the doubles of its point among all
@@ -43,6 +46,18 @@ class Body:
         columns = int(self.inverse.shape[1])
         return columns if self.top is None else -columns
 
+    @property
+    def commutes(self) -> bool:
+        """Whether the flow of the gyroscopic force commutes with free motion."""
+        if self.top is None or self.gyroscopic is None:
+            return True
+        inverse = self.inverse
+        full = np.diag(inverse[:, 0]) if inverse.shape[1] == 1 else inverse
+        axis = full @ vee(self.gyroscopic)
+        commutator = full @ hat(axis) - hat(axis) @ full
+        scale = np.abs(full).max() * np.abs(axis).max()
+        return bool(np.abs(commutator).max() <= _ROUNDING * scale)
+
     def velocity(self, momentum: Array) -> Array:
         """Return the velocity for the momentum of the body, shape ``(..., n)``."""
         if self.inverse.shape[1] == 1:
@@ -50,14 +65,34 @@ class Body:
         return np.asarray(momentum @ self.inverse)
 
 
-def read_inertia(frame: Frame, value: Any) -> tuple[Inertia, tuple[Body, ...]]:
+def numbers_of(bodies: tuple[Body, ...]) -> Array:
+    """Return the constants of bodies, as compiled code reads them."""
+    parts: list[Any] = []
+    for body in bodies:
+        matrix = body.gyroscopic
+        parts += [body.inverse.T.ravel(), body.root.T.ravel(), [0.0]]
+        if matrix is not None:
+            parts[-1] = [1.0 if body.commutes else 2.0, *matrix.T.ravel()]
+        parts += [] if body.top is None else [body.top]
+    return np.concatenate(parts)
+
+
+def read_inertia(
+    frame: Frame, value: Any, name: str = "inertia", gyroscopic: Any = None
+) -> tuple[Inertia, tuple[Body, ...]]:
     """Return the inertia as hashable numbers, and the bodies of a configuration.
 
     ValueError if the free motion isn't known for the frame or for the inertia, or if this isn't
     positive definite.
     """
     bodies: list[Body] = []
-    return _read(frame, value, "inertia", bodies), tuple(bodies)
+    numbers = _read(frame, value, name, bodies)
+    if gyroscopic is not None:
+        matrices = gyroscopic_matrices(frame, gyroscopic)
+        bodies = [
+            replace(body, gyroscopic=matrix) for body, matrix in zip(bodies, matrices, strict=True)
+        ]
+    return numbers, tuple(bodies)
 
 
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
@@ -73,16 +108,26 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         parts = enumerate(zip(frame.factors, value, strict=True))
         return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
     if type(frame) is Power:
-        for _ in range(frame.n):
-            inertia = _read(frame.factor, value, name, bodies)
-        return inertia
+        each = _of_each_body(frame, value, name)
+        if each is None:
+            for _ in range(frame.n):
+                inertia = _read(frame.factor, value, name, bodies)
+            return inertia
+        for k, part in enumerate(each):
+            _read(frame.factor, part, f"{name}[{k}]", bodies)
+        return tuple(tuple(map(tuple, part)) if part.ndim == 2 else tuple(part) for part in each)
     _check_frame(frame)
-    matrix = _checked(value, frame.dim, name)
+    hint = ""
+    if frame.dim == 3 and not isinstance(frame, Euclidean | Sphere):
+        hint = "; a body without a moment about an axis, such as a linear rotor, is a Sphere(2)"
+    matrix = _checked(value, frame.dim, name, hint)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
     width = prod(frame.point_shape) * (2 if frame.dtype.kind == "c" else 1)
     bodies.append(
         Body(
             _inverse(matrix),
+            np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix),
+            None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
             slice(points, points + width),
@@ -92,6 +137,66 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     if value is None:
         return None
     return tuple(matrix.tolist()) if matrix.ndim == 1 else tuple(map(tuple, matrix.tolist()))
+
+
+def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> list[Array | None]:
+    """Return the antisymmetric matrix of each body of a configuration, None without one.
+
+    ValueError if the motion isn't known with it, or if it isn't antisymmetric.
+    """
+    if type(frame) is Product:
+        parts = (None,) * len(frame.factors) if value is None else value
+        if not isinstance(parts, tuple | list) or len(parts) != len(frame.factors):
+            raise ValueError(
+                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
+                f"{short(value)}"
+            )
+        each = enumerate(zip(frame.factors, parts, strict=True))
+        return [m for k, (f, part) in each for m in gyroscopic_matrices(f, part, f"{name}[{k}]")]
+    if type(frame) is Power:
+        return frame.n * gyroscopic_matrices(frame.factor, value, name)
+    if value is None:
+        return [None]
+    if not isinstance(frame, Euclidean) and (
+        frame.dim != 3 or isinstance(frame, Sphere) or getattr(frame, "convention", "") != "body"
+    ):
+        raise ValueError(
+            f"{name} must be None on {frame!r}: with such forces the motion is known on Euclidean "
+            "space, and on rotations of space in body axes, as that of a body with a rotor"
+        )
+    matrix, n = real_array(value, name), frame.dim
+    if matrix.shape == (3,) == (n,):
+        matrix = hat(matrix)
+    if matrix.shape != (n, n):
+        raise ValueError(f"{name} must have shape {(n, n)}, got {matrix.shape}")
+    check_finite(matrix, name)
+    if np.abs(matrix + matrix.T).max() > _ROUNDING * np.abs(matrix).max():
+        raise ValueError(
+            f"{name} must be antisymmetric, or else it does work; friction is that of "
+            f"thermostat=cg.Langevin, got {short(value)}"
+        )
+    return [(matrix - matrix.T) / 2]
+
+
+def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
+    """Return the inertia of each body of a power, None if that of all is given."""
+    n, dim = frame.n, frame.factor.dim
+    if type(frame.factor) in (Power, Product) or np.ndim(value) < 2:
+        return None
+    rows = real_array(value, name)
+    if rows.shape == (n, dim) == (dim, n) != (1, 1):
+        raise ValueError(
+            f"{name} must have shape {(n, dim, dim)} or ({dim},) on {frame!r}, where shape "
+            f"{(n, dim)} may mean one matrix or {n} diagonals"
+        )
+    if rows.shape == (dim, dim):
+        return None
+    if rows.shape not in ((n, 1), (n, dim), (n, dim, dim)):
+        raise ValueError(
+            f"{name} must have shape ({dim},), {(dim, dim)}, or one for each body, {(n, dim)} or "
+            f"{(n, dim, dim)}, got {rows.shape}"
+        )
+    return np.broadcast_to(rows, (n, dim)) if rows.shape == (n, 1) else rows
 
 
 def _check_frame(frame: Frame) -> None:
@@ -108,7 +213,7 @@ def _check_frame(frame: Frame) -> None:
     )
 
 
-def _checked(value: Any, n: int, name: str) -> Array:
+def _checked(value: Any, n: int, name: str, hint: str) -> Array:
     """Return a positive definite inertia: its diagonal, or a matrix that isn't diagonal."""
     matrix = real_array(1.0 if value is None else value, name)
     if matrix.shape not in ((), (n,), (n, n)):
@@ -122,7 +227,7 @@ def _checked(value: Any, n: int, name: str) -> Array:
         raise ValueError(f"{name} must be symmetric, got {short(value)}")
     smallest = matrix.min() if matrix.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
     if not smallest > 0.0:
-        raise ValueError(f"{name} must be positive definite, got {short(value)}")
+        raise ValueError(f"{name} must be positive definite, got {short(value)}{hint}")
     return matrix
 
 
@@ -150,7 +255,7 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]
     gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
-    rest = _orthogonal_rest(axes)
+    rest = np.zeros((3, 3)) if matrix.ndim == 1 else _orthogonal_rest(axes)
     return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
 
 

@@ -6,6 +6,7 @@ from cg.integration.ensemble import (
     solve_variational_ensemble,
 )
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
+from cg.integration.langevin import Langevin
 from cg.integration.output.dense import DenseOutput
 from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.plan.stage_solver import ConvergenceError
@@ -21,6 +22,7 @@ __all__ = [
     "DenseOutput",
     "EnsembleSolution",
     "Event",
+    "Langevin",
     "Samples",
     "Solution",
     "StepTooLongError",

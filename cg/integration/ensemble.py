@@ -76,6 +76,10 @@ def solve_ensemble(
     parameters
         Numbers of each member, shape ``(members, n)``, which all functions are given as last
         argument; a compiled ``f`` is given their address.
+    inertia
+        On a `cg.frames.PhaseSpace` a sequence of the inertia of each member, in place of that of
+        the frame: an array of shape ``(members, 3)`` for bodies with three moments. What the frame
+        itself computes, such as its kinetic energy, is that of its own inertia.
     vectorized
         Whether ``f`` takes many members at a time. ``jac``, ``df_dp`` and ``noise`` then take and
         return arrays of one member each too, with the axis of members first.
@@ -233,7 +237,7 @@ def solve_one(problem: Problem, options: Options) -> Solution:
 
 def _count_steps(problem: Problem) -> int:
     """Return the number of equal steps after checking it, 0 for adaptive ones."""
-    if (h := problem.control.h) is None:
+    if (h := problem.control.h) is None or problem.sizes is not None:
         return 0
     steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
     every = problem.every * problem.keeps_points

@@ -47,7 +47,7 @@ def check_path(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> 
 
     Points have the shape ``(times, members, *point_shape)``; the solution took ``nfev`` calls.
     """
-    if plan.method.kind is not Kind.SPLITTING:
+    if plan.method.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     most = max(_LEAST, min(_MOST, nfev // (2 * _SHARE)))
     k, members = np.divmod(_sample(points.shape[0] * points.shape[1], most), points.shape[1])

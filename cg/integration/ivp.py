@@ -142,6 +142,15 @@ def solve_ivp(
         differences with steps of :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1,
         s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
         evaluations of ``f``.
+    step_function
+        ``step_function(t, y, *args)`` returns a positive number s that depends on the configuration
+        alone, for symmetric splitting methods: steps are about ``h s``. They stay reversible,
+        so that errors of the energy don't grow, by the method of Hairer and Söderlind (SIAM J. Sci.
+        Comput. 26 (2005), 1838-1851). It may be compiled as an event may.
+    thermostat
+        A heat bath on a `cg.frames.PhaseSpace`, for symmetric splitting methods: `cg.Langevin`.
+        Steps end at the times of ``t_eval`` then. Events are found along an interpolant, which is
+        smoother than the process.
     linear
         Whether the coefficients depend on time alone. Then ``f`` is ``f(t, *args)``, without
         ``y``, and a compiled one that reads the point it gets is refused. Steps are chosen by the

@@ -10,6 +10,7 @@ from typing import Any, TypedDict, TypeVar
 from numpy.typing import ArrayLike
 
 from cg.integration.default_method import AUTO
+from cg.integration.langevin import Langevin
 from cg.integration.plan.stage_solver import DEFAULT_STAGE_SOLVER
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
@@ -38,6 +39,8 @@ class StepOptions(TypedDict, total=False):
     stage_solver: str
     jac: Function | ArrayLike | None
     vectorized: bool
+    thermostat: Langevin | None
+    step_function: Any
 
 
 class Options(StepOptions, total=False):
@@ -62,6 +65,7 @@ class EnsembleOptions(Options, total=False):
     """Options of integrations of many members."""
 
     common_steps: bool
+    inertia: Any
     executor: ExecutorLike
     workers: int | None
     out: Any

@@ -31,6 +31,8 @@ from cg.integration.arguments import (
 from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.friction import check_members
+from cg.integration.langevin import Langevin, check_thermostat
+from cg.integration.member_inertia import MemberInertia, read_member_inertia
 from cg.integration.options import EnsembleOptions
 from cg.integration.output.results import EnsembleSolution
 from cg.integration.plan.jacobian import Jacobian, jacobian_of
@@ -48,6 +50,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
+from cg.integration.step_function import sizes_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag, short
 from cg.support.times import apart
@@ -81,6 +84,10 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
+    thermostat: Langevin | None = None
+    sizes: Observer | None = None  # how steps vary, None for equal or adaptive ones
+    inertia: MemberInertia | None = None  # of each member, None for that of the frame
+    first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
     # with inputs at times of their own, those of each member, and the stops without their corners
@@ -102,12 +109,13 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, part: slice) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return place, points, parameters and inputs of some members, for `select`."""
+    def data(self, part: slice) -> tuple[Any, ...]:
+        """Return place, points, parameters, inputs and inertia of members, for `select`."""
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
         inputs = self.own_inputs[part.start] if self.own_inputs else inputs and inputs.part(part)
-        return part.start, self.points[part], numbers, inputs
+        inertia = self.inertia and self.inertia.part(part)
+        return part.start, self.points[part], numbers, inputs, inertia
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
@@ -116,15 +124,21 @@ class Problem:
         return self.select(*self.data(members))
 
     def select(
-        self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
+        self,
+        first: int,
+        points: Points,
+        parameters: Array | None,
+        inputs: Inputs | None,
+        inertia: MemberInertia | None,
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
+        one = replace(self, points=points, rhs=rhs, first=first, inertia=inertia)
         if self.shared_stops is None:
-            return replace(self, points=points, rhs=rhs)
+            return one
         tolerance = self.control.tolerance
         stops, limits = stops_and_limits(inputs, self.shared_stops, self.t0, tolerance)
-        return replace(self, points=points, rhs=rhs, stops=stops, limits=limits, own_inputs=())
+        return replace(one, stops=stops, limits=limits, own_inputs=())
 
 
 def _make_rhs(
@@ -260,6 +274,10 @@ def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Poin
     count = next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
     if isinstance(inputs, list):
         count = max(len(inputs), 1)
+    return _repeat(points, numbers, count)
+
+
+def _repeat(points: Points, numbers: Array | None, count: int) -> tuple[Points, Array | None]:
     points = np.repeat(points, count, axis=0)
     if numbers is not None:
         numbers = np.repeat(numbers, count, axis=0)
@@ -347,6 +365,12 @@ def make_problem(
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:
         points, numbers = _broadcast(points, numbers, options["inputs"])
+    check_thermostat(options["thermostat"], plan.method, options, stop < start)
+    inertia = None
+    if options["inertia"] is not None:
+        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
+        if len(points) == 1:
+            points, numbers = _repeat(points, numbers, len(inertia.columns))
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
     given: Any = options["inputs"]
@@ -373,6 +397,8 @@ def make_problem(
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
+        if options["thermostat"] is not None:  # nothing between steps has its noise
+            stops = np.union1d(stops, t_eval[t_eval != start])
     elif many:
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     if (events := options["events"]) is not None:
@@ -382,6 +408,7 @@ def make_problem(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
             f"{short(options['events'])}"
         )
+    sizes = sizes_of(options, plan, rhs, start, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
@@ -389,5 +416,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer, own_inputs=own,
-        shared_stops=shared,
+        shared_stops=shared, thermostat=options["thermostat"], inertia=inertia, sizes=sizes,
     )  # fmt: skip

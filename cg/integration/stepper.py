@@ -158,6 +158,8 @@ class Stepper:
         self.t_bound = bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
         many = is_many(frame, y0)
+        if bound < start and given["thermostat"] is not None:
+            raise ValueError("thermostat must be None backward in time, which noise doesn't go")
         if many and given["events"] is not None:
             raise ValueError("events must be None for an ensemble, whose members stop apart")
         first, breakpoints = given["first_step"], given["breakpoints"]

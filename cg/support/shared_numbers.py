@@ -47,6 +47,7 @@ class FieldFlag(IntEnum):
 
     RAISED_IN_PYTHON = -(2**31) + 1
     OBSERVER_FAILED = -(2**31) + 2  # not f, but what is evaluated at output times
+    SIZE_FAILED = -(2**31) + 3  # the function of step sizes
 
 
 class BlockKind(IntEnum):

@@ -46,6 +46,23 @@ RECORD = {
     "max_step": "real",
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
+    # how steps vary, as observers
+    "sized": "integer",
+    "sizers": "integer",
+    "sizer_table": "address",
+    "sizer": "address",
+    "sizer_data": "address",
+    "sizer_stride": "integer",
+    # the heat bath of a splitting method, see fortran/steps/heat_bath.f90
+    "heated": "integer",  # whether there is one
+    "friction": "real",
+    "temperature": "real",
+    "seed": "integer",
+    "first_member": "integer",  # the member of the ensemble that is the first one here
+    # the inertia of each member, if it has its own
+    "body_numbers": "integer",  # constants of a member
+    "bodies": "address",  # C integers, columns of the inertia of each body
+    "body_constants": "address",
     # input of each call
     "budget": "integer",  # steps to try until the call returns
     # output of each call
@@ -173,6 +190,7 @@ VARIATION = {
     "index": "address",
     "constant": "address",
     "step": "real",  # step of differences, relative
+    "kicks": "integer",  # 1 for forces alone, of a splitting method
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
     "failed_function": "integer",  # the last one, a `FailedFunction`

@@ -5,7 +5,7 @@ module blocks_m
   use rigid_body_m, only: top_t
   implicit none
   private
-  public :: block_t, body_t, combine_flows, flow_sequence_t
+  public :: block_t, body_t, combine_flows, flow_sequence_t, velocities
 
   type :: block_t
     integer :: kind = 0
@@ -23,6 +23,11 @@ module blocks_m
   ! The inertia of a block of a mechanical system
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
+    real(wp), allocatable :: root(:, :)      ! of the inertia, R with J = R R', (n, n) or (n, 1)
+    ! the matrix of a force that is linear in the velocity, if there is one, and whether its flow
+    ! commutes with free motion
+    real(wp), allocatable :: gyroscopic(:, :)
+    logical :: commutes = .true.
     logical :: turns = .false.               ! whether its moments of inertia differ
     type(top_t) :: top                       ! if it turns
   end type body_t
@@ -69,5 +74,18 @@ contains
       sum = sum + weight(j) * k(1:m, column(j))
     end do
   end subroutine combine_columns
+
+  ! The velocities of a body
+  pure function velocities(body, momentum)
+    type(body_t), intent(in) :: body
+    real(wp), intent(in) :: momentum(:)
+    real(wp) :: velocities(size(momentum))
+
+    if (size(body%inverse, 2) == 1) then
+      velocities = body%inverse(:, 1) * momentum
+    else
+      velocities = matmul(body%inverse, momentum)
+    end if
+  end function velocities
 
 end module blocks_m

@@ -27,10 +27,11 @@ module frames_m
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
-    ! of a mechanical system, the number of momenta, the last coefficients and entries of a point;
+    ! of a mechanical system, the number of momenta, and of the entries of a point before them;
     ! right-hand sides give as many forces
-    integer :: forces = 0
-    type(body_t), allocatable :: bodies(:)   ! of all blocks but the last
+    integer :: forces = 0, before = 0
+    integer :: tangents = 0                  ! rows of derivatives behind the momenta
+    type(body_t), pointer :: bodies(:) => null()       ! of all blocks but the last
   end type frame_t
 
 contains

@@ -3,11 +3,13 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: body_t, flow_sequence_t
+  use blocks_m, only: body_t, flow_sequence_t, velocities
   use frames_m, only: frame_t, apply_flows
+  use gyroscopic_m, only: move_linearly, rotor_momentum, substeps, turn_with_rotor
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
-  use shared_numbers, only: sphere_block
+  use shared_numbers, only: euclidean_block, sphere_block
+  use tangent_motion_m, only: carry_tangents
   use vectors_m, only: cross
   implicit none
   private
@@ -16,22 +18,30 @@ module free_motion_m
 
 contains
 
-  ! Gives a frame the bodies of its blocks but the last, the momenta.
-  subroutine make_bodies(columns, constants, frame)
+  ! Makes the bodies of the blocks of a frame but the last, the momenta.
+  pure subroutine make_bodies(columns, constants, frame, bodies)
     ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
     ! free to turn about any axis
     integer, intent(in) :: columns(:)
-    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, top_t
-    type(frame_t), intent(inout) :: frame
+    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, its root, 0 or 1 or
+    ! 2 and a gyroscopic matrix that commutes with free motion or doesn't, top_t
+    type(frame_t), intent(in) :: frame
+    type(body_t), intent(out) :: bodies(:)
     integer :: i, used
 
-    allocate (frame%bodies(size(columns)))
-    frame%forces = frame%dimension / 2
     used = 0
     do i = 1, size(columns)
-      associate (body => frame%bodies(i), n => frame%blocks(i)%dimension)
+      associate (body => bodies(i), n => frame%blocks(i)%dimension)
         body%inverse = reshape(constants(used + 1:used + n * abs(columns(i))), [n, abs(columns(i))])
         used = used + n * abs(columns(i))
+        body%root = reshape(constants(used + 1:used + n * abs(columns(i))), shape(body%inverse))
+        used = used + n * abs(columns(i))
+        if (constants(used + 1) > 0) then
+          body%commutes = constants(used + 1) < 2
+          body%gyroscopic = reshape(constants(used + 2:used + 1 + n**2), [n, n])
+          used = used + n**2
+        end if
+        used = used + 1
         body%turns = columns(i) < 0
         if (.not. body%turns) cycle
         body%top = transfer(constants(used + 1:used + 24), body%top)
@@ -75,7 +85,7 @@ contains
     real(wp), intent(inout) :: f(frame%dimension)
     integer :: i, k
 
-    k = frame%point_size - frame%forces      ! entries before the momenta
+    k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i), m => frame%forces)
@@ -83,23 +93,12 @@ contains
           velocity = velocity + velocities(body, momentum)
           if (body%turns) &
             f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
+          if (allocated(body%gyroscopic)) &
+            f(m + v + 1:m + v + n) = f(m + v + 1:m + v + n) + matmul(body%gyroscopic, velocity)
         end associate
       end associate
     end do
   end subroutine add_free_motion
-
-  ! The velocities of a body
-  pure function velocities(body, momentum)
-    type(body_t), intent(in) :: body
-    real(wp), intent(in) :: momentum(:)
-    real(wp) :: velocities(size(momentum))
-
-    if (size(body%inverse, 2) == 1) then
-      velocities = body%inverse(:, 1) * momentum
-    else
-      velocities = matmul(body%inverse, momentum)
-    end if
-  end function velocities
 
   ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
   ! bodies move freely for its time.
@@ -114,10 +113,10 @@ contains
     integer :: j, k
 
     associate (m => frame%forces)
-      associate (momentum => y(frame%point_size - m + 1:))
+      associate (momentum => y(frame%before + 1:))       ! and tangents
         do j = begin, last
           do k = flows%first(j), flows%first(j + 1) - 1
-            momentum = momentum + weight(k) * f(m + 1:2 * m, flows%stage(k))
+            momentum = momentum + weight(k) * f(m + 1:frame%dimension, flows%stage(k))
           end do
           if (abs(times(j)) > 0) call drift(frame, times(j), y)
         end do
@@ -133,7 +132,7 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j
 
-    associate (m => frame%forces, momentum => y(frame%point_size - frame%forces + 1:))
+    associate (m => frame%forces, momentum => y(frame%before + 1:))
       do j = 1, size(times)
         momentum = momentum + impulse(m + 1:, j)
         call make_tangential(frame, y, momentum)
@@ -142,32 +141,64 @@ contains
     end associate
   end subroutine move_by_impulses
 
-  ! Moves all bodies freely.
+  ! Moves all bodies freely, or with their gyroscopic forces.
   subroutine drift(frame, time, y)
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: v(frame%forces), q(4)
+    real(wp) :: momenta(frame%forces)
+    real(wp), allocatable :: parts(:)
     integer :: i, k
 
+    momenta = y(frame%before + 1:frame%before + frame%forces)
+    if (frame%tangents > 0) &
+      call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
-        k = frame%point_size - frame%forces + block%vectors
-        associate (momentum => y(k + 1:k + block%dimension), &
-                   point => y(block%points + 1:block%points + block%point_size), &
-                   own => v(block%vectors + 1:block%vectors + block%dimension))
-          if (body%turns) then
-            call turn_freely(body%top, time, momentum, q)
-            call turn_point(block, q, point)
+        associate (momentum => momenta(block%vectors + 1:block%vectors + block%dimension))
+          if (.not. allocated(body%gyroscopic)) then
+            call move_body(frame, i, time, momentum, y)
+          else if (block%kind == euclidean_block) then
+            call move_linearly(body, time, momentum, &
+                               y(block%points + 1:block%points + block%point_size))
           else
-            own = time * velocities(body, momentum)
-            call apply_flows(frame, 1, v, y, i)
-            if (block%kind == sphere_block) call remove_component(point, momentum)
+            momentum = momentum + rotor_momentum(body)
+            parts = time * substeps(body)
+            do k = 1, size(parts)
+              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+              call move_body(frame, i, parts(k), momentum, y)
+              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+            end do
+            momentum = momentum - rotor_momentum(body)
           end if
         end associate
       end associate
     end do
+    y(frame%before + 1:frame%before + frame%forces) = momenta
   end subroutine drift
+
+  ! Moves the body of block i freely.
+  subroutine move_body(frame, i, time, momentum, y)
+    type(frame_t), intent(in) :: frame
+    integer, intent(in) :: i
+    real(wp), intent(in) :: time
+    real(wp), intent(inout) :: momentum(frame%blocks(i)%dimension), y(frame%point_size)
+    real(wp) :: v(frame%forces), q(4)
+
+    associate (block => frame%blocks(i), body => frame%bodies(i))
+      associate (point => y(block%points + 1:block%points + block%point_size), &
+                 own => v(block%vectors + 1:block%vectors + block%dimension))
+        if (body%turns) then
+          call turn_freely(body%top, time, momentum, q)
+          call turn_point(block, q, point)
+        else
+          own = time * velocities(body, momentum)
+          call apply_flows(frame, 1, v, y, i)
+          if (block%kind == sphere_block) call remove_component(point, momentum)
+        end if
+      end associate
+    end associate
+  end subroutine move_body
 
   ! Removes the component of a vector along a unit vector.
   pure subroutine remove_component(point, vector)

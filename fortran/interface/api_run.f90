@@ -24,17 +24,21 @@ subroutine plan_open(blocks, description, numbers, constants, method_address, ad
 end subroutine plan_open
 
 ! Gives the frame of a plan inertia; see make_bodies.
-subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
+subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangents)
   use free_motion_m, only: make_bodies
   use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: bodies, numbers, columns(bodies)
+  integer, intent(in) :: bodies, numbers, columns(bodies), tangents
   real(wp), intent(in) :: constants(numbers)
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
-  call make_bodies(columns, constants, plan%frame)
+  plan%frame%before = plan%frame%blocks(bodies + 1)%points
+  plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
+  plan%frame%tangents = tangents
+  allocate (plan%frame%bodies(bodies))
+  call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
 end subroutine plan_set_bodies
 
 ! Lets right-hand sides on the frame of a plan give derivatives of points.
@@ -116,6 +120,7 @@ subroutine plan_close(address)
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
+  if (associated(plan%frame%bodies)) deallocate (plan%frame%bodies)
   deallocate (plan)
 end subroutine plan_close
 

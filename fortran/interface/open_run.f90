@@ -1,9 +1,12 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
+  use events_m, only: observer_t
   use error_norm_m, only: tolerances_t
+  use free_motion_m, only: make_bodies
+  use heat_bath_m, only: bath_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
   use shared_numbers
@@ -23,10 +26,23 @@ contains
 
     call set_problem(plan, run)
     call set_tolerances(run)
+    if (run%record%body_numbers > 0) call set_bodies(run)
     if (run%record%event_functions > 0) call set_events(run)
     call set_lanes(run, memory)
     if (memory /= 0) return
-    if (run%record%observations > 0) call set_observer(run)
+    associate (record => run%record)
+      if (record%observations > 0) then
+        call set_observer(run, int(record%observations), record%observers, record%observer_table, &
+                          record%observer, record%observer_data, record%observer_stride, &
+                          run%observer)
+        run%output%observer => run%observer
+      end if
+      if (record%sized > 0) then
+        call set_observer(run, 1, record%sizers, record%sizer_table, record%sizer, &
+                          record%sizer_data, record%sizer_stride, run%sizes)
+        run%problem%sizes => run%sizes
+      end if
+    end associate
     call set_output(run)
   end subroutine open_run
 
@@ -55,6 +71,8 @@ contains
       problem%scheme => plan%scheme
       problem%common = record%common /= 0
       problem%of_time = record%of_time /= 0
+      problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
+                            record%first_member, record%h)
       problem%unique_flows = record%unique_flows /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%dense = record%jacobian /= sparse_jacobian
@@ -130,6 +148,26 @@ contains
     run%events%inputs = run%field%inputs
   end subroutine set_inputs
 
+  ! Sets the inertia of each member.
+  subroutine set_bodies(run)
+    type(run_t), intent(inout) :: run
+    integer(c_int), pointer, contiguous :: columns(:, :)
+    real(wp), pointer, contiguous :: numbers(:, :)
+    integer :: bodies, i, members
+
+    associate (record => run%record)
+      bodies = size(run%frame%bodies)
+      members = int(record%members)
+      call c_f_pointer(transfer(record%bodies, c_null_ptr), columns, [bodies, members])
+      call c_f_pointer(transfer(record%body_constants, c_null_ptr), numbers, &
+                       [int(record%body_numbers), members])
+      allocate (run%bodies(bodies, members))
+      do i = 1, members
+        call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
+      end do
+    end associate
+  end subroutine set_bodies
+
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)
     type(run_t), target, intent(inout) :: run
@@ -153,30 +191,30 @@ contains
     end associate
   end subroutine set_events
 
-  ! Sets what is evaluated at output times.
-  subroutine set_observer(run)
-    type(run_t), target, intent(inout) :: run
+  ! Sets a function along the solution: one in Python, or some in C whose table is given.
+  subroutine set_observer(run, count, functions, table_address, function, data, stride, observer)
+    type(run_t), intent(in) :: run
+    integer, intent(in) :: count
+    integer(int64), intent(in) :: functions, stride
+    integer(c_intptr_t), intent(in) :: table_address, function, data
+    type(observer_t), intent(inout) :: observer
     type(event_record_t), pointer, contiguous :: table(:)
 
-    associate (record => run%record, observer => run%observer)
-      observer%count = int(record%observations)
-      if (record%observers > 0) then
-        call c_f_pointer(transfer(record%observer_table, c_null_ptr), table, &
-                         [int(record%observers)])
-        observer%functions%count = size(table)
-        observer%functions%address = table%function
-        observer%functions%data = table%data
-        observer%functions%period = table%period
-        observer%functions%member_data = record%observer_data
-        observer%functions%stride = record%observer_stride
-        observer%functions%inputs = run%field%inputs
-      else
-        observer%field%rhs => field_at(record%observer)
-        observer%field%data_address = record%observer_data
-        observer%field%data_stride = record%observer_stride
-      end if
-      run%output%observer => run%observer
-    end associate
+    observer%count = count
+    if (functions > 0) then
+      call c_f_pointer(transfer(table_address, c_null_ptr), table, [functions])
+      observer%functions%count = size(table)
+      observer%functions%address = table%function
+      observer%functions%data = table%data
+      observer%functions%period = table%period
+      observer%functions%member_data = data
+      observer%functions%stride = int(stride, c_intptr_t)
+      observer%functions%inputs = run%field%inputs
+    else
+      observer%field%rhs => field_at(function)
+      observer%field%data_address = data
+      observer%field%data_stride = int(stride, c_intptr_t)
+    end if
   end subroutine set_observer
 
   ! Makes the views of the caller's output arrays, which may have changed.

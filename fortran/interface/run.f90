@@ -4,6 +4,7 @@
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
+  use blocks_m, only: body_t
   use callback_m, only: callback_t
   use derivatives_m, only: coefficients_of
   use events_m, only: events_t, observer_t
@@ -32,10 +33,11 @@ module run_m
   type :: run_t
     type(problem_t) :: problem
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
+    type(body_t), allocatable :: bodies(:, :)          ! (bodies, members) where they differ
     type(callback_t) :: python
     type(events_t) :: events
     type(inner_points_t) :: inner
-    type(observer_t) :: observer
+    type(observer_t) :: observer, sizes       ! sizes: s of reversible_size_m
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
@@ -142,6 +144,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_minimum .or. status == needs_maximum) return
+        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
@@ -232,7 +235,7 @@ contains
     integer :: i, m, memory
 
     m = run%frame%dimension
-    if (run%frame%forces > 0) m = run%frame%forces
+    if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)

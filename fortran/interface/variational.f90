@@ -251,7 +251,7 @@ contains
       call call_function(self, record%f, record%f_data, y, f)
       if (self%code /= 0 .or. frame%forces == 0) return
       call take_forces(frame, y, f)
-      call add_free_motion(frame, y, f)
+      if (record%kicks == 0) call add_free_motion(frame, y, f)
     end associate
   end subroutine call_f
 
@@ -290,7 +290,7 @@ contains
       step = record%step * max(step, 1.0_wp)
       sides = merge(1, 2, record%one_sided /= 0)
       values(:, 2) = f
-      do j = 1, size(f)
+      do j = 1, merge(frame%forces, size(f), record%kicks /= 0)
         v = 0.0_wp
         do side = 1, sides
           v(j) = merge(step(j), -step(j), side == 1)

@@ -187,7 +187,7 @@ contains
       if (allocated(self%scheme%drift)) then
         call move_by_impulses(self%frame, v, theta * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
-        call make_tangential(self%frame, y, y(self%frame%point_size - self%frame%forces + 1:))
+        call make_tangential(self%frame, y, y(self%frame%before + 1:))
       else
         call apply_flows(self%frame, last, v, y)
       end if

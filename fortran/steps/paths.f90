@@ -7,6 +7,7 @@ module paths_m
   use blocks_m, only: combine_flows
   use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
+  use heat_bath_m, only: exchange_heat
   use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t
   use trajectory_m, only: trajectory_t
   use vectors_m, only: copy
@@ -35,8 +36,12 @@ contains
           call combine_coordinates(method, i, x)
           call apply_flows(frame, 1, x%u, x%y(:, i))
         case (kind_splitting)
-          call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
-                             x%f, x%y(:, i))
+          if (x%problem%bath%present .and. i == middle_path(method)) then
+            call exchange_within(x, i)
+          else
+            call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
+                               x%f, x%y(:, i))
+          end if
         case (kind_polynomial)
           call combine_flows(method%flows, x%weight, begin, end - 1, frame%dimension, x%f, x%v)
           frame%blocks%action%granted = abs(x%h) / max(abs(x%h), x%problem%duration)
@@ -53,6 +58,33 @@ contains
       x%paths = max(x%paths, last)
     end associate
   end subroutine follow_paths
+
+  ! The path with the middle of a step of a splitting method
+  pure integer function middle_path(method)
+    type(method_t), intent(in) :: method
+
+    associate (kicks => size(method%c), paths => size(method%origin))
+      middle_path = (kicks + 1) / 2 + paths - kicks
+    end associate
+  end function middle_path
+
+  ! Follows this path, and exchanges heat in the middle of its drift, or of its kick if a kick is in
+  ! the middle of the step.
+  subroutine exchange_within(x, path)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: path
+    real(wp) :: kicked, moved                ! parts before the middle
+
+    associate (method => x%problem%method, frame => x%problem%frame, y => x%y(:, path))
+      kicked = merge(1.0_wp, 0.5_wp, modulo(size(method%c), 2) == 0)
+      moved = kicked - 0.5_wp
+      call move_by_kicks(frame, method%flows, kicked * x%weight, moved * x%h * method%drift, &
+                         path, path, x%f, y)
+      call exchange_heat(x%problem%bath, frame, x%member, x%t, x%h, y)
+      call move_by_kicks(frame, method%flows, (1 - kicked) * x%weight, &
+                         (1 - moved) * x%h * method%drift, path, path, x%f, y)
+    end associate
+  end subroutine exchange_within
 
   ! Computes the coordinates of the end of a path that has one flow.
   subroutine combine_coordinates(method, path, x)

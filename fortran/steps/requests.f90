@@ -83,7 +83,7 @@ contains
     real(wp), intent(inout) :: f(x%problem%frame%dimension)    ! the answer
 
     if (x%request%flag == 0) then
-      if (x%problem%frame%forces > 0) then
+      if (x%problem%frame%forces > 0 .and. x%problem%frame%tangents == 0) then
         call take_forces(x%problem%frame, y, f)
         if (x%problem%method%kind /= kind_splitting) call add_free_motion(x%problem%frame, y, f)
       end if

@@ -8,12 +8,13 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use time_grid_m, only: make_grid
   use inputs_m, only: longest_step
+  use reversible_size_m, only: choose_reversibly
   use requests_m, only: evaluate_at_start, request
   use method_m, only: kind_splitting
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, &
+  use shared_numbers, only: finished, needs_minimum, raised, slope_not_finite, step_too_small, &
                             time_not_finite, too_many_steps
   implicit none
   private
@@ -34,7 +35,7 @@ contains
       return
     end if
     associate (stop => x%problem%stops(x%segment))
-      if (.not. x%problem%adaptive) call prepare_grid(x, stop)
+      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes))) call prepare_grid(x, stop)
       x%h = sign(x%h, stop - x%t)
     end associate
     x%phase = phase_choose_step
@@ -158,7 +159,10 @@ contains
     real(wp) :: longest
 
     associate (stop => x%problem%stops(x%segment))
-      if (.not. x%problem%adaptive) then
+      if (associated(x%problem%sizes)) then
+        call choose_reversibly(x, stop)
+        if (x%status /= finished) return
+      else if (.not. x%problem%adaptive) then
         x%h = x%grid%step
         x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
         if (x%grid_done + 1 == x%grid%steps) then

@@ -3,8 +3,9 @@
 module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t
-  use events_m, only: events_t
+  use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
+  use heat_bath_m, only: bath_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: kind_collocation, kind_implicit, kind_registers, method_t
   use newton_m, only: newton_t, reserve
@@ -35,6 +36,8 @@ module trajectory_m
     real(wp) :: duration = 0.0_wp            ! of an integration with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
+    type(observer_t), pointer :: sizes => null()       ! how steps vary, see reversible_size_m
+    type(bath_t) :: bath                     ! of a splitting method
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: dense = .true.                ! whether it is stored as a matrix here
   end type problem_t

@@ -144,7 +144,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
         parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
-        noises=0 if noise is None else variational.frame.dim,
+        kicks=variational.kicks, noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
     directions = None

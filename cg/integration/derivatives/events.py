@@ -137,10 +137,10 @@ class VariationalEvents(EventTable):
         """Return the coefficients of one member."""
         field = self.field
         if not field.vectorized:
-            return field.coefficients(t, y, arguments)
+            return field.coefficients(t, y, arguments, whole=True)
         if field.count:
             arguments = (*arguments[:-1], arguments[-1][None])
-        row: Array = field.coefficients(np.array([t]), y[None], arguments)[0]
+        row: Array = field.coefficients(np.array([t]), y[None], arguments, True)[0]
         return row
 
     def _derivatives(

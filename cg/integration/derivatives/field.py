@@ -20,6 +20,7 @@ from cg.support.arrays import Array, Points
 from cg.support.caches import cached_by_value
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
+_NO_CONSTANTS = np.zeros((3, 0), dtype=np.intp), np.zeros(0)
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
 
@@ -49,6 +50,9 @@ class VariationalField:
     inputs: int = 0  # number of the parameters that are values of inputs
     noise: Derivative | Array | None = None  # spectral density of noise
     chosen: Array | None = None  # directions in initial coordinates and parameters, columns
+    # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
+    # drifts are in fortran/frames/tangent_motion.f90
+    kicks: bool = False
 
     @property
     def directions(self) -> int:
@@ -80,7 +84,7 @@ class VariationalField:
     def __post_init__(self) -> None:
         vars(self).update(
             product=Product(self.frame, Euclidean(self.frame.dim * self.columns)),
-            structure=structure_constants(self.frame),
+            structure=_NO_CONSTANTS if self.kicks else structure_constants(self.frame),
             check=Check(self.f, self.frame, self.vectorized),
         )
 
@@ -91,7 +95,7 @@ class VariationalField:
 
     def __reduce__(self) -> tuple[Any, ...]:
         functions, numbers = (self.f, self.jac, self.df_dp), (self.count, self.vectorized)
-        others = self.inputs, self.noise, self.chosen
+        others = self.inputs, self.noise, self.chosen, self.kicks
         return VariationalField, (self.frame, *functions, *numbers, *others)
 
     def start(self, y: Points) -> Array:
@@ -151,12 +155,25 @@ class VariationalField:
             values[some] = self(t[some], z[some], *arguments)
         return values
 
-    def coefficients(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
-        """Return the coefficients at a point, or at points of several members."""
+    def coefficients(
+        self, t: Any, y: Points, arguments: tuple[Any, ...], whole: bool = False
+    ) -> Array:
+        """Return the coefficients at a point, or at points of several members.
+
+        Those of kicks have no free motion, unless the ``whole`` ones are asked for.
+        """
         if isinstance(self.f, CompiledRhs):
-            row: Array = self._at_points(t, y[None], arguments)[0]
+            row: Array = self._at_points(t, y[None], arguments, whole)[0]
             return row
-        return self.frame.complete_rhs(self.check(self.f(t, read_only(y), *arguments), t), y)
+        return self._complete(self.check(self.f(t, read_only(y), *arguments), t), y, whole)
+
+    def _complete(self, values: Array, y: Points, whole: bool) -> Array:
+        complete = self.frame.complete_rhs(values, y)
+        if self.kicks and not whole:
+            frame: Any = self.frame
+            complete[..., : frame.rhs_dim] = 0.0
+            complete[..., frame.rhs_dim :] = frame.tangential(y, values)
+        return complete
 
     def differences(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return differences of ``f`` along the frame's fields, shape ``(..., n, n)``."""
@@ -171,13 +188,15 @@ class VariationalField:
         differences: Array = values[..., :n, :] - values[..., n:, :]
         return np.ascontiguousarray(differences.mT / (2.0 * sizes[..., None, :]))
 
-    def _at_points(self, t: Any, points: Points, arguments: tuple[Any, ...]) -> Array:
+    def _at_points(
+        self, t: Any, points: Points, arguments: tuple[Any, ...], whole: bool = False
+    ) -> Array:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         if isinstance(self.f, CompiledRhs):
             data = data_at(t, arguments, self.count > 0)
             address = self.f.user_data if data is None else data.ctypes.data
             values = self.f.values(self.frame, address, t, points)
-            return self.frame.complete_rhs(values, points)
+            return self._complete(values, points, whole)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
         each = points.shape[1]

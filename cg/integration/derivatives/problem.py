@@ -52,11 +52,13 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     controlled, by_inputs = options["control_derivatives"], options["derivatives"] == ADJOINT
-    _check_problem(problem)
+    _check_problem(problem, by_inputs or options["noise"] is not None)
     noise = noise_of(options["noise"], problem)
     field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)
     if options["derivatives_by"] is not None:
         field = replace(field, chosen=_directions(options, field))
+    if problem.plan.method.kind is Kind.SPLITTING:
+        field = replace(field, kicks=True)
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
@@ -83,13 +85,18 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     )
 
 
-def _check_problem(problem: Problem) -> None:
+def _check_problem(problem: Problem, more: bool) -> None:
     """Raise ValueError if derivatives can't move along the solution."""
     frame = problem.plan.frame
-    if problem.plan.method.kind is Kind.SPLITTING:
+    if more and problem.plan.method.kind is Kind.SPLITTING:
         raise ValueError(
-            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
-            "derivatives"
+            "method must not be a splitting method with derivatives='adjoint' or noise, got "
+            f"{problem.plan.method!r}"
+        )
+    if problem.plan.method.kind is Kind.SPLITTING and getattr(frame, "gyroscopic", None):
+        raise ValueError(
+            "method must not be a splitting method with derivatives of motion with gyroscopic "
+            f"forces, got {problem.plan.method!r}"
         )
     if not has_brackets(frame):
         raise ValueError(

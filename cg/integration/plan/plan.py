@@ -12,6 +12,7 @@ from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
+from cg.frames.product import Product
 from cg.integration.plan.blocks import (
     block_constants,
     describe_blocks,
@@ -22,7 +23,7 @@ from cg.support.arrays import Array, Points
 from cg.support.caches import cached_by_value
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
-from cg.tables import MethodTable
+from cg.tables import Kind, MethodTable
 
 
 class Plan:
@@ -60,8 +61,12 @@ class Plan:
         )
         if frame._given is not None:
             core.plan_take_derivatives(self.address)
-        if isinstance(frame, PhaseSpace):
-            core.plan_set_bodies(self.address, *frame.compiled_bodies())
+        space: Any = frame
+        if table.kind is Kind.SPLITTING and isinstance(frame, Product):  # or one with derivatives
+            space = frame if isinstance(frame, PhaseSpace) else frame.factors[0]
+        if isinstance(space, PhaseSpace):
+            tangents = frame.dim // space.dim - 1
+            core.plan_set_bodies(self.address, *space.compiled_bodies(), tangents)
         weakref.finalize(self, core.plan_close, self.address)
         self._make_interpolants()
 

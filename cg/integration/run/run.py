@@ -30,6 +30,12 @@ _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a 
 _LANES = 1024  # members integrated at the same time by a vectorized function
 
 
+_FAILED = {
+    int(FieldFlag.OBSERVER_FAILED): "observe",
+    int(FieldFlag.SIZE_FAILED): "step_function",
+}
+
+
 class Record(ctypes.Structure):
     """The record that compiled code reads and writes."""
 
@@ -92,6 +98,15 @@ class Run:
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_inputs()
+        if problem.sizes is not None:
+            self.record.sized = 1
+            fields, self._sizing = problem.sizes.fields(self.rhs)
+            for name, value in fields.items():
+                setattr(self.record, name.replace("observer", "sizer"), value)
+        if problem.inertia is not None:
+            self.record.body_numbers = problem.inertia.numbers.shape[1]
+            self._share("bodies", problem.inertia.columns)
+            self._share("body_constants", problem.inertia.numbers)
         self._share("rtols", self.control.rtol.ravel())
         self._share("atol", self.control.atol.ravel())
         if events is not None and self._functions:
@@ -113,7 +128,7 @@ class Run:
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=max(problem.every, 1), dense=problem.dense,
+            every=max(problem.every, 1), dense=problem.dense, **_heat(problem),
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -241,9 +256,11 @@ class Run:
         if jacobian is not None and jacobian.constant:
             self.counts[:, COUNTS.index("njev")] = 0
         if record.raised:
-            name = "observe" if (self.flag == FieldFlag.OBSERVER_FAILED).any() else "events"
+            failed = [name for flag, name in _FAILED.items() if (self.flag == flag).any()]
+            name = (*failed, "events")[0]
+            kind = "positive" if name == "step_function" else "finite"
             raise ValueError(
-                f"{name} must return finite numbers, got another one at "
+                f"{name} must return {kind} numbers, got another one at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
         if record.steps:
@@ -265,10 +282,11 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         raised = np.flatnonzero(self.status == Stop.RAISED)
-        unobserved = np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED).tolist()
+        unobserved = np.flatnonzero(np.isin(self.flag, list(_FAILED))).tolist()
         failed, self.callbacks.failed_event = self.callbacks.failed_event, None
         if failed is None and unobserved:
-            failed = "observe", float(self.failed_at[unobserved[0]]), unobserved[0]
+            member = unobserved[0]
+            failed = _FAILED[int(self.flag[member])], float(self.failed_at[member]), member
         if failed is not None:
             name, t, member = failed
             first = getattr(self.rhs, "first", None)
@@ -402,6 +420,13 @@ class Run:
         events = self.events()
         self._events.clear()
         return events
+
+
+def _heat(problem: Problem) -> dict[str, Any]:
+    """Return the entries of a record for the heat bath of a problem."""
+    if (bath := problem.thermostat) is None:
+        return {}
+    return {"heated": 1, **vars(bath), "first_member": problem.first}
 
 
 def _joined(parts: list[list[Any]]) -> list[Any]:

@@ -1,0 +1,116 @@
+"""Heat baths of mechanical systems."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from secrets import randbits
+from typing import Any
+
+import numpy as np
+
+from cg.support.checks import check_integer, short
+from cg.tables import Kind, MethodTable
+
+
+@dataclass(frozen=True)
+class Langevin:
+    r"""A heat bath: friction and noise of the momenta of a `cg.frames.PhaseSpace`.
+
+    With the inertia J, momenta :math:`\mu` and Brownian motions W, Langevin's equation is
+
+    .. math::
+
+        d\mu = (\dots)\,dt - \gamma \mu\,dt + \sqrt{2 \gamma T J}\,dW .
+
+    Its equilibrium has the probability :math:`\propto e^{-H / T}`. A symmetric splitting method
+    lets the momenta exchange heat in the middle of each step, where friction and noise alone are
+    solved exactly: ``"Leapfrog"`` takes half a kick, half a drift, noise, half a drift and half a
+    kick [1]_. Averages have errors of order two in the step size.
+
+    The noise is a function of the seed, of the member of an ensemble, and of the time of the step
+    in steps [2]_. Workers, pickles and interruptions don't change it; a restart at an earlier time
+    meets the same noise again, and so do two runs from one initial time with one seed.
+
+    Parameters
+    ----------
+    friction
+        The rate :math:`\gamma` at which momenta decay, not negative.
+    temperature
+        The temperature T times Boltzmann's constant, an energy, not negative.
+    seed
+        A number from 0 to 2**63 - 1, by default a random one.
+
+    References
+    ----------
+    .. [1] B. Leimkuhler, C. Matthews, "Rational construction of stochastic numerical methods for
+       molecular sampling", Appl. Math. Res. Express 2013, 34-56.
+    .. [2] J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as easy as
+       1, 2, 3", SC11 (2011).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.PhaseSpace(cg.frames.SO3(), [1.0, 1.6, 2.3])
+    >>> y0 = np.tile(frame.join(np.eye(3), np.zeros(3)), (2000, 1))
+    >>> solution = cg.solve_ensemble(
+    ...     lambda t, y: np.zeros((len(y), 3)), (0, 8), y0, frame=frame, method="Leapfrog", h=0.5,
+    ...     vectorized=True, thermostat=cg.Langevin(friction=1.0, temperature=0.7, seed=1),
+    ... )
+    >>> bool(abs(frame.kinetic_energy(solution.y[-1]).mean() - 1.5 * 0.7) < 0.06)
+    True
+    """
+
+    friction: float
+    temperature: float
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("friction", "temperature"):
+            value = getattr(self, name)
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                raise TypeError(f"{name} must be a number, got {short(value)}") from None
+            if not (number >= 0.0 and math.isfinite(number)):
+                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+            object.__setattr__(self, name, number)
+        seed = randbits(63) if self.seed is None else check_integer("seed", self.seed, 0, 2**63 - 1)
+        object.__setattr__(self, "seed", seed)
+
+
+def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: bool) -> None:
+    """Raise TypeError or ValueError unless a heat bath fits the integration."""
+    if bath is None:
+        return
+    if not isinstance(bath, Langevin):
+        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
+    if method.kind is not Kind.SPLITTING:
+        raise ValueError(
+            "thermostat must be given with a splitting method, such as 'Leapfrog', on a phase "
+            f"space only: others have no part of a step that is noise alone, got {method!r}"
+        )
+    if not is_symmetric(method):
+        raise ValueError(
+            "thermostat must be given with a symmetric method, in whose middle the noise is, got "
+            f"{method!r}"
+        )
+    if options["derivatives"] is not None:
+        raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
+    if options["dense_output"]:
+        raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
+    if backward:
+        raise ValueError(
+            "thermostat must be None backward in time, where friction would drive momenta"
+        )
+
+
+def is_symmetric(method: MethodTable) -> bool:
+    """Return whether a splitting method is symmetric."""
+    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
+    if len(drifts) == len(kicks):
+        drifts = np.append(0.0, drifts)
+    return all(
+        np.allclose(numbers, numbers[::-1], rtol=0.0, atol=1e-12) for numbers in (drifts, kicks)
+    )

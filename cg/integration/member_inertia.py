@@ -1,0 +1,51 @@
+"""Inertia of each member of an ensemble."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.base import Frame
+from cg.frames.inertia import numbers_of, read_inertia
+from cg.frames.phase_space import PhaseSpace
+from cg.support.arrays import Array
+from cg.support.checks import short
+
+
+class MemberInertia(NamedTuple):
+    """The bodies of all members, as compiled code reads them."""
+
+    columns: NDArray[np.intc]  # (members, bodies)
+    numbers: Array  # (members, numbers), padded
+
+    def part(self, members: slice) -> MemberInertia:
+        """Return those of some members."""
+        return MemberInertia(*(np.ascontiguousarray(rows[members]) for rows in self))
+
+
+def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
+    """Return the bodies of each member after checking them, those of the frame aside.
+
+    A single member takes any number of them.
+    """
+    if not isinstance(frame, PhaseSpace):
+        raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
+    for name in ("derivatives", "dense_output"):
+        if options[name]:
+            raise ValueError(f"inertia must be None with {name}={options[name]!r}")
+    each = value if isinstance(value, list | tuple) else list(np.asarray(value))
+    if not each or members not in (1, len(each)):
+        raise ValueError(
+            f"inertia must have {members} entries, one for each member, got {len(each)}"
+        )
+    columns, rows = [], []
+    for k, own in enumerate(each):
+        _, bodies = read_inertia(frame.configuration, own, f"inertia[{k}]", frame.gyroscopic)
+        columns.append([body.columns for body in bodies])
+        rows.append(numbers_of(bodies))
+    numbers = np.zeros((len(rows), max(map(len, rows))))
+    for padded, row in zip(numbers, rows, strict=True):
+        padded[: len(row)] = row
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers)

@@ -1,0 +1,74 @@
+! A heat bath: friction and noise of momenta, by Langevin's equation
+!
+!   dp = (...) dt - gamma p dt + (2 gamma T J)^(1/2) dW,
+!
+! whose part of friction and noise alone is solved exactly, in the middle of a step of a symmetric
+! splitting method. The noise is a function of the seed, the member and the time of the step, so that
+! neither the order of members nor an interruption changes it.
+module heat_bath_m
+  use kinds, only: wp
+  use, intrinsic :: iso_c_binding, only: c_double, c_int64_t
+  use, intrinsic :: iso_fortran_env, only: int64
+  use frames_m, only: frame_t
+  use free_motion_m, only: make_tangential
+  implicit none
+  private
+  public :: bath_t, exchange_heat
+
+  type :: bath_t
+    logical :: present = .false.
+    real(wp) :: friction = 0.0_wp            ! gamma, per time
+    real(wp) :: temperature = 0.0_wp         ! that of Boltzmann's constant times it
+    integer(int64) :: seed = 0
+    integer(int64) :: first = 0              ! member of the ensemble that is the first of the run
+    real(wp) :: h = 1.0_wp                   ! the size of steps, which makes times integers
+  end type bath_t
+
+  interface
+    ! Four normal variates for a key and a counter
+    subroutine normal_variates(key, counter, x) bind(c)
+      import :: c_double, c_int64_t
+      integer(c_int64_t), intent(in) :: key(2), counter(2)
+      real(c_double), intent(out) :: x(4)
+    end subroutine normal_variates
+  end interface
+
+contains
+
+  ! Lets the momenta of a point exchange heat for a time.
+  subroutine exchange_heat(bath, frame, member, t, time, y)
+    type(bath_t), intent(in) :: bath
+    type(frame_t), intent(in) :: frame
+    integer, intent(in) :: member            ! of the run, from 1
+    real(wp), intent(in) :: t                ! that of the step
+    real(wp), intent(in) :: time
+    real(wp), intent(inout) :: y(frame%point_size)
+    real(wp) :: noise(frame%forces + 3), kept, part
+    integer(int64) :: tick
+    integer :: i, k
+
+    ! times that differ by rounding are one, those of short steps differ
+    tick = nint(modulo(t / bath%h * 2.0_wp**20, 2.0_wp**62), int64)
+    do k = 1, frame%forces, 4
+      call normal_variates([bath%seed, bath%first + int(member - 1, int64)], &
+                           [tick, int(k / 4, int64)], noise(k:k + 3))
+    end do
+    kept = exp(-bath%friction * time)
+    part = sqrt(bath%temperature * (1 - kept) * (1 + kept))
+    k = frame%before
+    do i = 1, size(frame%bodies)
+      associate (n => frame%blocks(i)%dimension, v => frame%blocks(i)%vectors, &
+                 root => frame%bodies(i)%root)
+        associate (momentum => y(k + v + 1:k + v + n), xi => noise(v + 1:v + n))
+          if (size(root, 2) == 1) then
+            momentum = kept * momentum + part * root(:, 1) * xi
+          else
+            momentum = kept * momentum + part * matmul(root, xi)
+          end if
+        end associate
+      end associate
+    end do
+    call make_tangential(frame, y, y(k + 1:))
+  end subroutine exchange_heat
+
+end module heat_bath_m

@@ -1,0 +1,86 @@
+"""Ensembles whose members have inertia of their own."""
+
+import numpy as np
+import pytest
+from mechanics import INERTIA, MATRIX, system
+from refusals import refuses
+
+import cg
+from cg.frames import SO3, Euclidean, PhaseSpace, Power, Product, UnitQuaternion
+
+TOP = system(SO3(), INERTIA)
+ROWS = [INERTIA, MATRIX, 2.0, [2.0, 1.5, 1.5]]
+METHODS = [{"method": "BlanesMoan4", "h": 0.1}, {"method": "DOP853", "rtol": 1e-6}]
+
+
+@pytest.mark.parametrize("options", METHODS, ids=["splitting", "adaptive"])
+@pytest.mark.parametrize("how", [{}, {"workers": 2}, {"vectorized": True}])
+def test_members_move_as_with_frames_of_their_own(options, how):
+    result = cg.solve_ensemble(
+        TOP.f, (0, 2), TOP.y0, frame=TOP.frame, inertia=ROWS, t_eval=[0.55, 2.0], **options, **how
+    )
+    for k, inertia in enumerate(ROWS):
+        own = PhaseSpace(SO3(), inertia)
+        alone = cg.solve_ivp(TOP.f, (0, 2), TOP.y0, frame=own, t_eval=[0.55, 2.0], **options)
+        assert np.allclose(result.y[:, k], alone.y, rtol=0.0, atol=1e-12)
+
+
+def test_a_heat_bath_has_the_inertia_of_the_member():
+    bath = cg.Langevin(1.0, 0.7, seed=5)
+    options = {"method": "Leapfrog", "h": 0.2, "thermostat": bath}
+    frame = PhaseSpace(Product(Euclidean(1), SO3()), (1.0, INERTIA))
+    y0 = frame.join(frame.configuration.join([0.0], np.eye(3)), np.zeros(4))
+    rows = [(3.0, MATRIX), (1.0, INERTIA)]
+    both = cg.solve_ensemble(lambda t, y: np.zeros(4), (0, 2), y0, frame=frame, inertia=rows,
+                             **options).y[-1]  # fmt: skip
+    own = PhaseSpace(frame.configuration, rows[0])
+    alone = cg.solve_ivp(lambda t, y: np.zeros(4), (0, 2), y0, frame=own, **options).y[-1]
+    assert np.allclose(both[0], alone, rtol=0.0, atol=1e-13)
+    assert np.abs(both[0] - both[1]).max() > 0.1
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"inertia": ROWS[:3], "y0": np.stack([TOP.y0] * 4)}, "inertia must have 4 entries"),
+    ({"inertia": []}, "inertia must have 1 entries"),
+    ({"inertia": [INERTIA, [1.0, 0.0, 1.0]]}, r"inertia\[1\] must be positive definite"),
+    ({"dense_output": True}, "inertia must be None with dense_output"),
+    ({"derivatives": "forward"}, "inertia must be None with derivatives"),
+    ({"frame": SO3(), "y0": np.eye(3)}, "unless frame is a phase space"),
+])  # fmt: skip
+def test_what_is_refused(changes, message):
+    options = {"y0": TOP.y0, "frame": TOP.frame, "inertia": ROWS, **changes}
+    refuses(ValueError, message, cg.solve_ensemble, TOP.f, (0, 1), options.pop("y0"), **options)
+
+
+def test_each_body_of_a_power_has_its_inertia():
+    n = 4
+    rows = np.arange(12.0).reshape(n, 3) / 10 + 1
+    masses = np.array([[1.0], [2.0], [3.0], [4.0]])
+    matrices = np.stack([MATRIX] * 3 + [np.diag(INERTIA)])
+    for factor, given, each in [
+        (UnitQuaternion(), rows, rows), (UnitQuaternion(), matrices, matrices),
+        (Euclidean(3), masses, np.repeat(masses, 3, axis=1)),
+    ]:  # fmt: skip
+        frame = PhaseSpace(Power(factor, n), given)
+        same = PhaseSpace(Product(*[factor] * n), tuple(each))
+        y = frame.random_point(np.random.default_rng(3))
+        flat = same.join(frame.split(y)[0].ravel(), frame.split(y)[1])
+        assert np.array_equal(frame.velocity(y), same.velocity(flat))
+        assert eval(repr(frame)) == frame
+        assert frame != PhaseSpace(Power(factor, n), each[0])
+        options = {"method": "Leapfrog", "h": 0.1}
+        runs = [
+            cg.solve_ivp(lambda t, y: np.zeros(3 * n), (0, 1), point, frame=space, **options)
+            for space, point in ((frame, y), (same, flat))
+        ]
+        assert np.array_equal(*(run.y[-1].ravel() for run in runs))
+
+
+@pytest.mark.parametrize(("frame", "inertia", "message"), [
+    (Power(SO3(), 3), np.eye(3), r"may mean one matrix or 3 diagonals"),
+    (Power(SO3(), 4), np.ones((5, 3)), r"or one for each body, \(4, 3\) or \(4, 3, 3\)"),
+    (Power(SO3(), 2), [INERTIA, [1.0, -1.0, 1.0]], r"inertia\[1\] must be positive definite"),
+    (SO3(), [1.0, 1.0, 0.0], r"a linear rotor, is a Sphere\(2\)"),
+])  # fmt: skip
+def test_what_inertia_is_refused(frame, inertia, message):
+    refuses(ValueError, message, PhaseSpace, frame, inertia)
