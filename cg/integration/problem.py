@@ -225,6 +225,12 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
             f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
             f"mechanical systems, got {frame!r}"
         )
+    if chosen.kind is Kind.SPLITTING and frame.jointed and not chosen.composes_leapfrogs:
+        raise ValueError(
+            f"method must be 'RATTLE' or a composition of it, such as 'RATTLE4', on a phase space "
+            f"with joints, got {chosen!r}: its kicks and drifts are separate flows, and a drift "
+            "between joints is none that is known exactly"
+        )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=linear)
@@ -328,6 +334,8 @@ def make_problem(
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
     points, numbers = check_points(plan, y0, options["parameters"], many)
+    if isinstance(frame, PhaseSpace):
+        frame.check_rank(points[0], "y0")
     start, stop = check_span(t_span)
     if many and len(points) == 1 and options["inputs"] is not None:
         points, numbers = _broadcast(points, numbers, options["inputs"])

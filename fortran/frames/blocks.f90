@@ -5,7 +5,7 @@ module blocks_m
   use rigid_body_m, only: top_t
   implicit none
   private
-  public :: block_t, body_t, combine_flows, flow_sequence_t
+  public :: block_t, body_t, combine_flows, flow_sequence_t, velocities_of
 
   type :: block_t
     integer :: kind = 0
@@ -37,6 +37,19 @@ module blocks_m
   end type flow_sequence_t
 
 contains
+
+  ! The velocities of a body
+  pure function velocities_of(body, momentum) result(velocities)
+    type(body_t), intent(in) :: body
+    real(wp), intent(in) :: momentum(:)
+    real(wp) :: velocities(size(momentum))
+
+    if (size(body%inverse, 2) == 1) then
+      velocities = body%inverse(:, 1) * momentum
+    else
+      velocities = matmul(body%inverse, momentum)
+    end if
+  end function velocities_of
 
   ! Computes the coefficients of some flows from those of the fields.
   pure subroutine combine_flows(flows, weight, begin, last, m, f, v)

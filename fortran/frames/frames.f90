@@ -5,6 +5,7 @@ module frames_m
   use shared_numbers
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
+  use joints_m, only: linkage_t
   use isospectral_m, only: move_isospectral, restore_isospectral
   use linear_action_m, only: make_linear_action, move_linearly, spectral_bound
   use linear_polynomial_m, only: move_polynomially
@@ -31,6 +32,8 @@ module frames_m
     ! right-hand sides give as many forces
     integer :: forces = 0
     type(body_t), allocatable :: bodies(:)   ! of all blocks but the last
+    logical :: jointed = .false.             ! whether it has joints or other constraints
+    type(linkage_t) :: linkage
   end type frame_t
 
 contains

@@ -3,7 +3,7 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: body_t, flow_sequence_t
+  use blocks_m, only: flow_sequence_t, velocities_of
   use frames_m, only: frame_t, apply_flows
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
@@ -11,7 +11,7 @@ module free_motion_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: add_free_motion, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
+  public :: add_free_motion, drift, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
             take_forces
 
 contains
@@ -80,26 +80,13 @@ contains
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i), m => frame%forces)
         associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
-          velocity = velocity + velocities(body, momentum)
+          velocity = velocity + velocities_of(body, momentum)
           if (body%turns) &
             f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
         end associate
       end associate
     end do
   end subroutine add_free_motion
-
-  ! The velocities of a body
-  pure function velocities(body, momentum)
-    type(body_t), intent(in) :: body
-    real(wp), intent(in) :: momentum(:)
-    real(wp) :: velocities(size(momentum))
-
-    if (size(body%inverse, 2) == 1) then
-      velocities = body%inverse(:, 1) * momentum
-    else
-      velocities = matmul(body%inverse, momentum)
-    end if
-  end function velocities
 
   ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
   ! bodies move freely for its time.
@@ -160,7 +147,7 @@ contains
             call turn_freely(body%top, time, momentum, q)
             call turn_point(block, q, point)
           else
-            own = time * velocities(body, momentum)
+            own = time * velocities_of(body, momentum)
             call apply_flows(frame, 1, v, y, i)
             if (block%kind == sphere_block) call remove_component(point, momentum)
           end if

@@ -8,6 +8,8 @@ module paths_m
   use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
   use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t
+  use rattle_m, only: move_with_joints
+  use shared_numbers, only: finished
   use trajectory_m, only: trajectory_t
   use vectors_m, only: copy
   use iso_fortran_env, only: int64
@@ -35,6 +37,11 @@ contains
           call combine_coordinates(method, i, x)
           call apply_flows(frame, 1, x%u, x%y(:, i))
         case (kind_splitting)
+          if (frame%jointed) then
+            call move_with_joints(x, i, x%y(:, i))
+            if (x%status /= finished) return
+            cycle
+          end if
           call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
                              x%f, x%y(:, i))
         case (kind_polynomial)
