@@ -95,7 +95,7 @@ class Joint:
             raise ValueError(f"first and second must be different bodies, got {both[0][0]} twice")
         if (length is None) == (kind == "distance"):
             raise ValueError(
-                f"length must be given with 'distance' alone, got {length} of {kind!r}"
+                f"length must be given with 'distance' alone, got {length} with {kind!r}"
             )
         if length is not None:
             value = real_array(length, "length")
@@ -222,7 +222,9 @@ class Linkage:
                 )
         # rows of bodies that follow each other follow each other too: see joints.f90
         order = sorted(range(len(self.joints)), key=lambda k: sorted(self.joints[k].bodies)[::-1])
-        integers, numbers, places = [], [], {}
+        integers: list[list[int]] = []
+        numbers: list[list[float]] = []
+        places = {}
         for k in order:
             rows = self.joints[k].rows()
             places[k] = range(len(integers), len(integers) + len(rows[0]))

@@ -225,7 +225,8 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
             f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
             f"mechanical systems, got {frame!r}"
         )
-    if chosen.kind is Kind.SPLITTING and frame.jointed and not chosen.composes_leapfrogs:
+    jointed = isinstance(frame, PhaseSpace) and frame.jointed
+    if jointed and chosen.kind is Kind.SPLITTING and not chosen.composes_leapfrogs:
         raise ValueError(
             f"method must be 'RATTLE' or a composition of it, such as 'RATTLE4', on a phase space "
             f"with joints, got {chosen!r}: its kicks and drifts are separate flows, and a drift "

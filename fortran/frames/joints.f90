@@ -13,6 +13,7 @@ module joints_m
   use kinds, only: wp
   use blocks_m, only: block_t, body_t, velocities_of
   use callback_m, only: callback_t
+  use rotations_m, only: get_quaternion
   use shared_numbers, only: along_body, along_space, between_axes, constraints_operation, &
                             fixed_length, so3_block
   use vectors_m, only: cross
@@ -135,7 +136,7 @@ contains
         if (moves > 0) velocity(:, i) = omega(blocks(moves)%vectors + 1:blocks(moves)%vectors + 3)
         if (turns > 0) turning(:, i) = omega(blocks(turns)%vectors + 1:blocks(turns)%vectors + 3)
         if (turns > 0) then
-          if (.not. blocks(turns)%space) turning(:, i) = matmul(r(:, :, i), turning(:, i))
+          if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
         end if
       end associate
     end do
@@ -170,8 +171,8 @@ contains
         do j = 1, 2
           k = row%body(j)
           if (k > 0) then
-            arm(:, j) = matmul(r(:, :, k), row%point(:, j))
-            axis(:, j) = matmul(r(:, :, k), row%axis(:, j))
+            arm(:, j) = turned(r(:, :, k), row%point(:, j))
+            axis(:, j) = turned(r(:, :, k), row%axis(:, j))
             dd(:, j) = x(:, k) + arm(:, j)
           else
             arm(:, j) = row%point(:, j)
@@ -252,22 +253,32 @@ contains
 
     x = 0.0_wp
     if (position > 0) x = y(blocks(position)%points + 1:blocks(position)%points + 3)
-    r = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
-    if (attitude == 0) return
-    associate (block => blocks(attitude), k => blocks(attitude)%points)
-      if (block%kind == so3_block) then
-        r = transpose(reshape(y(k + 1:k + 9), [3, 3]))
-      else
-        q = y(k + 1:k + 4)
-        if (block%scalar_first) q = [q(2:4), q(1)]
-        associate (a => q(1), b => q(2), c => q(3), w => q(4))
-          r = reshape([1 - 2 * (b * b + c * c), 2 * (a * b + c * w), 2 * (a * c - b * w), &
-                       2 * (a * b - c * w), 1 - 2 * (a * a + c * c), 2 * (b * c + a * w), &
-                       2 * (a * c + b * w), 2 * (b * c - a * w), 1 - 2 * (a * a + b * b)], [3, 3])
-        end associate
-      end if
+    q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
+    if (attitude > 0) then
+      associate (block => blocks(attitude), k => blocks(attitude)%points)
+        if (block%kind == so3_block) then
+          r(1, :) = y(k + 1:k + 3)
+          r(2, :) = y(k + 4:k + 6)
+          r(3, :) = y(k + 7:k + 9)
+          return
+        end if
+        q = get_quaternion(block, y(k + 1:k + 4))
+      end associate
+    end if
+    associate (a => q(1), b => q(2), c => q(3), w => q(4))
+      r(:, 1) = [1 - 2 * (b * b + c * c), 2 * (a * b + c * w), 2 * (a * c - b * w)]
+      r(:, 2) = [2 * (a * b - c * w), 1 - 2 * (a * a + c * c), 2 * (b * c + a * w)]
+      r(:, 3) = [2 * (a * c + b * w), 2 * (b * c - a * w), 1 - 2 * (a * a + b * b)]
     end associate
   end subroutine place
+
+  ! A vector in the axes of space, with shapes that the compiler knows
+  pure function turned(r, v)
+    real(wp), intent(in) :: r(3, 3), v(3)
+    real(wp) :: turned(3)
+
+    turned = v(1) * r(:, 1) + v(2) * r(:, 2) + v(3) * r(:, 3)
+  end function turned
 
   ! Evaluates the rows of one's own.
   subroutine evaluate_own(linkage, y, omega, depth, c, failed)

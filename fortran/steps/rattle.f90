@@ -5,7 +5,8 @@
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
 ! by the iteration lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) with the matrix at q_0, whose factor
-! also removes what opens the joints from the momentum at the end of a step. Between the drifts of a
+! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
+! that continue those of the two steps before. Between the drifts of a
 ! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
 ! free motion of the bodies.
 module rattle_m
@@ -42,7 +43,7 @@ contains
           momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
         end do
         if (abs(time) > 0) then
-          call drift_closed(x, time, x%joints%impulse(:, path), y)
+          call drift_closed(x, time, path, y)
         else
           call remove_opening(x%problem%frame, x%joints%here, momenta)
         end if
@@ -67,13 +68,13 @@ contains
   end subroutine find_constraints
 
   ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
-  subroutine drift_closed(x, time, impulse, y)
+  subroutine drift_closed(x, time, path, y)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: time
-    real(wp), intent(inout) :: impulse(:)              ! (dimension) the first ones, those before
+    integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, parameter :: iterations = 100
-    real(wp) :: start(size(y)), last
+    real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
     logical :: failed
     integer :: i
 
@@ -81,7 +82,8 @@ contains
     last = huge(last)
     associate (frame => x%problem%frame, linkage => x%problem%frame%linkage, &
                here => x%joints%here, ahead => x%joints%ahead)
-      associate (lambda => impulse(:linkage%rows + linkage%own))
+      associate (impulse => x%joints%impulse(:size(lambda), :, path))
+        lambda = 2 * impulse(:, 1) - impulse(:, 2)
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
           call constraint_impulse(linkage, frame%blocks, here, .false., lambda, &
@@ -95,11 +97,13 @@ contains
           call solve_constraints(linkage, here, ahead%g)
           lambda = lambda - ahead%g / time
         end do
+        impulse(:, 2) = impulse(:, 1)
+        if (.not. any(abs(impulse(:, 1)) > 0)) impulse(:, 2) = lambda
+        impulse(:, 1) = lambda
       end associate
       if (failed) then
         call fail(x, raised, x%t)
       else if (i > iterations .or. .not. last < huge(last)) then
-        impulse = 0.0_wp
         call fail(x, joints_not_solved, x%t)
       else
         call restore(frame, y)

@@ -37,7 +37,7 @@ contains
       if (allocated(x%f_before)) then
         rest = x%f_before
       else if (allocated(x%joints%impulse)) then
-        rest = x%joints%impulse
+        rest = reshape(x%joints%impulse, shape(rest))
       else if (allocated(x%newton%last)) then
         rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
       else if (allocated(solver%lu)) then
@@ -95,7 +95,7 @@ contains
       if (allocated(x%f_before)) then
         x%f_before = rest
       else if (allocated(x%joints%impulse)) then
-        x%joints%impulse = rest
+        x%joints%impulse = reshape(rest, shape(x%joints%impulse))
       else if (allocated(newton%last)) then
         newton%last = rest(:, :size(newton%last, 2))
         newton%jacobian = rest(:, size(newton%last, 2) + 1:)

@@ -112,7 +112,7 @@ module trajectory_m
     type(constraints_t) :: here              ! with the factor, at the configuration `place`
     type(constraints_t) :: ahead             ! of a trial
     real(wp), allocatable :: place(:)
-    real(wp), allocatable :: impulse(:, :)   ! (dimension, paths) the last ones, first on each path
+    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
   end type joints_t
 
   type :: trajectory_t
@@ -201,7 +201,7 @@ contains
                                    x%solver%factored_h(method%blocks), stat=memory)
       end if
       if (memory == 0 .and. frame%jointed .and. method%kind == kind_splitting) &
-        allocate (x%joints%impulse(frame%dimension, paths), source=0.0_wp, stat=memory)
+        allocate (x%joints%impulse(frame%dimension, 2, paths), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)

@@ -95,7 +95,7 @@ class Plan:
     def impulses(self) -> int:
         """Number of vectors of impulses of joints that a step begins from."""
         splits = self.method.kind is Kind.SPLITTING and self._linkage is not None
-        return len(self.table.arrays["origin"]) if splits else 0
+        return 2 * len(self.table.arrays["origin"]) if splits else 0
 
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
