@@ -137,7 +137,7 @@ def _attachment(value: Any, name: str, kind: str) -> tuple[Any, ...]:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ValueError(f"the point of {name} must be three finite numbers, got {short(value[1])}")
     axes: Any = ()
-    if len(value) == 3:
+    if len(value) == 3 and len(value[2]):
         axes = _axes(real_array(value[2], f"the axes of {name}"), name, kind)
     return None if body is None else int(body), tuple(point.tolist()), axes
 
@@ -251,14 +251,16 @@ class Linkage:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``."""
         rows = _rows(y)
         g, speed = np.zeros((2, len(rows), self.count))
-        self._core.joints_errors(self.address, rows.T, g.T, speed.T)
+        if len(rows):  # no array may be empty
+            self._core.joints_errors(self.address, rows.T, g.T, speed.T)
         return np.concatenate([g, speed], axis=-1).reshape(*y.shape[:-1], 2 * self.count)
 
     def close(self, y: Array) -> Array:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
         status = np.zeros(len(rows), dtype=np.intc)
-        self._core.joints_close(self.address, rows.T, status)
+        if len(rows):  # no array may be empty
+            self._core.joints_close(self.address, rows.T, status)
         rows[status != Stop.FINISHED] = np.nan
         return rows.reshape(y.shape)
 
@@ -270,7 +272,8 @@ class Linkage:
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
         status = np.zeros(len(rows), dtype=np.intc)
-        self._core.joints_forces(self.address, rows.T, fields.T, multipliers.T, status)
+        if len(rows):  # no array may be empty
+            self._core.joints_forces(self.address, rows.T, fields.T, multipliers.T, status)
         fields[status != Stop.FINISHED] = np.nan
         multipliers[status != Stop.FINISHED] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)

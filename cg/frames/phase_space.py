@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,8 +14,10 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, read_inertia
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
-from cg.support.arrays import Array
+from cg.support.arrays import Array, Size, check_random
 from cg.support.caches import cached_by_value
+
+_TRIES = 20  # to close the joints of random points
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -161,10 +163,15 @@ class PhaseSpace(Product):
         """
         if len(parts) != 2:
             raise ValueError(f"parts must be a configuration and a momentum, got {len(parts)}")
+        y = self._tangential_join(parts)
+        return self._closed(y) if self.jointed else y
+
+    def _tangential_join(self, parts: Sequence[ArrayLike]) -> Array:
+        """Return points of configurations and momenta, whose joints may be open."""
         y = super().join(*parts)
         momentum = y[..., self._point_slices[1]]
         momentum[...] = self._tangential(y, momentum)
-        return self._closed(y) if self.jointed else y
+        return y
 
     def _closed(self, y: Array) -> Array:
         """Return finite points with closed joints; ValueError if there are none nearby."""
@@ -227,6 +234,16 @@ class PhaseSpace(Product):
                 result[..., body.vectors] = part - along[..., None] * q
         return result
 
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
+        if not self.jointed:
+            return super().random_point(rng, size)
+        y = np.full((*check_random(rng, size), *self.point_shape), np.nan)
+        for _ in range(_TRIES):
+            lost = ~np.isfinite(y).all(axis=-1)
+            parts = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
+            y[lost] = linkage_of(self).close(self._tangential_join(parts))
+        return y
+
     def velocity(self, y: ArrayLike) -> Array:
         r"""Return the velocities :math:`\omega = J^{-1} \mu`, shape ``(..., configuration.dim)``.
 
@@ -279,7 +296,8 @@ class PhaseSpace(Product):
     def _with_joints(self, y: ArrayLike, error: Array) -> Array:
         if not self.jointed:
             return error
-        return np.maximum(error, np.abs(linkage_of(self).errors(self._points(y))).max(axis=-1))
+        errors = np.abs(linkage_of(self).errors(self._points(y))).max(axis=-1)
+        return np.asarray(np.maximum(error, errors))
 
     def _project(self, y: Array) -> Array:
         projected = super()._project(y)

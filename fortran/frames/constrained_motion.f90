@@ -66,7 +66,7 @@ contains
   logical function is_closed(c, last)
     type(constraints_t), intent(in) :: c
     real(wp), intent(inout) :: last          ! the opening before; huge at first
-    real(wp), parameter :: closed = 4, nearly_closed = 1e4_wp
+    real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
 
     associate (now => opening(c))
       is_closed = now <= closed .or. (now <= nearly_closed .and. .not. now < last / 2)
@@ -84,7 +84,7 @@ contains
     type(constraints_t) :: c
     real(wp) :: v(frame%dimension), last
     real(wp), allocatable :: x(:)
-    integer :: i
+    integer :: i, j
 
     last = huge(last)
     associate (linkage => frame%linkage)
@@ -92,7 +92,9 @@ contains
         call constraints_at(frame, y, 1, c, status)
         if (status /= finished) return
         if (is_closed(c, last)) then
-          call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
+          do j = 1, 2                                  ! the second time what is left by rounding
+            call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
+          end do
           return
         end if
         x = -c%g

@@ -3,7 +3,7 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: flow_sequence_t, velocities_of
+  use blocks_m, only: find_velocities, flow_sequence_t
   use frames_m, only: frame_t, apply_flows
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
@@ -73,6 +73,7 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
+    real(wp) :: own(frame%forces)
     integer :: i, k
 
     k = frame%point_size - frame%forces      ! entries before the momenta
@@ -80,7 +81,8 @@ contains
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i), m => frame%forces)
         associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
-          velocity = velocity + velocities_of(body, momentum)
+          call find_velocities(body, n, momentum, own(:n))
+          velocity = velocity + own(:n)
           if (body%turns) &
             f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
         end associate
@@ -147,7 +149,8 @@ contains
             call turn_freely(body%top, time, momentum, q)
             call turn_point(block, q, point)
           else
-            own = time * velocities_of(body, momentum)
+            call find_velocities(body, size(own), momentum, own)
+            own = time * own
             call apply_flows(frame, 1, v, y, i)
             if (block%kind == sphere_block) call remove_component(point, momentum)
           end if

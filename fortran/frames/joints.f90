@@ -11,7 +11,7 @@
 ! length if their joints follow each other.
 module joints_m
   use kinds, only: wp
-  use blocks_m, only: block_t, body_t, velocities_of
+  use blocks_m, only: block_t, body_t, find_velocities
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion
   use shared_numbers, only: along_body, along_space, between_axes, constraints_operation, &
@@ -28,6 +28,7 @@ module joints_m
     real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
     real(wp) :: axis(3, 2) = 0.0_wp
     real(wp) :: length = 0.0_wp
+    logical :: repeats = .false.             ! whether the row before has the same bodies and points
   end type row_t
 
   type :: linkage_t
@@ -83,6 +84,8 @@ contains
     do i = 1, linkage%rows
       linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
                              reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
+      if (i > 1) linkage%row(i)%repeats = all(integers(2:, i - 1) == integers(2:, i)) &
+                                          .and. .not. any(abs(numbers(:6, i - 1) - numbers(:6, i)) > 0)
       linkage%block(:, i) = 0
       do j = 1, 2
         if (linkage%row(i)%body(j) > 0) &
@@ -122,6 +125,8 @@ contains
     logical, intent(out) :: failed                     ! whether Python raised an exception
     real(wp), dimension(3, size(linkage%attitude)) :: x, velocity, turning
     real(wp) :: r(3, 3, size(linkage%attitude)), omega(merge(linkage%forces, 0, depth == 2))
+    ! of a row, and those that repeat its points: these, from the bodies and from the origin
+    real(wp) :: arm(3, 2), end(3, 2), d(3), length
     integer :: i, k
 
     call reserve(linkage, c)
@@ -147,8 +152,8 @@ contains
     if (depth == 0) return
     do i = 1, linkage%rows
       do k = 1, 4
-        if (linkage%block(k, i) > 0) &
-          c%moved(:, k, i) = velocities_of(bodies(linkage%block(k, i)), c%slope(:, k, i))
+        if (linkage%block(k, i) > 0) call find_velocities(bodies(linkage%block(k, i)), 3, &
+                                                          c%slope(:, k, i), c%moved(:, k, i))
       end do
     end do
     do i = 1, linkage%own
@@ -160,29 +165,31 @@ contains
     ! Evaluates a row of a joint.
     subroutine evaluate_row(i)
       integer, intent(in) :: i
-      real(wp), dimension(3, 2) :: arm, axis, dd, da   ! first derivatives by time, then second ones
-      real(wp) :: d(3), d1(3), d2(3), n(3), side
+      real(wp), dimension(3, 2) :: axis, dd, da        ! first derivatives by time, second ones
+      real(wp) :: d1(3), d2(3), n(3), side
       integer :: j, k
 
       associate (row => linkage%row(i))
-        d1 = 0.0_wp
-        d2 = 0.0_wp
-        dd = 0.0_wp
+        if (.not. row%repeats) then
+          do j = 1, 2
+            k = row%body(j)
+            arm(:, j) = row%point(:, j)
+            end(:, j) = arm(:, j)
+            if (k == 0) cycle
+            arm(:, j) = turned(r(:, :, k), arm(:, j))
+            end(:, j) = x(:, k) + arm(:, j)
+          end do
+          d = end(:, 1) - end(:, 2)
+          length = maxval(abs(end)) + maxval(abs(arm))
+        end if
+        axis = row%axis
         do j = 1, 2
           k = row%body(j)
-          if (k > 0) then
-            arm(:, j) = turned(r(:, :, k), row%point(:, j))
-            axis(:, j) = turned(r(:, :, k), row%axis(:, j))
-            dd(:, j) = x(:, k) + arm(:, j)
-          else
-            arm(:, j) = row%point(:, j)
-            axis(:, j) = row%axis(:, j)
-            dd(:, j) = arm(:, j)
-          end if
+          if (k == 0 .or. row%form == fixed_length) cycle
+          if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
+          axis(:, j) = turned(r(:, :, k), axis(:, j))
         end do
-        if (row%form == along_space) axis(:, 1) = row%axis(:, 1)
-        d = dd(:, 1) - dd(:, 2)
-        c%size(i) = maxval(abs(dd)) + maxval(abs(arm))
+        c%size(i) = length
         select case (row%form)
         case (along_space, along_body)
           c%g(i) = dot_product(axis(:, 1), d)
@@ -214,6 +221,8 @@ contains
         end do
         if (depth == 1) return
         ! second derivatives of vectors that turn with constant angular velocities
+        d1 = 0.0_wp
+        d2 = 0.0_wp
         dd = 0.0_wp
         da = 0.0_wp
         do j = 1, 2
@@ -322,7 +331,7 @@ contains
 
     do i = 1, size(bodies)
       associate (v => blocks(i)%vectors, n => blocks(i)%dimension)
-        omega(v + 1:v + n) = velocities_of(bodies(i), momenta(v + 1:v + n))
+        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
       end associate
     end do
   end subroutine velocities
