@@ -242,6 +242,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "forced_rigid_body": forced_rigid_body,
     "body_with_pendulum": body_with_pendulum,
     "gradient_flow": gradient_flow,
+    "joints": lambda: of_page(Path(__file__).parent / "howto" / "joints.md"),
 }
 
 
