@@ -243,6 +243,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "body_with_pendulum": body_with_pendulum,
     "gradient_flow": gradient_flow,
     "heat_bath": lambda: of_page(Path(__file__).parent / "howto" / "heat_baths.md"),
+    "joints": lambda: of_page(Path(__file__).parent / "howto" / "joints.md"),
 }
 
 

@@ -10,6 +10,7 @@ from cg.frames.grassmann import Grassmann
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.hyperbolic import Hyperbolic
 from cg.frames.isospectral import IsospectralOrbit
+from cg.frames.joints import Joint
 from cg.frames.linear_action import LinearAction
 from cg.frames.matrix_frame import MatrixFrame
 from cg.frames.matrix_group import MatrixGroup
@@ -47,6 +48,7 @@ __all__ = [
     "HomogeneousSpace",
     "Hyperbolic",
     "IsospectralOrbit",
+    "Joint",
     "LinearAction",
     "MatrixFrame",
     "MatrixGroup",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
+from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
-from cg.support.arrays import Array
+from cg.support.arrays import Array, Size, check_random
+from cg.support.caches import cached_by_value
+
+_TRIES = 20  # to close the joints of random points
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -48,7 +53,6 @@ class PhaseSpace(Product):
         positive definite one, and on rotations of space in body axes, also one without a body,
         whose largest moment exceeds the sum of the others. On other groups, on spheres and in space
         axes it is a multiple of the identity.
-
     gyroscopic
         A force that is linear in the velocity and does no work, :math:`B \omega` with an
         antisymmetric matrix B of shape ``(dim, dim)``, which is added to the others: that of a
@@ -56,11 +60,19 @@ class PhaseSpace(Product):
         :math:`l \times \omega`. In three dimensions also the vector l. Of a product a tuple, of a
         power that of all factors. It may be given on Euclidean space, and on rotations of space in
         body axes.
+    joints
+        A sequence of `Joint`. Bodies are counted in the order of the factors: an ``SO3`` or
+        ``UnitQuaternion`` and a ``Euclidean(3)`` that follow each other in one product are the
+        attitude and the position of one; alone they turn about the origin, or are a point mass.
+    constraints
+        A function of a configuration that returns m numbers, shape ``(m,)``, which vanish for all
+        times; it gets one point of ``frame``. Or this function and its derivatives along the
+        fields, which return shape ``(m, frame.dim)``; by default they are differences.
 
     Raises
     ------
     TypeError
-        If ``frame`` isn't a `Frame`.
+        If ``frame`` isn't a `Frame`, or a joint no `Joint`.
     ValueError
         If the free motion isn't known for the frame or for the inertia, or if this has another
         shape or isn't positive definite.
@@ -78,6 +90,10 @@ class PhaseSpace(Product):
 
     On a sphere the momentum is :math:`q \times p`, and the inertia is the mass. `join` removes
     its component along q, and forces along q have no effect.
+
+    With joints or constraints, ``"RATTLE"`` and its compositions are the splitting methods, and
+    other methods move along the forces of joints. Points are moved to where the joints are closed
+    after each step, in the metric of the inertia, and momenta that would open them are removed.
 
     ``jac`` and ``df_dp`` must be None on a phase space; derivatives of forces are differences. With
     splitting methods, those of the free motion are exact to rounding, so that transition matrices
@@ -107,28 +123,50 @@ class PhaseSpace(Product):
     configuration: Frame
     inertia: Inertia
     gyroscopic: Any
+    joints: tuple[Joint, ...]
+    constraints: tuple[Callable[..., Any], Callable[..., Any] | None] | None
     _bodies: tuple[Body, ...] = field(init=False, compare=False)
 
-    def __init__(self, frame: Frame, inertia: Any = None, *, gyroscopic: Any = None) -> None:
+    def __init__(
+        self,
+        frame: Frame,
+        inertia: Any = None,
+        *,
+        gyroscopic: Any = None,
+        joints: Iterable[Joint] = (),
+        constraints: Any = None,
+    ) -> None:
         if not isinstance(frame, Frame):
             raise TypeError(f"frame must be a Frame, got {frame!r}")
         numbers, bodies = read_inertia(frame, inertia, gyroscopic=gyroscopic)
         super().__init__(frame, Euclidean(frame.dim))
         numbers = None if inertia is None else numbers
         vars(self).update(
-            configuration=frame, inertia=numbers, gyroscopic=_hashable(gyroscopic), _bodies=bodies
-        )
+            configuration=frame, inertia=numbers, gyroscopic=_hashable(gyroscopic), _bodies=bodies,
+            joints=read_joints(joints), constraints=read_constraints(constraints),
+        )  # fmt: skip
+        if self.jointed:
+            linkage_of(self)
 
     def __repr__(self) -> str:
         inertia = "" if self.inertia is None else f", {self.inertia!r}"
         if self.gyroscopic is not None:
             inertia += f", gyroscopic={self.gyroscopic!r}"
-        return f"PhaseSpace({self.configuration!r}{inertia})"
+        joints = f", joints={[*self.joints]!r}" if self.joints else ""
+        own = "" if self.constraints is None else f", constraints={self.constraints!r}"
+        return f"PhaseSpace({self.configuration!r}{inertia}{joints}{own})"
+
+    @property
+    def jointed(self) -> bool:
+        """Whether there are joints or constraints."""
+        return bool(self.joints) or self.constraints is not None
 
     def join(self, *parts: ArrayLike) -> Array:
         """Return the flat point, shape ``(..., n)``, of a configuration and a momentum.
 
-        Of momenta on spheres the component along the point is removed.
+        Of momenta on spheres the component along the point is removed. With joints the
+        configuration is moved to where they are closed, and momenta that would open them are
+        removed.
 
         Parameters
         ----------
@@ -139,14 +177,70 @@ class PhaseSpace(Product):
         Raises
         ------
         ValueError
-            If the number of parts or the shape of one of them is wrong.
+            If the number of parts or the shape of one of them is wrong, if joints can't be closed
+            near the configuration, or their constraints depend on each other there.
         """
         if len(parts) != 2:
             raise ValueError(f"parts must be a configuration and a momentum, got {len(parts)}")
+        y = self._tangential_join(parts)
+        return self._closed(y) if self.jointed else y
+
+    def _tangential_join(self, parts: Sequence[ArrayLike]) -> Array:
+        """Return points of configurations and momenta, whose joints may be open."""
         y = super().join(*parts)
         momentum = y[..., self._point_slices[1]]
         momentum[...] = self.tangential(y, momentum)
         return y
+
+    def _closed(self, y: Array) -> Array:
+        """Return finite points with closed joints; ValueError if there are none nearby."""
+        closed = linkage_of(self).close(y)
+        lost = np.isfinite(y).all(axis=-1) & ~np.isfinite(closed).all(axis=-1)
+        if lost.any():
+            self.check_rank(y[lost][0] if y.ndim > 1 else y, "the configuration")
+            raise ValueError("joints must be closed nearly by the configuration, and can't be")
+        return closed
+
+    def check_rank(self, y: Array, name: str = "the point") -> None:
+        """Raise ValueError if constraints depend on each other at a point."""
+        if self.jointed:
+            linkage_of(self).check_rank(y, name)
+
+    def multipliers(self, y: ArrayLike, f: ArrayLike) -> tuple[Array, ...]:
+        r"""Return the forces of joints, which keep their constraints.
+
+        The equations of motion with them are :math:`\mu' = \dots + \tau + G^T \lambda` with the
+        derivatives G of the constraints g along the fields. The constraints of a ball, and the
+        first three of other joints with a common point, are the coordinates of the first body's
+        point less those of the second one's, so that these :math:`\lambda` are the force on the
+        first body in space axes. Those of a slider are its forces along the first two axes of the
+        first body, that of a distance is the force between the points, positive if it pushes. Other
+        constraints are cosines between axes: third and first, third and second of a hinge, both
+        third ones of a universal joint, and first and second, second and third, third and first
+        of others. Their :math:`\lambda` are torques about the normal of both axes.
+
+        Parameters
+        ----------
+        y
+            Points, shape ``(..., n)``.
+        f
+            The forces on the bodies there, as right-hand sides return them, shape
+            ``(..., configuration.dim)``.
+
+        Returns
+        -------
+        tuple of ndarray
+            Those of each joint, shape ``(..., number of its constraints)``, then of constraints
+            of one's own if there are any. NaN where constraints depend on each other.
+        """
+        if not self.jointed:
+            return ()
+        point, force = self._points(y), np.asarray(f, dtype=np.float64)
+        lead = np.broadcast_shapes(point.shape[:-1], force.shape[:-1])
+        point = np.broadcast_to(point, (*lead, *self.point_shape))
+        linkage = linkage_of(self)
+        values = linkage.forces(point, self._completed(force, point))[1]
+        return tuple(values[..., places] for places in linkage.slices)
 
     def tangential(self, y: Array, covector: Array) -> Array:
         """Return momenta or forces without the components along points of spheres."""
@@ -158,6 +252,16 @@ class PhaseSpace(Product):
                 along = np.vecdot(q, part) / np.vecdot(q, q)
                 result[..., body.vectors] = part - along[..., None] * q
         return result
+
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
+        if not self.jointed:
+            return super().random_point(rng, size)
+        y = np.full((*check_random(rng, size), *self.point_shape), np.nan)
+        for _ in range(_TRIES):
+            lost = ~np.isfinite(y).all(axis=-1)
+            parts = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
+            y[lost] = linkage_of(self).close(self._tangential_join(parts))
+        return y
 
     def velocity(self, y: ArrayLike) -> Array:
         r"""Return the velocities :math:`\omega = J^{-1} \mu`, shape ``(..., configuration.dim)``.
@@ -210,6 +314,11 @@ class PhaseSpace(Product):
         return self.configuration.dim
 
     def complete_rhs(self, f: Array, y: Array) -> Array:
+        whole = self._completed(f, y)
+        return linkage_of(self).forces(y, whole)[0] if self.jointed else whole
+
+    def _completed(self, f: Array, y: Array) -> Array:
+        """Return velocities, and derivatives of momenta without the forces of joints."""
         velocity, momentum = self.velocity(y), y[..., self._point_slices[1]]
         slope = np.broadcast_to(self.tangential(y, f), momentum.shape).copy()
         for body in self._bodies:
@@ -219,6 +328,23 @@ class PhaseSpace(Product):
             if body.gyroscopic is not None:
                 slope[..., body.vectors] += velocity[..., body.vectors] @ body.gyroscopic.T
         return np.concatenate([velocity, slope], axis=-1)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the largest error of a factor, of a constraint or of its derivative by time."""
+        return self._with_joints(y, super().membership_error(y))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        return self._with_joints(y, super().relative_error(y))
+
+    def _with_joints(self, y: ArrayLike, error: Array) -> Array:
+        if not self.jointed:
+            return error
+        errors = np.abs(linkage_of(self).errors(self._points(y))).max(axis=-1)
+        return np.asarray(np.maximum(error, errors))
+
+    def _project(self, y: Array) -> Array:
+        projected = super()._project(y)
+        return linkage_of(self).close(projected) if self.jointed else projected
 
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
@@ -233,3 +359,9 @@ def _hashable(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
+
+
+@cached_by_value
+def linkage_of(frame: PhaseSpace) -> Linkage:
+    """Return the joints of a phase space in compiled code, which are kept."""
+    return Linkage(frame)

@@ -22,7 +22,8 @@ class MemberInertia(NamedTuple):
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
-        return MemberInertia(*(np.ascontiguousarray(rows[members]) for rows in self))
+        columns, numbers = self
+        return MemberInertia(columns[members].copy(), numbers[members].copy())
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:

@@ -253,6 +253,13 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
             f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
             f"mechanical systems, got {frame!r}"
         )
+    jointed = isinstance(frame, PhaseSpace) and frame.jointed
+    if jointed and chosen.kind is Kind.SPLITTING and not chosen.composes_leapfrogs:
+        raise ValueError(
+            f"method must be 'RATTLE' or a composition of it, such as 'RATTLE4', on a phase space "
+            f"with joints, got {chosen!r}: its kicks and drifts are separate flows, and a drift "
+            "between joints is none that is known exactly"
+        )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=linear)
@@ -342,6 +349,50 @@ def _check_flags(options: Any, many: bool) -> None:
             raise ValueError(f"{name} must not be given with {given}, got {short(value)}")
 
 
+def _read_members(
+    plan: Plan, options: EnsembleOptions, y0: ArrayLike, many: bool
+) -> tuple[Points, Array | None, MemberInertia | None]:
+    """Return initial points, parameters and inertia of the members after checking them."""
+    frame, inputs, inertia = plan.frame, options["inputs"], None
+    points, numbers = check_points(plan, y0, options["parameters"], many)
+    if isinstance(frame, PhaseSpace) and frame.jointed:
+        frame.check_rank(points[0], "y0")
+        given: Any = options
+        for name in ("thermostat", "inertia"):
+            if given[name] is not None:
+                raise ValueError(f"{name} must be None with joints, got {short(given[name])}")
+    if many and len(points) == 1 and inputs is not None:
+        points, numbers = _broadcast(points, numbers, inputs)
+    if options["inertia"] is not None:
+        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
+        if len(points) == 1:
+            points, numbers = _repeat(points, numbers, len(inertia.columns))
+    return points, numbers, inertia
+
+
+def _read_inputs(
+    plan: Plan, options: EnsembleOptions, start: float, stop: float, members: int | None
+) -> tuple[Inputs | None, tuple[Inputs, ...]]:
+    """Return the inputs, and those of each member where they have times of their own."""
+    given: Any = options["inputs"]
+    name = "the initial time" if start == stop else "t_span"
+    if members is None or not isinstance(given, list):
+        return check_inputs(given, start, stop, members, plan.method, name), ()
+    if options["common_steps"]:
+        raise ValueError("common_steps must be False with a list of inputs, of each member")
+    own = check_own_inputs(given, start, stop, members, plan.method, name)
+    return own[0], own
+
+
+def _output_times(options: EnsembleOptions, start: float, stop: float, many: bool) -> Any:
+    """Return the output times after checking them, None for those of the steps."""
+    if options["t_eval"] is not None:
+        return check_times(options["t_eval"], "t_eval", "within t_span,", start, stop)
+    if many:
+        return np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
+    return None
+
+
 def make_problem(
     f: Any,
     t_span: Any,
@@ -361,25 +412,10 @@ def make_problem(
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
-    points, numbers = check_points(plan, y0, options["parameters"], many)
+    points, numbers, inertia = _read_members(plan, options, y0, many)
     start, stop = check_span(t_span)
-    if many and len(points) == 1 and options["inputs"] is not None:
-        points, numbers = _broadcast(points, numbers, options["inputs"])
     check_thermostat(options["thermostat"], plan.method, options, stop < start)
-    inertia = None
-    if options["inertia"] is not None:
-        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
-        if len(points) == 1:
-            points, numbers = _repeat(points, numbers, len(inertia.columns))
-    members = len(points) if many else None
-    name = "the initial time" if start == stop else "t_span"
-    given: Any = options["inputs"]
-    own: tuple[Inputs, ...] = ()
-    if many and isinstance(given, list):
-        if options["common_steps"]:
-            raise ValueError("common_steps must be False with a list of inputs, of each member")
-        own = check_own_inputs(given, start, stop, len(points), plan.method, name)
-    inputs = own[0] if own else check_inputs(given, start, stop, members, plan.method, name)
+    inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     check_members(plan, rhs, start, points)
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
@@ -390,17 +426,13 @@ def make_problem(
     if options["linear"]:
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
+    t_eval = _output_times(options, start, stop, many)
+    if options["thermostat"] is not None and options["t_eval"] is not None:
+        stops = np.union1d(stops, t_eval[t_eval != start])  # nothing between steps has its noise
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     shared = stops if own else None
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
-    t_eval: Any = options["t_eval"]
-    if t_eval is not None:
-        t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
-        if options["thermostat"] is not None:  # nothing between steps has its noise
-            stops = np.union1d(stops, t_eval[t_eval != start])
-    elif many:
-        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
     if math.isinf(stop) and not (events and events.has_terminal):

@@ -35,6 +35,7 @@ class Stop(IntEnum):
     RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
+    JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
@@ -87,6 +88,20 @@ class Operation(IntEnum):
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # bracket of two fields
     COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
+    CONSTRAINTS = 17  # those of one's own on a phase space; see ``cg/frames/joints.py``
+
+
+class RowForm(IntEnum):
+    """The two vectors whose dot product is a row of a joint.
+
+    They are two of these three: the axis of the first body, that of the second one, and the vector
+    from the point of the second body to that of the first one.
+    """
+
+    ALONG_SPACE = 1  # an axis of space and the vector between points
+    ALONG_BODY = 2  # the axis of the first body and the vector between points
+    BETWEEN_AXES = 3
+    FIXED_LENGTH = 4  # the vector between points and itself, less the square of a length
 
 
 class BlockOption(IntEnum):
@@ -231,6 +246,7 @@ _SUFFIXES = {
     BlockKind: "_block",
     BlockOption: "",
     Operation: "_operation",
+    RowForm: "",
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
     StateSize: "_of_state",

@@ -127,6 +127,13 @@ class MethodTable:
         return self.kind in (Kind.ALGEBRA, Kind.COLLOCATION)
 
     @property
+    def composes_leapfrogs(self) -> bool:
+        """Whether each drift of a splitting method has half its length of kick on both sides."""
+        drifts, kicks = self.arrays["drifts"], self.arrays["weight"]
+        halves = (drifts + np.append(0.0, drifts[:-1])) / 2.0
+        return halves.shape == kicks.shape and bool(np.allclose(halves, kicks, rtol=0, atol=1e-15))
+
+    @property
     def is_polynomial(self) -> bool:
         """Whether the flows of the only path are one along a polynomial."""
         return bool(self.numbers["polynomial"])

@@ -5,7 +5,7 @@ module blocks_m
   use rigid_body_m, only: top_t
   implicit none
   private
-  public :: block_t, body_t, combine_flows, flow_sequence_t, velocities
+  public :: block_t, body_t, combine_flows, find_velocities, flow_sequence_t, velocities
 
   type :: block_t
     integer :: kind = 0
@@ -42,6 +42,24 @@ module blocks_m
   end type flow_sequence_t
 
 contains
+
+  ! Computes the velocities of a body. The result of a function would be allocated for each call.
+  pure subroutine find_velocities(body, n, momentum, velocities)
+    type(body_t), intent(in) :: body
+    integer, intent(in) :: n
+    real(wp), intent(in) :: momentum(n)
+    real(wp), intent(out) :: velocities(n)
+    integer :: i
+
+    if (size(body%inverse, 2) == 1) then
+      velocities = body%inverse(:, 1) * momentum
+    else
+      velocities = body%inverse(:, 1) * momentum(1)
+      do i = 2, n
+        velocities = velocities + body%inverse(:, i) * momentum(i)
+      end do
+    end if
+  end subroutine find_velocities
 
   ! Computes the coefficients of some flows from those of the fields.
   pure subroutine combine_flows(flows, weight, begin, last, m, f, v)
@@ -81,11 +99,7 @@ contains
     real(wp), intent(in) :: momentum(:)
     real(wp) :: velocities(size(momentum))
 
-    if (size(body%inverse, 2) == 1) then
-      velocities = body%inverse(:, 1) * momentum
-    else
-      velocities = matmul(body%inverse, momentum)
-    end if
+    call find_velocities(body, size(momentum), momentum, velocities)
   end function velocities
 
 end module blocks_m

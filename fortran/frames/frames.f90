@@ -5,6 +5,7 @@ module frames_m
   use shared_numbers
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
+  use joints_m, only: linkage_t
   use isospectral_m, only: move_isospectral, restore_isospectral
   use linear_action_m, only: make_linear_action, move_linearly, spectral_bound
   use linear_polynomial_m, only: move_polynomially
@@ -32,6 +33,8 @@ module frames_m
     integer :: forces = 0, before = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta
     type(body_t), pointer :: bodies(:) => null()       ! of all blocks but the last
+    logical :: jointed = .false.             ! whether it has joints or other constraints
+    type(linkage_t) :: linkage
   end type frame_t
 
 contains

@@ -3,7 +3,7 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: body_t, flow_sequence_t, velocities
+  use blocks_m, only: body_t, find_velocities, flow_sequence_t, velocities
   use frames_m, only: frame_t, apply_flows
   use gyroscopic_m, only: move_linearly, rotor_momentum, substeps, turn_with_rotor
   use rigid_body_m, only: turn_freely
@@ -13,7 +13,7 @@ module free_motion_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: add_free_motion, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
+  public :: add_free_motion, drift, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
             take_forces
 
 contains
@@ -83,6 +83,7 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
+    real(wp) :: own(frame%forces)
     integer :: i, k
 
     k = frame%before
@@ -90,7 +91,8 @@ contains
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i), m => frame%forces)
         associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
-          velocity = velocity + velocities(body, momentum)
+          call find_velocities(body, n, momentum, own(:n))
+          velocity = velocity + own(:n)
           if (body%turns) &
             f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
           if (allocated(body%gyroscopic)) &

@@ -41,6 +41,23 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangent
   call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
 end subroutine plan_set_bodies
 
+! Gives the frame of a plan the joints of a phase space, which is this frame or its first factor.
+subroutine plan_set_joints(address, joints)
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
+  use frames_m, only: frame_t
+  use run_m, only: c_intptr_t, plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address, joints   ! joints: from joints_open
+  type(plan_t), pointer :: plan
+  type(frame_t), pointer :: frame
+
+  plan => plan_at(address)
+  call c_f_pointer(transfer(joints, c_null_ptr), frame)
+  if (.not. associated(plan%frame%bodies)) allocate (plan%frame%bodies, source=frame%bodies)
+  plan%frame%linkage = frame%linkage
+  plan%frame%jointed = .true.
+end subroutine plan_set_joints
+
 ! Lets right-hand sides on the frame of a plan give derivatives of points.
 subroutine plan_take_derivatives(address)
   use run_m, only: c_intptr_t, plan_at, plan_t

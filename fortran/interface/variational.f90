@@ -10,14 +10,15 @@
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
+  use constrained_motion_m, only: add_constraint_forces
   use coordinates_m, only: sizes
   use derivatives_m, only: coefficients_of
   use free_motion_m, only: add_free_motion, take_forces
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: df_dp_failed, f_failed, jac_failed, noise_failed, products_failed, &
-                            variation_t
+  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, products_failed, &
+                            raised, raised_in_python, variation_t
   use vector_field_m, only: field_at, rhs_i
   use vectors_m, only: finite, nan
   implicit none
@@ -240,6 +241,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
     real(wp) :: slope(merge(size(y), 0, self%plan%frame%derivatives))
+    integer :: status
 
     associate (record => self%record, frame => self%plan%frame)
       if (frame%derivatives) then
@@ -251,7 +253,12 @@ contains
       call call_function(self, record%f, record%f_data, y, f)
       if (self%code /= 0 .or. frame%forces == 0) return
       call take_forces(frame, y, f)
-      if (record%kicks == 0) call add_free_motion(frame, y, f)
+      if (record%kicks /= 0) return
+      call add_free_motion(frame, y, f)
+      if (.not. frame%jointed .or. .not. finite(size(f), f)) return
+      call add_constraint_forces(frame, y, .false., f, status)
+      if (status == raised) self%code = raised_in_python
+      if (status /= finished) f = nan
     end associate
   end subroutine call_f
 

@@ -8,7 +8,7 @@ module explicit_m
   use phases_m
   use requests_m, only: reject_stage, request
   use trajectory_m, only: trajectory_t
-  use shared_numbers, only: step_too_long
+  use shared_numbers, only: finished, step_too_long
   implicit none
   private
   public :: request_explicit, start_explicit, store_explicit
@@ -32,6 +32,7 @@ contains
     associate (method => x%problem%method)
       path = merge(0, method%stage_path(x%stage), x%problem%of_time)
       call follow_paths(x, path)
+      if (x%status /= finished) return
       call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
                    x%f(:, x%stage), method%goes_on(path))
     end associate

@@ -12,6 +12,7 @@
 module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
+  use constrained_motion_m, only: without_opening
   use flow_interpolant_m, only: add_flow_node, begin_flows, difference_nearby, follow_flows, &
                                 interpolant_t, next_count
   use frames_m, only: apply_flows
@@ -204,6 +205,7 @@ contains
     else
       call follow_flows(self, theta, y)
     end if
+    call without_opening(self%frame, y)
   end subroutine evaluate_interpolant
 
   ! Evaluates the interpolant at some fractions by one flow along a polynomial.

@@ -9,6 +9,8 @@ module paths_m
   use free_motion_m, only: move_by_kicks
   use heat_bath_m, only: exchange_heat
   use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t
+  use rattle_m, only: move_with_joints
+  use shared_numbers, only: finished
   use trajectory_m, only: trajectory_t
   use vectors_m, only: copy
   use iso_fortran_env, only: int64
@@ -36,6 +38,11 @@ contains
           call combine_coordinates(method, i, x)
           call apply_flows(frame, 1, x%u, x%y(:, i))
         case (kind_splitting)
+          if (frame%jointed) then
+            call move_with_joints(x, i, x%y(:, i))
+            if (x%status /= finished) return
+            cycle
+          end if
           if (x%problem%bath%present .and. i == middle_path(method)) then
             call exchange_within(x, i)
           else

@@ -3,6 +3,7 @@
 ! is called again with the answer, so that one call can answer many trajectories.
 module requests_m
   use kinds, only: wp
+  use constrained_motion_m, only: add_constraint_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use free_motion_m, only: add_free_motion, take_forces
@@ -81,11 +82,24 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: y(x%problem%frame%point_size)      ! where f was evaluated
     real(wp), intent(inout) :: f(x%problem%frame%dimension)    ! the answer
+    logical :: splits
+    integer :: status
 
     if (x%request%flag == 0) then
       if (x%problem%frame%forces > 0 .and. x%problem%frame%tangents == 0) then
         call take_forces(x%problem%frame, y, f)
-        if (x%problem%method%kind /= kind_splitting) call add_free_motion(x%problem%frame, y, f)
+        splits = x%problem%method%kind == kind_splitting
+        if (.not. splits) call add_free_motion(x%problem%frame, y, f)
+        ! splitting methods add impulses of joints to kicks, their interpolants need the forces
+        if (x%problem%frame%jointed .and. finite(size(f), f) .and. &
+            (.not. splits .or. x%phase == phase_node_received)) then
+          call add_constraint_forces(x%problem%frame, y, splits, f, status)
+          if (status /= finished) then
+            if (status == raised) call fail(x, raised, x%request%t)
+            if (status /= raised) call reject_stage(x, status, x%request%t)
+            return
+          end if
+        end if
       end if
       if (finite(size(f), f)) then
         x%status = finished

@@ -16,7 +16,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(out) :: reals(:)        ! reals_of_state, then of each event five numbers
     integer(int64), intent(out) :: integers(integers_of_state)
-    ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
+    ! (point_size, 2), (dimension, 2 + columns of f, then f_before, impulse, last and jacobian of newton_t,
     ! or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
     integer, allocatable :: pivot(:, :)
@@ -36,6 +36,8 @@ contains
     associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver)
       if (allocated(x%f_before)) then
         rest = x%f_before
+      else if (allocated(x%joints%impulse)) then
+        rest = reshape(x%joints%impulse, shape(rest))
       else if (allocated(x%newton%last)) then
         rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
       else if (allocated(solver%lu)) then
@@ -92,6 +94,8 @@ contains
     associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver, newton => x%newton)
       if (allocated(x%f_before)) then
         x%f_before = rest
+      else if (allocated(x%joints%impulse)) then
+        x%joints%impulse = reshape(rest, shape(x%joints%impulse))
       else if (allocated(newton%last)) then
         newton%last = rest(:, :size(newton%last, 2))
         newton%jacobian = rest(:, size(newton%last, 2) + 1:)

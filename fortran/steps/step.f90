@@ -12,6 +12,7 @@ module step_m
   use implicit_m, only: request_implicit, store_implicit
   use method_m, only: kind_collocation, kind_implicit, kind_registers
   use paths_m, only: add_brackets, follow_paths
+  use rattle_m, only: close_result
   use registers_m, only: request_register, start_registers, store_register
   use requests_m, only: reject_stage, request, share_error, within_segment
   use phases_m
@@ -123,6 +124,7 @@ contains
         if (x%problem%adaptive) last = max(last, method%embedded, method%third)
         call add_brackets(x)
         call follow_paths(x, last)
+        if (x%status /= finished) return
       end if
       x%phase = phase_decide_step
       if (x%problem%adaptive) then
@@ -209,6 +211,7 @@ contains
         end if
       end if
       if (collocation) call keep_step(x)
+      call close_result(x)
     end associate
   end subroutine accept_or_reject
 

@@ -7,7 +7,8 @@ module trajectory_m
   use frames_m, only: frame_t
   use heat_bath_m, only: bath_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
-  use method_m, only: kind_collocation, kind_implicit, kind_registers, method_t
+  use joints_m, only: constraints_t
+  use method_m, only: kind_collocation, kind_implicit, kind_registers, kind_splitting, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
   use time_grid_m, only: grid_t
@@ -109,6 +110,14 @@ module trajectory_m
     real(wp), allocatable :: y(:), slope(:)  ! at its start
   end type last_step_t
 
+  ! The joints of a splitting method's frame
+  type :: joints_t
+    type(constraints_t) :: here              ! with the factor, at the configuration `place`
+    type(constraints_t) :: ahead             ! of a trial
+    real(wp), allocatable :: place(:)
+    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
+  end type joints_t
+
   type :: trajectory_t
     type(problem_t), pointer :: problem => null()
     integer :: member = 1
@@ -147,6 +156,7 @@ module trajectory_m
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
     type(stage_solver_t) :: solver                 ! of another implicit method
+    type(joints_t) :: joints
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
@@ -193,6 +203,8 @@ contains
                                    x%solver%pivot(n, method%blocks), &
                                    x%solver%factored_h(method%blocks), stat=memory)
       end if
+      if (memory == 0 .and. frame%jointed .and. method%kind == kind_splitting) &
+        allocate (x%joints%impulse(frame%dimension, 2, paths), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)
@@ -263,6 +275,7 @@ contains
     logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
 
     x%h_before = 0.0_wp
+    if (allocated(x%joints%impulse)) x%joints%impulse = 0.0_wp
     if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
     x%newton%moved = .false.

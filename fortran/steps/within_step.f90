@@ -2,6 +2,7 @@
 ! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
+  use constrained_motion_m, only: add_constraint_forces
   use flow_interpolant_m, only: reserve_interpolant, set_ends
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                            flows_of_evaluation, make_cubic, next_node
@@ -9,7 +10,7 @@ module within_step_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: out_of_memory, paused, step_too_long
+  use shared_numbers, only: finished, out_of_memory, paused, step_too_long
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
@@ -76,6 +77,7 @@ contains
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
+    integer :: status
 
     associate (last => x%last, interpolant => x%interpolant)
       if (x%interpolate_only) then
@@ -83,6 +85,16 @@ contains
       else
         call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                       x%end_slope)
+      end if
+      if (allocated(x%joints%impulse)) then            ! slopes are forces alone
+        call add_constraint_forces(x%problem%frame, interpolant%y0, .true., &
+                                   interpolant%field(:, 1), status)
+        if (status == finished) call add_constraint_forces(x%problem%frame, interpolant%y1, &
+                                                           .true., interpolant%field(:, 2), status)
+        if (status /= finished) then
+          call fail(x, status, interpolant%t0)
+          return
+        end if
       end if
       call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
       if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then

@@ -107,6 +107,7 @@ def export(
     if format == "latex":
         return to_latex(numbers, summary(method))
     if mechanical:
+        assert isinstance(frame, PhaseSpace)
         return with_free_motion(numbers, summary(method), frame)
     program = make_program(numbers, summary(method))
     return with_flows(_CODE[format].write(program), program, frame)

@@ -93,11 +93,13 @@ def _check_problem(problem: Problem, more: bool) -> None:
             "method must not be a splitting method with derivatives='adjoint' or noise, got "
             f"{problem.plan.method!r}"
         )
-    if problem.plan.method.kind is Kind.SPLITTING and getattr(frame, "gyroscopic", None):
-        raise ValueError(
-            "method must not be a splitting method with derivatives of motion with gyroscopic "
-            f"forces, got {problem.plan.method!r}"
-        )
+    for name in ("gyroscopic", "jointed"):
+        if problem.plan.method.kind is Kind.SPLITTING and getattr(frame, name, None):
+            what = "gyroscopic forces" if name == "gyroscopic" else "joints"
+            raise ValueError(
+                f"method must not be a splitting method with derivatives of motion with {what}, "
+                f"got {problem.plan.method!r}"
+            )
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "

@@ -11,7 +11,7 @@ import numpy as np
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.phase_space import PhaseSpace
+from cg.frames.phase_space import PhaseSpace, linkage_of
 from cg.frames.product import Product
 from cg.integration.plan.blocks import (
     block_constants,
@@ -67,12 +67,23 @@ class Plan:
         if isinstance(space, PhaseSpace):
             tangents = frame.dim // space.dim - 1
             core.plan_set_bodies(self.address, *space.compiled_bodies(), tangents)
+        self._add_joints()
         weakref.finalize(self, core.plan_close, self.address)
         self._make_interpolants()
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a method is sent by its name, so that each process has one instance with its cached data
         return plan_of, (self.frame, self.method)
+
+    def _add_joints(self) -> None:
+        """Add the joints of a phase space, which is the frame or its first factor."""
+        frame = self.frame
+        if isinstance(frame, Product) and not isinstance(frame, PhaseSpace):
+            frame = frame.factors[0]
+        self._linkage = None
+        if isinstance(frame, PhaseSpace) and frame.jointed:
+            self._linkage = linkage_of(frame)  # whose functions compiled code calls
+            self.core.plan_set_joints(self.address, self._linkage.address)
 
     def _make_interpolants(self) -> None:
         output = self.table.output
@@ -83,6 +94,12 @@ class Plan:
             np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
             output.flow_weights.T,
         )  # fmt: skip
+
+    @property
+    def impulses(self) -> int:
+        """Number of vectors of impulses of joints that a step begins from."""
+        splits = self.method.kind is Kind.SPLITTING and self._linkage is not None
+        return 2 * len(self.table.arrays["origin"]) if splits else 0
 
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
@@ -111,7 +128,7 @@ class Plan:
 
     def surely_on_manifold(self, points: Points) -> bool:
         """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
-        if not self.compiled:
+        if not self.compiled or self._linkage is not None:
             return False
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)

@@ -79,6 +79,11 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             error = OverflowError(str(run.callbacks.last_error or reason))
         case Stop.STEP_TOO_LONG | Stop.STEP_TOO_LONG_FOR_EVENTS:
             error = StepTooLongError(t, stop is Stop.STEP_TOO_LONG_FOR_EVENTS)
+        case Stop.JOINTS_NOT_SOLVED:
+            error = ArithmeticError(
+                f"there are no forces that keep joints closed {where}: the step is too long, or "
+                "their constraints depend on each other there"
+            )
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
     return error

@@ -82,7 +82,7 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.table.kept + plan.table.kept_nodes
+        self.kept = plan.table.kept + plan.table.kept_nodes + plan.impulses
         if not plan.table.explicit:
             self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}

@@ -1,0 +1,409 @@
+"""Joints of mechanical systems, and constraints of one's own, as compiled code reads them."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.base import Frame
+from cg.frames.euclidean import Euclidean
+from cg.frames.power import Power
+from cg.frames.product import Product
+from cg.frames.quaternion import UnitQuaternion
+from cg.frames.so3 import SO3
+from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.checks import short
+from cg.support.shared_numbers import RowForm, Stop
+
+if TYPE_CHECKING:
+    from cg.frames.phase_space import PhaseSpace
+
+Row = tuple[RowForm, int, int]  # and the axes of both bodies
+
+_POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
+_ATTITUDE: tuple[Row, ...] = tuple((RowForm.BETWEEN_AXES, k, (k + 1) % 3) for k in range(3))
+KINDS: dict[str, tuple[Row, ...]] = {
+    "ball": _POINT,
+    "hinge": (*_POINT, (RowForm.BETWEEN_AXES, 2, 0), (RowForm.BETWEEN_AXES, 2, 1)),
+    "universal": (*_POINT, (RowForm.BETWEEN_AXES, 2, 2)),
+    "slider": ((RowForm.ALONG_BODY, 0, 0), (RowForm.ALONG_BODY, 1, 0), *_ATTITUDE),
+    "fixed": (*_POINT, *_ATTITUDE),
+    "distance": ((RowForm.FIXED_LENGTH, 0, 0),),
+}
+"""The rows of each kind of joint."""
+
+_ROUNDING = 1e-8  # of axes
+_STEP = 6e-6  # of central differences along fields, ε^(1/3)
+_LONG_STEP = 2.5e-3  # of second differences of order four, ε^(1/6)
+_WRONG = 1e-5  # relative error of derivatives that are given
+_DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
+
+
+@dataclass(frozen=True, init=False)
+class Joint:
+    """A joint between two bodies of a `PhaseSpace`, or between a body and the ground.
+
+    Parameters
+    ----------
+    kind
+        | ``"ball"``: the points coincide (3 constraints).
+        | ``"hinge"``: the points coincide, and the third axes are parallel (5).
+        | ``"universal"``: the points coincide, and the third axes are orthogonal (4).
+        | ``"slider"``: the axes coincide, and the second body moves along the third one (5).
+        | ``"fixed"``: points and axes coincide (6).
+        | ``"distance"``: the points have a fixed distance, as if joined by a rod (1).
+    first, second
+        Where the joint is attached to each body: ``(body, point)`` or ``(body, point, axes)``. A
+        body is its number, from 0, or None for the ground. The point, shape ``(3,)``, is in the
+        axes of the body, from its centre of mass. The axes are the columns of a rotation matrix in
+        those of the body, by default the identity; or the third one alone, shape ``(3,)``, where
+        the kind depends on no other.
+    length
+        The distance of the points, of ``"distance"`` alone.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the kind is unknown, or an attachment isn't of this form.
+
+    Examples
+    --------
+    A pendulum that swings about the first axis of space, and a rod:
+
+    >>> pivot = Joint("hinge", (None, [0, 0, 2], [1, 0, 0]), (0, [0, 0, 0.5], [1, 0, 0]))
+    >>> len(pivot)
+    5
+    >>> len(Joint("distance", (0, [0, 0, 0]), (1, [0, 0, 0]), length=0.3))
+    1
+    """
+
+    kind: str
+    first: tuple[Any, ...]
+    second: tuple[Any, ...]
+    length: float | None
+
+    def __init__(self, kind: str, first: Any, second: Any, *, length: float | None = None) -> None:
+        if kind not in KINDS:
+            raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {kind!r}")
+        both = _attachment(first, "first", kind), _attachment(second, "second", kind)
+        if both[0][0] == both[1][0]:
+            raise ValueError(f"first and second must be different bodies, got {both[0][0]} twice")
+        if (length is None) == (kind == "distance"):
+            raise ValueError(
+                f"length must be given with 'distance' alone, got {length} with {kind!r}"
+            )
+        if length is not None:
+            value = real_array(length, "length")
+            if value.shape or not 0.0 < value < np.inf:
+                raise ValueError(f"length must be a positive number, got {length!r}")
+            length = float(value)
+        vars(self).update(kind=kind, first=both[0], second=both[1], length=length)
+
+    def __len__(self) -> int:
+        """Return the number of constraints."""
+        return len(KINDS[self.kind])
+
+    @property
+    def bodies(self) -> tuple[int, int]:
+        """The numbers of both bodies, -1 for the ground."""
+        first, second = (-1 if end[0] is None else end[0] for end in (self.first, self.second))
+        return first, second
+
+    def rows(self) -> tuple[list[list[int]], list[list[float]]]:
+        """Return the constraints as integers and numbers, see `make_linkage` in Fortran."""
+        points = [*self.first[1], *self.second[1]]
+        axes = [np.array(end[2]).T if end[2] else np.eye(3) for end in (self.first, self.second)]
+        integers, numbers = [], []
+        for form, one, two in KINDS[self.kind]:
+            own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
+            integers.append([int(form), *(body + 1 for body in self.bodies)])
+            numbers.append([*points, *own[one], *axes[1][two], self.length or 0.0])
+        return integers, numbers
+
+
+def _attachment(value: Any, name: str, kind: str) -> tuple[Any, ...]:
+    """Return a body, a point and axes as hashable numbers."""
+    if not isinstance(value, tuple | list) or len(value) not in (2, 3):
+        raise ValueError(f"{name} must be (body, point) or (body, point, axes), got {short(value)}")
+    body = value[0]
+    if body is not None and (not isinstance(body, int | np.integer) or isinstance(body, bool)):
+        raise TypeError(f"the body of {name} must be an integer or None, got {body!r}")
+    point = real_array(value[1], f"the point of {name}")
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ValueError(f"the point of {name} must be three finite numbers, got {short(value[1])}")
+    axes: Any = ()
+    if len(value) == 3 and len(value[2]):
+        axes = _axes(real_array(value[2], f"the axes of {name}"), name, kind)
+    return None if body is None else int(body), tuple(point.tolist()), axes
+
+
+def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
+    """Return rows of a rotation matrix, which is completed if the third axis alone is given."""
+    if kind in ("ball", "distance"):
+        raise ValueError(f"the axes of {name} must not be given with {kind!r}, which has none")
+    if axes.shape == (3,) and kind in ("hinge", "universal"):
+        length = np.linalg.norm(axes)
+        if not 0.0 < length < np.inf:
+            raise ValueError(f"the axis of {name} must have a finite length, got {axes}")
+        third = axes / length
+        first = np.cross(third, np.eye(3)[np.abs(third).argmin()])
+        first /= np.linalg.norm(first)
+        axes = np.column_stack([first, np.cross(third, first), third])
+    if (
+        axes.shape != (3, 3)
+        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _ROUNDING
+        or np.linalg.det(axes) < 0.0
+    ):
+        raise ValueError(f"the axes of {name} must be the columns of a rotation matrix, got {axes}")
+    return tuple(map(tuple, axes.tolist()))
+
+
+def bodies_of(frame: Frame) -> list[list[int]]:
+    """Return the blocks of attitude and position of each rigid body, from 1, 0 for none.
+
+    An attitude and a position are those of one body if they follow each other in the same product,
+    in any order.
+    """
+    bodies: list[list[int]] = []
+    _add_bodies(frame, 0, bodies)
+    return bodies
+
+
+def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
+    """Append the bodies of a frame, which follows some blocks; return the number of blocks then."""
+    factors = getattr(frame, "factors", (frame,))
+    if type(frame) is Power:
+        factors = (frame.factor,) * frame.n
+    half: list[int] | None = None  # a body of which one part is known
+    for factor in factors:
+        role = None
+        if isinstance(factor, SO3 | UnitQuaternion):
+            role = 0
+        elif type(factor) is Euclidean and factor.n == 3:
+            role = 1
+        elif type(factor) in (Power, Product):
+            blocks, half = _add_bodies(factor, blocks, bodies), None
+            continue
+        blocks += 1
+        if role is None:
+            half = None
+        elif half is not None and not half[role] and type(frame) is Product:
+            half[role], half = blocks, None
+        else:
+            half = [0, 0]
+            half[role] = blocks
+            bodies.append(half)
+    return blocks
+
+
+class Linkage:
+    """The joints and constraints of a phase space in compiled code.
+
+    ``order`` are the rows of compiled code, in the order of joints as given.
+    """
+
+    def __init__(self, frame: PhaseSpace) -> None:
+        import cg._core_r64 as core
+
+        self._core, self._frame = core, frame
+        bodies = bodies_of(frame.configuration)
+        self.joints = frame.joints
+        for k, joint in enumerate(self.joints):
+            if max(joint.bodies) >= len(bodies) or min(joint.bodies) < -1:
+                raise ValueError(
+                    f"the bodies of joints[{k}] must be less than {len(bodies)}, the number of "
+                    f"attitudes and positions in space of {frame.configuration!r}, got "
+                    f"{joint.bodies}"
+                )
+        # rows of bodies that follow each other follow each other too: see joints.f90
+        order = sorted(range(len(self.joints)), key=lambda k: sorted(self.joints[k].bodies)[::-1])
+        integers: list[list[int]] = []
+        numbers: list[list[float]] = []
+        places = {}
+        for k in order:
+            rows = self.joints[k].rows()
+            places[k] = range(len(integers), len(integers) + len(rows[0]))
+            integers += rows[0]
+            numbers += rows[1]
+        self.own = 0
+        if frame.constraints is not None:
+            self._g, self._dg = frame.constraints
+            self.own = self._count()
+        self.count = len(integers) + self.own
+        self.slices = [np.array(places[k], dtype=np.intp) for k in range(len(self.joints))]
+        self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
+        reader = self._evaluate  # the only reference of compiled code to this object
+        blocks = frame.compiled_blocks() or ()
+        self.address: int = core.joints_open(
+            np.array([block[:3] for block in blocks], dtype=np.intc).T, np.zeros(1),
+            *frame.compiled_bodies(), _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
+            _padded(numbers, 13, np.float64), self.own, id(reader),
+        )  # fmt: skip
+        self._reader = reader
+        weakref.finalize(self, core.joints_free, self.address)
+
+    def errors(self, y: Array) -> Array:
+        """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``."""
+        rows = _rows(y)
+        g, speed = np.zeros((2, len(rows), self.count))
+        if len(rows):  # no array may be empty
+            self._core.joints_errors(self.address, rows.T, g.T, speed.T)
+        return np.concatenate([g, speed], axis=-1).reshape(*y.shape[:-1], 2 * self.count)
+
+    def close(self, y: Array) -> Array:
+        """Return points with closed joints, NaN where there are none nearby."""
+        rows = _rows(y).copy()
+        status = np.zeros(len(rows), dtype=np.intc)
+        if len(rows):  # no array may be empty
+            self._core.joints_close(self.address, rows.T, status)
+        rows[status != Stop.FINISHED] = np.nan
+        return rows.reshape(y.shape)
+
+    def forces(self, y: Array, f: Array) -> tuple[Array, Array]:
+        """Return coefficients with forces of joints, and the multipliers, shape ``(..., m)``.
+
+        Both are NaN where constraints depend on each other.
+        """
+        rows, fields = _rows(y), _rows(f).copy()
+        multipliers = np.zeros((len(rows), self.count))
+        status = np.zeros(len(rows), dtype=np.intc)
+        if len(rows):  # no array may be empty
+            self._core.joints_forces(self.address, rows.T, fields.T, multipliers.T, status)
+        fields[status != Stop.FINISHED] = np.nan
+        multipliers[status != Stop.FINISHED] = np.nan
+        return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)
+
+    def check_rank(self, y: Array, name: str) -> None:
+        """Raise ValueError if constraints depend on each other at a point."""
+        if np.isfinite(self.forces(y, np.zeros(self._frame.dim))[1]).all():
+            return
+        slope = np.zeros((self.count, self._frame.rhs_dim))
+        self._core.joints_slopes(self.address, y, slope.T)
+        moved = [body.velocity(slope[:, body.vectors]) for body in self._frame._bodies]
+        matrix = slope @ np.concatenate(moved, axis=-1).T
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
+        matrix /= scale * scale[:, None]
+        used: list[int] = []
+        ranks = [0]
+        for places in self.slices:
+            used += places.tolist()
+            values = np.linalg.eigvalsh(matrix[np.ix_(used, used)])
+            ranks.append(int(np.count_nonzero(values > _DEPENDENT * len(values))))
+        grown = zip(np.diff(ranks), self.slices, strict=True)
+        last = [k for k, (rank, places) in enumerate(grown) if rank < len(places)]
+        names = [f"joints[{k}]" if k < len(self.joints) else "constraints" for k in last]
+        raise ValueError(
+            f"the constraints of joints must not depend on each other, got rank {ranks[-1]} of "
+            f"{self.count} at {name}: some of {', '.join(names)} follow from those before; take a "
+            "joint with fewer of them there, such as 'ball' in place of 'hinge'"
+        )
+
+    def _configuration(self, q: Array) -> Points:
+        frame = self._frame.configuration
+        return q.view(frame.dtype).reshape(frame.point_shape)
+
+    def _value(self, q: Points) -> Array:
+        return real_array(self._g(np.array(q)), "the value of constraints")
+
+    def _count(self) -> int:
+        """Return how many constraints there are, after checking values and derivatives."""
+        frame = self._frame.configuration
+        point = frame.random_point(np.random.default_rng(0))
+        value = self._value(point)
+        if value.ndim != 1 or not value.size:
+            raise ValueError(f"constraints must return shape (m,), got {value.shape}")
+        if self._dg is not None:
+            given, differences = self._slopes(point), self._differences(point)
+            check_finite(given, "the derivatives of constraints")
+            error = np.abs(given - differences).max()
+            if not error <= _WRONG * (1.0 + np.abs(differences).max()):
+                raise ValueError(
+                    "the derivatives of constraints must be those along the fields of the "
+                    f"configuration, but differ by {error:.3g} from differences"
+                )
+        return len(value)
+
+    def _slopes(self, q: Points) -> Array:
+        """Return the derivatives along fields, shape ``(m, dim)``, as the user gives them."""
+        if self._dg is None:
+            return self._differences(q)
+        slopes = real_array(self._dg(np.array(q)), "the derivatives of constraints")
+        shape = len(self._value(q)), self._frame.configuration.dim
+        if slopes.shape != shape:
+            raise ValueError(
+                f"the derivatives of constraints must have shape {shape}, got {slopes.shape}"
+            )
+        return slopes
+
+    def _differences(self, q: Points) -> Array:
+        frame = self._frame.configuration
+        steps = _STEP * np.maximum(frame.coordinate_sizes(q), 1.0)
+        sides = [frame.flow(side * np.diag(steps), q) for side in (1.0, -1.0)]
+        ahead, behind = (np.array([self._value(x) for x in points]) for points in sides)
+        return np.asarray(((ahead - behind) / (2.0 * steps[:, None])).T)
+
+    def _second_derivatives(self, q: Points, velocity: Array) -> Array:
+        """Return those by time, where velocities are constant."""
+        speed = float(np.abs(velocity).max(initial=0.0))
+        if not speed > 0.0:
+            return np.zeros(self.own)
+        step = _LONG_STEP / speed
+        points = self._frame.configuration.flow(step * np.arange(-2.0, 3.0)[:, None] * velocity, q)
+        weights = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / (12.0 * step**2)
+        return np.asarray(weights @ [self._value(x) for x in points])
+
+    @property
+    def _evaluate(self) -> Callable[[int, Array, Array], Array]:
+        """The function that compiled code calls for constraints of one's own.
+
+        It gets 0 for values, 1 for derivatives with them, or 2 and velocities for second
+        derivatives too; and the doubles of a configuration.
+        """
+        this = weakref.ref(self)
+
+        def evaluate(_: int, depth: Array, doubles: Array) -> NDArray[np.float64]:
+            self = this()
+            assert self is not None
+            q = self._configuration(doubles)
+            parts = [self._value(q)]
+            if depth[0] > 0.0:
+                parts.append(self._slopes(q).ravel())
+            if depth[0] > 1.0:
+                parts.append(self._second_derivatives(q, depth[1:]))
+            return np.concatenate(parts)
+
+        return evaluate
+
+
+def _rows(points: Array) -> Array:
+    """Return points as rows, contiguous."""
+    return np.ascontiguousarray(points).reshape(-1, points.shape[-1])
+
+
+def _padded(rows: Any, width: int, dtype: Any) -> NDArray[Any]:
+    """Return rows as columns of an array, and a column of zeros, since none may be empty."""
+    return np.array([*rows, [0] * width], dtype=dtype).T
+
+
+def read_constraints(value: Any) -> tuple[Callable[..., Any], Callable[..., Any] | None] | None:
+    """Return constraints as a function and its derivatives, None if there are none."""
+    if value is None:
+        return None
+    pair = value if isinstance(value, tuple) else (value, None)
+    if len(pair) != 2 or not callable(pair[0]) or not (pair[1] is None or callable(pair[1])):
+        raise TypeError(f"constraints must be a function or two of them, got {value!r}")
+    return pair
+
+
+def read_joints(value: Any) -> tuple[Joint, ...]:
+    """Return joints as a tuple; TypeError if one of them isn't a `Joint`."""
+    joints = tuple(value)
+    for k, joint in enumerate(joints):
+        if not isinstance(joint, Joint):
+            raise TypeError(f"joints[{k}] must be a cg.frames.Joint, got {joint!r}")
+    return joints

@@ -1,0 +1,474 @@
+! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along the
+! fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
+!
+! Every joint is a few rows. A row is the dot product of two vectors of these three: d, from a point
+! of the second body to one of the first, and one axis of each body. A body is an attitude and a
+! position, one of which may be missing: then it turns about the origin, or is a point mass. The
+! ground is body 0. Rows of one's own are evaluated in Python, and follow those of joints.
+!
+! Rows depend on few bodies. The factor is that of Cholesky within the envelope of the matrix: each
+! row from the first column that isn't zero on, so that chains cost time in proportion to their
+! length if their joints follow each other.
+module joints_m
+  use kinds, only: wp
+  use blocks_m, only: block_t, body_t, find_velocities
+  use callback_m, only: callback_t
+  use rotations_m, only: get_quaternion
+  use shared_numbers, only: along_body, along_space, between_axes, constraints_operation, &
+                            fixed_length, so3_block
+  use vectors_m, only: cross
+  implicit none
+  private
+  public :: constraints_t, linkage_t, constraint_impulse, evaluate_constraints, &
+            factor_constraints, make_linkage, rates, solve_constraints
+
+  type :: row_t
+    integer :: form = 0                      ! a RowForm
+    integer :: body(2) = 0
+    real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
+    real(wp) :: axis(3, 2) = 0.0_wp
+    real(wp) :: length = 0.0_wp
+    logical :: repeats = .false.             ! whether the row before has the same bodies and points
+  end type row_t
+
+  type :: linkage_t
+    integer :: rows = 0, own = 0             ! of joints, of one's own
+    integer :: forces = 0                    ! momenta
+    integer :: before = 0                    ! entries of a point before the momenta
+    integer :: after = 0                     ! and up to their end
+    integer, allocatable :: attitude(:), position(:)   ! (0:bodies) blocks, 0 for none
+    type(row_t), allocatable :: row(:)
+    integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies
+    integer, allocatable :: first(:)         ! (rows + own) the first column in the envelope
+    integer, allocatable :: start(:)         ! (rows + own) its place in the factor, less one
+    type(callback_t) :: python               ! evaluates rows of one's own
+  end type linkage_t
+
+  ! The constraints at a point
+  type :: constraints_t
+    logical :: known = .false.               ! whether the factor is that of the present point
+    real(wp), allocatable :: g(:)            ! (rows + own)
+    real(wp), allocatable :: bias(:)         ! (rows + own) second derivative at constant velocities
+    real(wp), allocatable :: size(:)         ! (rows + own) lengths that g is a difference of
+    ! (3, 4, rows) derivatives along the fields of the blocks of a row, and J^-1 times these
+    real(wp), allocatable :: slope(:, :, :), moved(:, :, :)
+    real(wp), allocatable :: own(:, :), own_moved(:, :)      ! (forces, own) the same of own rows
+    real(wp), allocatable :: factor(:)
+  end type constraints_t
+
+contains
+
+  ! Makes the linkage of a frame with bodies. The columns of the table are rows: form and two bodies
+  ! as integers; two points, two axes and a length as numbers.
+  subroutine make_linkage(blocks, forces, places, integers, numbers, own, linkage)
+    type(block_t), intent(in) :: blocks(:)
+    integer, intent(in) :: forces, own
+    integer, intent(in) :: places(:, :)      ! (2, bodies) blocks of attitude and position
+    integer, intent(in) :: integers(:, :)    ! (3, rows)
+    real(wp), intent(in) :: numbers(:, :)    ! (13, rows)
+    type(linkage_t), intent(inout) :: linkage
+    integer :: i, j, n
+
+    linkage%rows = size(integers, 2)
+    linkage%own = own
+    linkage%forces = forces
+    associate (momenta => findloc(blocks%vectors, forces, 1))
+      linkage%before = blocks(momenta)%points
+    end associate
+    linkage%after = linkage%before + forces
+    linkage%attitude = places(1, :)
+    linkage%position = places(2, :)
+    n = linkage%rows + own
+    allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), linkage%first(n), &
+              linkage%start(n))
+    do i = 1, linkage%rows
+      linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
+                             reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
+      if (i > 1) linkage%row(i)%repeats = all(integers(2:, i - 1) == integers(2:, i)) &
+                                          .and. .not. any(abs(numbers(:6, i - 1) - numbers(:6, i)) > 0)
+      linkage%block(:, i) = 0
+      do j = 1, 2
+        if (linkage%row(i)%body(j) > 0) &
+          linkage%block(2 * j - 1:2 * j, i) = places(:, linkage%row(i)%body(j))
+      end do
+    end do
+    do i = 1, n
+      linkage%first(i) = 1
+      if (i > linkage%rows) cycle
+      do j = 1, i
+        if (coupled(linkage%block(:, i), linkage%block(:, j))) exit
+      end do
+      linkage%first(i) = j
+    end do
+    linkage%start(1) = 1 - linkage%first(1)
+    do i = 2, n
+      linkage%start(i) = linkage%start(i - 1) + i - linkage%first(i)
+    end do
+  end subroutine make_linkage
+
+  ! Whether two rows depend on a block that both have
+  pure logical function coupled(a, b)
+    integer, intent(in) :: a(4), b(4)
+    integer :: i
+
+    coupled = any([(a(i) > 0 .and. any(b == a(i)), i = 1, 4)])
+  end function coupled
+
+  ! Evaluates the constraints at a point: g alone, or with derivatives, or with the bias too.
+  subroutine evaluate_constraints(linkage, blocks, bodies, y, depth, c, failed)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    type(body_t), intent(in) :: bodies(:)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
+    integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
+    type(constraints_t), intent(inout) :: c
+    logical, intent(out) :: failed                     ! whether Python raised an exception
+    real(wp), dimension(3, size(linkage%attitude)) :: x, velocity, turning
+    real(wp) :: r(3, 3, size(linkage%attitude)), omega(merge(linkage%forces, 0, depth == 2))
+    ! of a row, and those that repeat its points: these, from the bodies and from the origin
+    real(wp) :: arm(3, 2), end(3, 2), d(3), length
+    integer :: i, k
+
+    call reserve(linkage, c)
+    failed = .false.
+    if (depth == 2) call velocities(blocks, bodies, y(linkage%before + 1:linkage%after), omega)
+    do i = 1, size(linkage%attitude)
+      call place(blocks, linkage%attitude(i), linkage%position(i), y, x(:, i), r(:, :, i))
+      if (depth < 2) cycle
+      velocity(:, i) = 0.0_wp
+      turning(:, i) = 0.0_wp
+      associate (turns => linkage%attitude(i), moves => linkage%position(i))
+        if (moves > 0) velocity(:, i) = omega(blocks(moves)%vectors + 1:blocks(moves)%vectors + 3)
+        if (turns > 0) turning(:, i) = omega(blocks(turns)%vectors + 1:blocks(turns)%vectors + 3)
+        if (turns > 0) then
+          if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
+        end if
+      end associate
+    end do
+    do i = 1, linkage%rows
+      call evaluate_row(i)
+    end do
+    if (linkage%own > 0) call evaluate_own(linkage, y, omega, depth, c, failed)
+    if (depth == 0) return
+    do i = 1, linkage%rows
+      do k = 1, 4
+        if (linkage%block(k, i) > 0) call find_velocities(bodies(linkage%block(k, i)), 3, &
+                                                          c%slope(:, k, i), c%moved(:, k, i))
+      end do
+    end do
+    do i = 1, linkage%own
+      call velocities(blocks, bodies, c%own(:, i), c%own_moved(:, i))
+    end do
+
+  contains
+
+    ! Evaluates a row of a joint.
+    subroutine evaluate_row(i)
+      integer, intent(in) :: i
+      real(wp), dimension(3, 2) :: axis, dd, da        ! first derivatives by time, second ones
+      real(wp) :: d1(3), d2(3), n(3), side
+      integer :: j, k
+
+      associate (row => linkage%row(i))
+        if (.not. row%repeats) then
+          do j = 1, 2
+            k = row%body(j)
+            arm(:, j) = row%point(:, j)
+            end(:, j) = arm(:, j)
+            if (k == 0) cycle
+            arm(:, j) = turned(r(:, :, k), arm(:, j))
+            end(:, j) = x(:, k) + arm(:, j)
+          end do
+          d = end(:, 1) - end(:, 2)
+          length = maxval(abs(end)) + maxval(abs(arm))
+        end if
+        axis = row%axis
+        do j = 1, 2
+          k = row%body(j)
+          if (k == 0 .or. row%form == fixed_length) cycle
+          if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
+          axis(:, j) = turned(r(:, :, k), axis(:, j))
+        end do
+        c%size(i) = length
+        select case (row%form)
+        case (along_space, along_body)
+          c%g(i) = dot_product(axis(:, 1), d)
+          n = axis(:, 1)
+        case (between_axes)
+          c%g(i) = dot_product(axis(:, 1), axis(:, 2))
+          c%size(i) = 1.0_wp
+          n = 0.0_wp
+        case (fixed_length)
+          c%g(i) = (dot_product(d, d) - row%length**2) / (2 * row%length)
+          n = d / row%length
+        end select
+        if (depth == 0) return
+        do j = 1, 2
+          k = row%body(j)
+          c%slope(:, 2 * j - 1:2 * j, i) = 0.0_wp
+          if (k == 0) cycle
+          if (row%form == between_axes) then
+            da(:, j) = cross(axis(:, j), axis(:, 3 - j))
+          else
+            c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
+            da(:, j) = cross(arm(:, j), c%slope(:, 2 * j, i))
+            if (j == 1 .and. row%form == along_body) da(:, 1) = da(:, 1) + cross(axis(:, 1), d)
+          end if
+          if (linkage%attitude(k) == 0) cycle
+          c%slope(:, 2 * j - 1, i) = da(:, j)
+          if (.not. blocks(linkage%attitude(k))%space) &
+            c%slope(:, 2 * j - 1, i) = matmul(da(:, j), r(:, :, k))
+        end do
+        if (depth == 1) return
+        ! second derivatives of vectors that turn with constant angular velocities
+        d1 = 0.0_wp
+        d2 = 0.0_wp
+        dd = 0.0_wp
+        da = 0.0_wp
+        do j = 1, 2
+          k = row%body(j)
+          if (k == 0) cycle
+          side = merge(1.0_wp, -1.0_wp, j == 1)
+          n = cross(turning(:, k), arm(:, j))
+          d1 = d1 + side * (velocity(:, k) + n)
+          d2 = d2 + side * cross(turning(:, k), n)
+          dd(:, j) = cross(turning(:, k), axis(:, j))
+          da(:, j) = cross(turning(:, k), dd(:, j))
+        end do
+        select case (row%form)
+        case (along_space)
+          c%bias(i) = dot_product(axis(:, 1), d2)
+        case (along_body)
+          c%bias(i) = dot_product(da(:, 1), d) + 2 * dot_product(dd(:, 1), d1) &
+                      + dot_product(axis(:, 1), d2)
+        case (between_axes)
+          c%bias(i) = dot_product(da(:, 1), axis(:, 2)) + 2 * dot_product(dd(:, 1), dd(:, 2)) &
+                      + dot_product(axis(:, 1), da(:, 2))
+        case (fixed_length)
+          c%bias(i) = (dot_product(d1, d1) + dot_product(d, d2)) / row%length
+        end select
+      end associate
+    end subroutine evaluate_row
+
+  end subroutine evaluate_constraints
+
+  ! The position of a body, and the matrix that turns vectors of the body into those of space
+  pure subroutine place(blocks, attitude, position, y, x, r)
+    type(block_t), intent(in) :: blocks(:)
+    integer, intent(in) :: attitude, position
+    real(wp), contiguous, intent(in) :: y(:)
+    real(wp), intent(out) :: x(3), r(3, 3)
+    real(wp) :: q(4)
+
+    x = 0.0_wp
+    if (position > 0) x = y(blocks(position)%points + 1:blocks(position)%points + 3)
+    q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
+    if (attitude > 0) then
+      associate (block => blocks(attitude), k => blocks(attitude)%points)
+        if (block%kind == so3_block) then
+          r(1, :) = y(k + 1:k + 3)
+          r(2, :) = y(k + 4:k + 6)
+          r(3, :) = y(k + 7:k + 9)
+          return
+        end if
+        q = get_quaternion(block, y(k + 1:k + 4))
+      end associate
+    end if
+    associate (a => q(1), b => q(2), c => q(3), w => q(4))
+      r(:, 1) = [1 - 2 * (b * b + c * c), 2 * (a * b + c * w), 2 * (a * c - b * w)]
+      r(:, 2) = [2 * (a * b - c * w), 1 - 2 * (a * a + c * c), 2 * (b * c + a * w)]
+      r(:, 3) = [2 * (a * c + b * w), 2 * (b * c - a * w), 1 - 2 * (a * a + b * b)]
+    end associate
+  end subroutine place
+
+  ! A vector in the axes of space, with shapes that the compiler knows
+  pure function turned(r, v)
+    real(wp), intent(in) :: r(3, 3), v(3)
+    real(wp) :: turned(3)
+
+    turned = v(1) * r(:, 1) + v(2) * r(:, 2) + v(3) * r(:, 3)
+  end function turned
+
+  ! Evaluates the rows of one's own.
+  subroutine evaluate_own(linkage, y, omega, depth, c, failed)
+    type(linkage_t), intent(in) :: linkage
+    real(wp), contiguous, intent(in) :: y(:), omega(:)
+    integer, intent(in) :: depth
+    type(constraints_t), intent(inout) :: c
+    logical, intent(out) :: failed
+    real(wp) :: answer(linkage%own * (1 + min(depth, 1) * linkage%forces + depth / 2))
+
+    associate (n => linkage%own, rows => linkage%rows, m => linkage%forces)
+      call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
+                                y(:linkage%before), answer, failed)
+      c%g(rows + 1:) = answer(:n)
+      c%size(rows + 1:) = 1.0_wp
+      if (depth > 0) c%own = reshape(answer(n + 1:n + n * m), [m, n])
+      if (depth > 1) c%bias(rows + 1:) = answer(n + n * m + 1:)
+    end associate
+  end subroutine evaluate_own
+
+  ! Allocates the memory for constraints once.
+  subroutine reserve(linkage, c)
+    type(linkage_t), intent(in) :: linkage
+    type(constraints_t), intent(inout) :: c
+
+    if (allocated(c%g)) return
+    associate (n => linkage%rows + linkage%own, m => linkage%forces)
+      allocate (c%g(n), c%bias(n), c%size(n), c%slope(3, 4, linkage%rows), &
+                c%moved(3, 4, linkage%rows), c%own(m, linkage%own), c%own_moved(m, linkage%own), &
+                c%factor(linkage%start(n) + n))
+    end associate
+  end subroutine reserve
+
+  ! Velocities of all bodies
+  pure subroutine velocities(blocks, bodies, momenta, omega)
+    type(block_t), intent(in) :: blocks(:)
+    type(body_t), intent(in) :: bodies(:)
+    real(wp), intent(in) :: momenta(:)
+    real(wp), intent(out) :: omega(:)
+    integer :: i
+
+    do i = 1, size(bodies)
+      associate (v => blocks(i)%vectors, n => blocks(i)%dimension)
+        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
+      end associate
+    end do
+  end subroutine velocities
+
+  ! Factors G J^-1 G^T, whose rows have been evaluated.
+  pure subroutine factor_constraints(linkage, blocks, c)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
+    real(wp), parameter :: least = 1e3_wp * epsilon(1.0_wp)
+    real(wp) :: sum, diagonal
+    integer :: i, j, k
+
+    c%known = .false.
+    associate (l => c%factor, start => linkage%start, first => linkage%first)
+      do i = 1, size(c%g)
+        do j = first(i), i - 1
+          k = max(first(i), first(j))
+          l(start(i) + j) = (entry(linkage, blocks, c, i, j) &
+                             - dot_product(l(start(i) + k:start(i) + j - 1), &
+                                           l(start(j) + k:start(j) + j - 1))) / l(start(j) + j)
+        end do
+        diagonal = entry(linkage, blocks, c, i, i)
+        associate (row => l(start(i) + first(i):start(i) + i - 1))
+          sum = diagonal - dot_product(row, row)
+        end associate
+        if (.not. sum > least * diagonal) return
+        l(start(i) + i) = sqrt(sum)
+      end do
+    end associate
+    c%known = .true.
+  end subroutine factor_constraints
+
+  ! The entry of G J^-1 G^T in row i and column j <= i
+  pure real(wp) function entry(linkage, blocks, c, i, j)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    type(constraints_t), intent(in) :: c
+    integer, intent(in) :: i, j
+    integer :: k, l
+
+    entry = 0.0_wp
+    associate (rows => linkage%rows)
+      if (j > rows) then
+        entry = dot_product(c%own(:, i - rows), c%own_moved(:, j - rows))
+        return
+      end if
+      do k = 1, 4
+        associate (b => linkage%block(k, j))
+          if (b == 0) cycle
+          if (i > rows) then
+            entry = entry + dot_product(c%own(blocks(b)%vectors + 1:blocks(b)%vectors + 3, &
+                                              i - rows), c%moved(:, k, j))
+            cycle
+          end if
+          do l = 1, 4
+            if (linkage%block(l, i) == b) &
+              entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
+          end do
+        end associate
+      end do
+    end associate
+  end function entry
+
+  ! Solves G J^-1 G^T x = b by the factor.
+  pure subroutine solve_constraints(linkage, c, x)
+    type(linkage_t), intent(in) :: linkage
+    type(constraints_t), intent(in) :: c
+    real(wp), intent(inout) :: x(:)                    ! b, then the solution
+    integer :: i
+
+    associate (l => c%factor, start => linkage%start, first => linkage%first)
+      do i = 1, size(x)
+        x(i) = (x(i) - dot_product(l(start(i) + first(i):start(i) + i - 1), x(first(i):i - 1))) &
+               / l(start(i) + i)
+      end do
+      do i = size(x), 1, -1
+        x(i) = x(i) / l(start(i) + i)
+        x(first(i):i - 1) = x(first(i):i - 1) - x(i) * l(start(i) + first(i):start(i) + i - 1)
+      end do
+    end associate
+  end subroutine solve_constraints
+
+  ! G J^-1 times a vector of forces or momenta, by the derivatives that J^-1 was applied to
+  pure function rates(linkage, blocks, c, momenta)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    type(constraints_t), intent(in) :: c
+    real(wp), intent(in) :: momenta(:)
+    real(wp) :: rates(size(c%g))
+    integer :: i, k
+
+    rates = 0.0_wp
+    do i = 1, linkage%rows
+      do k = 1, 4
+        associate (b => linkage%block(k, i))
+          if (b > 0) rates(i) = rates(i) + dot_product(c%moved(:, k, i), &
+            momenta(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
+        end associate
+      end do
+    end do
+    do i = 1, linkage%own
+      rates(linkage%rows + i) = dot_product(c%own_moved(:, i), momenta)
+    end do
+  end function rates
+
+  ! Adds G^T x to momenta, or J^-1 G^T x to velocities.
+  pure subroutine constraint_impulse(linkage, blocks, c, moved, x, vector)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    type(constraints_t), intent(in) :: c
+    logical, intent(in) :: moved                       ! whether by J^-1
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(inout) :: vector(:)               ! (forces)
+    integer :: i, k
+
+    do i = 1, linkage%rows
+      do k = 1, 4
+        associate (b => linkage%block(k, i))
+          if (b == 0) cycle
+          associate (part => vector(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
+            if (moved) then
+              part = part + x(i) * c%moved(:, k, i)
+            else
+              part = part + x(i) * c%slope(:, k, i)
+            end if
+          end associate
+        end associate
+      end do
+    end do
+    do i = 1, linkage%own
+      if (moved) then
+        vector = vector + x(linkage%rows + i) * c%own_moved(:, i)
+      else
+        vector = vector + x(linkage%rows + i) * c%own(:, i)
+      end if
+    end do
+  end subroutine constraint_impulse
+
+end module joints_m

@@ -1,0 +1,124 @@
+! RATTLE: kicks and drifts of mechanical systems with joints. Before each drift, impulses along the
+! derivatives G of the constraints at its start are added to the kick, such that the joints are
+! closed at its end,
+!
+!   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
+!
+! by the iteration lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) with the matrix at q_0, whose factor
+! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
+! that continue those of the two steps before. Between the drifts of a
+! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
+! free motion of the bodies.
+module rattle_m
+  use kinds, only: wp
+  use constrained_motion_m, only: constraints_at, is_closed, remove_opening, without_opening
+  use frames_m, only: restore
+  use free_motion_m, only: drift
+  use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
+  use shared_numbers, only: finished, joints_not_solved, raised
+  use trajectory_m, only: fail, trajectory_t
+  use vectors_m, only: copy
+  use iso_fortran_env, only: int64
+  implicit none
+  private
+  public :: close_result, move_with_joints
+
+contains
+
+  ! Follows a path: a kick, then a drift, or at the end of a step none.
+  subroutine move_with_joints(x, path, y)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: path
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
+    real(wp) :: time
+    integer :: flow, k
+
+    flow = x%problem%method%path_first(path)
+    time = x%h * x%problem%method%drift(flow)
+    call find_constraints(x, y)
+    if (x%status /= finished) return
+    associate (m => x%problem%frame%forces, flows => x%problem%method%flows)
+      associate (momenta => y(size(y) - m + 1:))
+        do k = flows%first(flow), flows%first(flow + 1) - 1
+          momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
+        end do
+        if (abs(time) > 0) then
+          call drift_closed(x, time, path, y)
+        else
+          call remove_opening(x%problem%frame, x%joints%here, momenta)
+        end if
+      end associate
+    end associate
+  end subroutine move_with_joints
+
+  ! Finds the constraints at a point, unless they are known.
+  subroutine find_constraints(x, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), contiguous, intent(in) :: y(:)
+    integer :: status
+
+    associate (joints => x%joints, n => x%problem%frame%linkage%before)
+      if (joints%here%known) then
+        if (all(abs(joints%place - y(:n)) <= 0)) return
+      end if
+      joints%place = y(:n)
+      call constraints_at(x%problem%frame, y, 1, joints%here, status)
+    end associate
+    if (status /= finished) call fail(x, status, x%t)
+  end subroutine find_constraints
+
+  ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
+  subroutine drift_closed(x, time, path, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: time
+    integer, intent(in) :: path
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
+    integer, parameter :: iterations = 100
+    real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
+    logical :: failed
+    integer :: i
+
+    call copy(size(y), y, start)
+    last = huge(last)
+    associate (frame => x%problem%frame, linkage => x%problem%frame%linkage, &
+               here => x%joints%here, ahead => x%joints%ahead)
+      associate (impulse => x%joints%impulse(:size(lambda), :, path))
+        lambda = 2 * impulse(:, 1) - impulse(:, 2)
+        do i = 1, iterations
+          if (i > 1) call copy(size(y), start, y)
+          call constraint_impulse(linkage, frame%blocks, here, .false., lambda, &
+                                  y(linkage%before + 1:linkage%after))
+          call drift(frame, time, y)
+          x%counts%nexp = x%counts%nexp + 1_int64
+          call evaluate_constraints(linkage, frame%blocks, frame%bodies, y, 0, ahead, failed)
+          if (failed) exit
+          if (is_closed(ahead, last)) exit
+          if (.not. last < huge(last)) exit
+          call solve_constraints(linkage, here, ahead%g)
+          lambda = lambda - ahead%g / time
+        end do
+        impulse(:, 2) = impulse(:, 1)
+        if (.not. any(abs(impulse(:, 1)) > 0)) impulse(:, 2) = lambda
+        impulse(:, 1) = lambda
+      end associate
+      if (failed) then
+        call fail(x, raised, x%t)
+      else if (i > iterations .or. .not. last < huge(last)) then
+        call fail(x, joints_not_solved, x%t)
+      else
+        call restore(frame, y)
+        call find_constraints(x, y)
+      end if
+    end associate
+  end subroutine drift_closed
+
+  ! Closes the joints at the end of an accepted step of another method, which has moved along forces
+  ! that keep them closed up to its error.
+  subroutine close_result(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (.not. (x%problem%frame%jointed .and. .not. allocated(x%joints%impulse))) return
+    call without_opening(x%problem%frame, x%y(:, x%result))
+  end subroutine close_result
+
+end module rattle_m

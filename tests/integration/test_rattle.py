@@ -1,0 +1,277 @@
+"""Motion with joints: orders, structure, and every way to integrate."""
+
+import pickle
+
+import numpy as np
+import pytest
+from linkages import BODIES, GRAVITY, chain, closed_by_ball, double_pendulum, four_bar
+from refusals import refuses
+from scipy.integrate import solve_ivp
+
+import cg
+from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product
+
+PENDULUM = double_pendulum()
+METHODS = {"RATTLE": (2, 40), "RATTLE4": (4, 20), "RATTLE6": (6, 10), "RATTLE8": (8, 6)}
+ADAPTIVE = {"rtol": 1e-11, "atol": 1e-11}
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return PENDULUM.run("RATTLE8", (0.0, 0.5), h=0.005).y[-1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_slopes_are_orders(method, exact):
+    order, n = METHODS[method]
+    runs = [PENDULUM.run(method, (0.0, 0.5), h=0.5 / k) for k in (n, 2 * n)]
+    errors = [np.abs(run.y[-1] - exact).max() for run in runs]
+    assert errors[1] > 1e-12
+    assert abs(np.log2(errors[0] / errors[1]) - order) < (0.5 if order == 8 else 0.2)
+    assert max(PENDULUM.frame.membership_error(run.y).max() for run in runs) < 1e-14
+
+
+@pytest.mark.parametrize("method", ["auto", "RKMK5(4)", "DOP853", "CF5(4)", "RadauIIA5"])
+def test_other_methods_keep_joints_closed(method, exact):
+    options = {"rtol": 1e-8, "atol": 1e-8} if method == "RadauIIA5" else ADAPTIVE
+    run = PENDULUM.run(method, (0.0, 0.5), t_eval=[0.0, 0.123, 0.377, 0.5], **options)
+    assert np.abs(run.y[-1] - exact).max() < 100 * options["rtol"]
+    assert PENDULUM.frame.membership_error(run.y).max() < 1e-14
+    between = PENDULUM.run("RATTLE8", (0.0, 0.377), h=0.377 / 80).y[-1]
+    assert np.abs(run.y[2] - between).max() < 300 * options["rtol"]
+
+
+def test_slopes_of_equal_steps_of_other_methods(exact):
+    runs = [PENDULUM.run("CF4", (0.0, 0.5), h=0.5 / n) for n in (20, 40)]
+    errors = [np.abs(run.y[-1] - exact).max() for run in runs]
+    assert abs(np.log2(errors[0] / errors[1]) - 4) < 0.3
+
+
+def test_output_between_steps_has_the_order_of_rattle():
+    times = np.linspace(0.013, 0.487, 9)
+    exact = PENDULUM.run("DOP853", (0.0, 0.5), t_eval=times, rtol=1e-13, atol=1e-13).y
+    for method, n in (("RATTLE4", 20), ("RATTLE6", 12)):
+        errors = []
+        for k in (n, 2 * n):
+            run = PENDULUM.run(method, (0.0, 0.5), h=0.5 / k, dense_output=True)
+            assert PENDULUM.frame.membership_error(run.sol(times)).max() < 1e-13
+            errors.append(np.abs(run.sol(times) - exact).max())
+        assert abs(np.log2(errors[0] / errors[1]) - METHODS[method][0]) < 0.6
+
+
+def planar_pendulum():
+    """Two different links that turn about one direction, and their equations in angles."""
+    m, moment = np.array([1.3, 0.7]), np.array([0.3, 0.2])
+    length, arm, axis = 0.9, np.array([0.4, 0.5]), [0.0, 1.0, 0.0]
+    hinges = [
+        Joint("hinge", (None, np.zeros(3), axis), (0, [0, 0, arm[0]], axis)),
+        Joint("hinge", (0, [0, 0, arm[0] - length], axis), (1, [0, 0, arm[1]], axis)),
+    ]
+    inertia = [([0.5, i, 0.4], mass) for i, mass in zip(moment, m, strict=True)]
+    frame = PhaseSpace(BODIES, (*inertia[0], *inertia[1]), joints=hinges)
+
+    def angles(t, z):
+        a, w = z[:2], z[2:]
+        s, c = np.sin(a[0] - a[1]), np.cos(a[0] - a[1])
+        k = m[1] * length * arm[1]
+        mass = [
+            [moment[0] + m[0] * arm[0] ** 2 + m[1] * length**2, k * c],
+            [k * c, moment[1] + m[1] * arm[1] ** 2],
+        ]
+        torque = [
+            -k * s * w[1] ** 2 - GRAVITY * (m[0] * arm[0] + m[1] * length) * np.sin(a[0]),
+            k * s * w[0] ** 2 - GRAVITY * m[1] * arm[1] * np.sin(a[1]),
+        ]
+        return [*w, *np.linalg.solve(mass, torque)]
+
+    def point(z):
+        turns = [SO3().flow([0, x, 0], np.eye(3)) for x in z[:2]]
+        first = -turns[0] @ [0, 0, arm[0]]
+        second = first + turns[0] @ [0, 0, arm[0] - length] - turns[1] @ [0, 0, arm[1]]
+        speeds = [np.cross([0, z[2], 0], first)]
+        knee = np.cross([0, z[2], 0], turns[0] @ [0, 0, -length])
+        speeds.append(knee + np.cross([0, z[3], 0], -turns[1] @ [0, 0, arm[1]]))
+        parts = zip(moment, z[2:], m, speeds, strict=True)
+        momentum = [[0, i * w, 0, *(mass * v)] for i, w, mass, v in parts]
+        q = BODIES.join(turns[0], first, turns[1], second)
+        return frame.join(q, np.concatenate(momentum))
+
+    force = np.zeros(12)
+    force[[5, 11]] = -GRAVITY * m
+    return frame, angles, point, lambda t, y: force
+
+
+def test_a_planar_double_pendulum_is_that_in_angles():
+    frame, angles, point, f = planar_pendulum()
+    start = [1.2, -0.4, 0.3, 1.0]
+    end = solve_ivp(angles, (0, 3), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    for method, options in (("RATTLE8", {"h": 0.01}), ("auto", {"rtol": 1e-12, "atol": 1e-12})):
+        run = cg.solve_ivp(f, (0.0, 3.0), point(start), frame=frame, method=method, **options)
+        assert np.abs(run.y[-1] - point(end)).max() < 3e-10
+        assert frame.membership_error(run.y).max() < 1e-13
+
+
+def test_a_hung_body_is_a_heavy_top():
+    """In place of a joint, the inertia about the fixed point."""
+    inertia, mass, arm = np.diag([0.3, 0.5, 0.6]), 1.7, np.array([0.1, -0.2, 0.5])
+    about = inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    top = PhaseSpace(SO3(), about)
+    weight = lambda q: np.cross(arm, -mass * GRAVITY * q[2])
+    free = lambda t, y: weight(top.split(y)[0])
+    body = Product(SO3(), Euclidean(3))
+    hung = PhaseSpace(body, (inertia, mass), joints=[Joint("ball", (None, np.zeros(3)), (0, -arm))])
+    turn, w = SO3().flow([0.5, 0.3, -0.2], np.eye(3)), np.array([1.0, 2.0, 3.0])
+    momentum = [*inertia @ w, *mass * turn @ np.cross(w, arm)]
+    y0 = hung.join(body.join(turn, turn @ arm), momentum)
+    options = {"rtol": 1e-12, "atol": 1e-12}
+    one = cg.solve_ivp(free, (0, 2), top.join(turn, about @ w), frame=top, **options).y[-1]
+    force = np.array([0, 0, 0, 0, 0, -mass * GRAVITY])
+    for choice in (options, {"method": "RATTLE8", "h": 0.02}):
+        run = cg.solve_ivp(lambda t, y: force, (0, 2), y0, frame=hung, **choice)
+        assert np.abs(run.y[-1][:9] - one[:9]).max() < 1e-9
+        assert np.abs(hung.velocity(run.y[-1])[:3] - top.velocity(one)).max() < 1e-8
+
+
+def test_steps_can_be_undone():
+    forth = PENDULUM.run("RATTLE6", (0.0, 1.0), h=0.02).y[-1]
+    back = PENDULUM.run("RATTLE6", (1.0, 0.0), y0=forth, h=0.02).y[-1]
+    assert np.abs(forth - PENDULUM.y0).max() > 0.1
+    assert np.abs(back - PENDULUM.y0).max() < 1e-11
+
+
+def test_steps_are_symplectic():
+    """The symplectic form of tangents of the constrained phase space, by differences."""
+    frame, h = PENDULUM.frame, 0.1
+    rng = np.random.default_rng(2)
+
+    def form(y, u, v):
+        bracket = frame.configuration.bracket(u[:12], v[:12])
+        return u[:12] @ v[12:] - v[:12] @ u[12:] - y[-12:] @ bracket
+
+    def moved(direction, step):
+        q, momentum = frame.split(frame.flow(step * direction, PENDULUM.y0))
+        start = frame.join(q, momentum)
+        end = PENDULUM.run("RATTLE4", (0.0, h), y0=start, h=h).y[-1]
+        return start, end
+
+    def tangents(direction):
+        pairs = zip(moved(direction, 1e-5), moved(direction, -1e-5), strict=True)
+        return [frame.exp_coordinates(behind, ahead) / 2e-5 for ahead, behind in pairs]
+
+    ends = PENDULUM.y0, PENDULUM.run("RATTLE4", (0.0, h), h=h).y[-1]
+    (u, after_u), (v, after_v) = (tangents(rng.standard_normal(24)) for _ in range(2))
+    assert abs(form(ends[0], u, v)) > 0.1
+    assert np.abs(after_u - u).max() > 0.1
+    assert abs(form(ends[0], u, v) - form(ends[1], after_u, after_v)) < 1e-7
+
+
+def test_energy_stays_for_long_times():
+    run = PENDULUM.run("RATTLE4", (0.0, 400.0), h=0.02, t_eval=np.linspace(0, 400, 4001))
+    energy = PENDULUM.energy(run.y) - PENDULUM.energy(PENDULUM.y0)
+    assert np.abs(energy).max() < 2e-3
+    assert abs(energy[-400:].mean() - energy[:400].mean()) < 1e-4
+    assert PENDULUM.frame.membership_error(run.y).max() < 1e-13
+
+
+def test_a_four_bar_linkage_turns():
+    frame, q = four_bar(closed_by_ball)
+    y0 = frame.join(q, np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 3))
+    f = lambda t, y: np.zeros(18)
+    run = cg.solve_ivp(f, (0.0, 5.0), y0, frame=frame, method="RATTLE4", h=0.02)
+    other = cg.solve_ivp(f, (0.0, 5.0), y0, frame=frame, rtol=1e-11, atol=1e-11)
+    assert np.abs(run.y[-1] - other.y[-1]).max() < 1e-5
+    assert frame.membership_error(run.y).max() < 1e-13
+    kinetic = frame.kinetic_energy(run.y)
+    assert np.ptp(kinetic) < 1e-5 * kinetic[0]
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinge"])
+def test_a_chain_of_two_hundred_bodies(kind):
+    problem = chain(200, kind)
+    run = problem.run("RATTLE", (0.0, 0.05), h=0.005)
+    assert problem.frame.membership_error(run.y).max() < 1e-12
+    assert abs(problem.energy(run.y[-1]) - problem.energy(problem.y0)) < 1e-3 * GRAVITY * 200
+    assert run.y[-1][11::12][:200].min() < -1e-3  # it falls
+
+
+def test_constraints_in_python():
+    g = lambda q: BODIES.split(q)[1] + BODIES.split(q)[0] @ [0.1, 0.2, 0.9]
+    second = PENDULUM.frame.joints[1:]
+    own = double_pendulum(second, constraints=g)
+    for options in (
+        {"method": "RATTLE4", "h": 0.02},
+        {"rtol": 1e-9, "atol": 1e-9, "method": "auto"},
+    ):
+        runs = [x.run(span=(0.0, 0.2), **options).y[-1] for x in (PENDULUM, own)]
+        assert np.abs(runs[0] - runs[1]).max() < 1e-7
+        assert own.frame.membership_error(runs[1]) < 1e-13
+    calls = []
+
+    def failing(q):
+        calls.append(q)
+        if len(calls) > 500:
+            raise KeyError("lost")
+        return g(q)
+
+    broken = double_pendulum(second, constraints=failing)
+    refuses(KeyError, "lost", broken.run, "RATTLE", (0.0, 5.0), h=0.01)
+
+
+def test_events_ensembles_and_steppers():
+    side = lambda t, y: y[9]  # of the first body
+    options = {"method": "RATTLE6", "h": 0.02}
+    run = PENDULUM.run(span=(0.0, 2.0), events=side, **options)
+    other = PENDULUM.run("auto", (0.0, 2.0), events=side, **ADAPTIVE)
+    assert len(run.t_events[0]) == len(other.t_events[0]) > 0
+    assert np.abs(run.t_events[0] - other.t_events[0]).max() < 1e-4
+    assert PENDULUM.frame.membership_error(run.y_events[0]).max() < 1e-13
+    starts = np.array([PENDULUM.y0, run.y[10]])
+    both = cg.solve_ensemble(PENDULUM.f, (0.0, 0.4), starts, frame=PENDULUM.frame, **options)
+    for start, member in zip(starts, both, strict=True):
+        assert np.array_equal(member.y[-1], PENDULUM.run(span=(0, 0.4), y0=start, **options).y[-1])
+    stepper = cg.Stepper(forces, 0.0, PENDULUM.y0, frame=PENDULUM.frame, **options)
+    stepper.advance(0.2)
+    again = pickle.loads(pickle.dumps(stepper))
+    for one in (stepper, again):
+        one.advance(0.4)
+    assert np.array_equal(stepper.y, again.y)
+    assert np.abs(stepper.y - both[0].y[-1]).max() < 1e-13
+
+
+def forces(t, y):
+    return PENDULUM.forces
+
+
+def test_derivatives_of_solutions():
+    options = {"rtol": 1e-10, "atol": 1e-10}
+    run = cg.solve_variational(PENDULUM.f, (0.0, 0.3), PENDULUM.y0, frame=PENDULUM.frame, **options)
+    frame, end = PENDULUM.frame, run.y[-1]
+    assert frame.membership_error(run.y).max() < 1e-13
+    rng = np.random.default_rng(4)
+    q, momentum = frame.split(frame.flow(1e-5 * rng.standard_normal(24), PENDULUM.y0))
+    near = frame.join(q, momentum)
+    moved = PENDULUM.run("auto", (0.0, 0.3), y0=near, **options).y[-1]
+    expected = run.transition[-1] @ frame.exp_coordinates(PENDULUM.y0, near)
+    assert np.abs(frame.exp_coordinates(end, moved) - expected).max() < 3e-9
+
+
+def test_separate_kicks_and_drifts_are_refused():
+    message = "method must be 'RATTLE' or a composition"
+    for method in ("BlanesMoan4", "McLachlan2"):
+        refuses(ValueError, message, PENDULUM.run, method, (0.0, 1.0), h=0.1)
+    same = [PENDULUM.run(method, (0.0, 0.1), h=0.01).y[-1] for method in ("RATTLE", "Leapfrog")]
+    assert np.array_equal(*same)
+
+
+def test_steps_that_are_too_long_fail():
+    refuses(ArithmeticError, "the step is too long", PENDULUM.run, "RATTLE", (0.0, 9.0), h=1.5)
+
+
+def test_starts_with_redundant_constraints_are_refused():
+    rod = Joint("distance", (0, [0, 0, 0]), (1, [0, 0, 0]), length=1.0)
+    space = Power(Euclidean(3), 2)
+    frame = PhaseSpace(space, joints=[rod, rod])
+    y0 = np.zeros(12)
+    y0[3] = 1.0
+    message = "rank 1 of 2 at y0"
+    refuses(ValueError, message, cg.solve_ivp, lambda t, y: np.zeros(6), (0, 1), y0, frame=frame)
