@@ -171,7 +171,7 @@ def _bound(case: Case) -> float:
     floor = 1e-9 * size
     if not program.steps:
         return TOLERANCES * (program.atol + program.rtol * size) + floor
-    ends = [float(t) for t in case.grid(9)[:-1]]
+    ends = [float(t) for t in case.grid()[:-1]]
     try:
         runs = [case.solve(h=case.names["options"]["h"] / 4**k, t_eval=ends) for k in range(3)]
     except Unclear:
