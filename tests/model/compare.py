@@ -18,7 +18,7 @@ import numpy as np
 import cg
 from tests.model.drawing import SPLITTINGS
 from tests.model.programs import Program
-from tests.model.reference import Path, covariance, difference, growth, solve
+from tests.model.reference import Path, covariance, difference, growth, solve, value_of
 from tests.model.spaces import reals
 
 TOLERANCES = 50  # admitted, times the growth of errors
@@ -286,8 +286,7 @@ def _doubt(case: Case) -> None:
         if min(path.slopes[k], default=np.inf) * case.length * 0.05 < bound:
             raise Unclear(f"event {k} is slow")
         begin, end = (
-            abs(task.events[k].function(t, task.point(path(t)), *task.arguments(t)))
-            for t in (task.span[0], path.end)
+            abs(value_of(task, task.events[k], t, path(t))) for t in (task.span[0], path.end)
         )
         if 1e-9 < begin < 2 * bound or (end < 2 * bound and not path.terminated):
             raise Unclear(f"event {k} is at an end")
