@@ -145,6 +145,25 @@ def test_friction_is_seen_in_a_region_and_by_a_stepper():
             stepper.step()
 
 
+@pytest.mark.parametrize(("steps", "looks"), [(100, 4), (1000, 12), (5000, 32)])
+def test_looks_for_friction_are_a_fortieth_of_the_calls(steps, looks):
+    calls = []
+    f = lambda t, y: calls.append(t) or -y[:2]
+    options = PLANE | {"method": "Leapfrog", "h": 1 / steps}
+    run = cg.solve_ivp(f, (0, 1), STILL, **options)
+    assert len(calls) - run.nfev == 2 * (looks + 2)  # two calls each, also at the start and the end
+
+
+def test_momenta_between_steps_are_tangents():
+    frame = PhaseSpace(Sphere(2), 1.5)
+    run = cg.solve_ivp(
+        lambda t, y: [np.sin(2 * t), 0.3, y[0]], (0, 4), [0, 0, 1, 0.3, -0.2, 0], frame=frame,
+        method="McLachlan2", h=0.3, dense_output=True,
+    )  # fmt: skip
+    q, momentum = frame.split(run.sol(np.linspace(0, 4, 50)))
+    assert np.abs(np.vecdot(q, momentum)).max() < 1e-15
+
+
 @pytest.mark.parametrize("vectorized", [False, True])
 def test_friction_is_seen_in_any_member(vectorized):
     refused = pytest.raises(ValueError, match=r"f must not depend on the momentum.* in member 2")
