@@ -498,7 +498,9 @@ def forward(case: Case) -> None:
         if program.parameters:
             coordinates = coordinates + s.sensitivity[i] @ changes["parameters"]
         _check_derivative(case, space.tangent(coordinates, s.y[i]), row, lines)
-    if program.events:
+    if program.events and sum(map(len, s.t_events)) != len(happened):
+        raise Unclear("the number of events depends on errors")  # or `alone` has raised
+    elif program.events:
         change = np.append(xi, changes.get("parameters", []))
         ours, slopes = np.concatenate(s.dt_events) @ change, np.concatenate(case.path.slopes)
         scale = np.minimum(1.0, slopes)
