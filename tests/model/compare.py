@@ -474,7 +474,7 @@ def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
     error = float(np.abs(ours - expected).max(initial=0.0))
     if error > case.bound + 1e-7:
         _doubt(case)
-        bound = 10 * case.grown() + 1e-7 * case.grown() / case.bound
+        bound = case.grown() * (1 + 1e-7 / case.bound)
         if error > bound:
             text = f"a derivative is off by {error:.2e}, bound {bound:.2e}"
             raise Difference(f"{text}: {np.array(ours)}, of the model {np.array(expected)}", code)

@@ -123,7 +123,9 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
     for stop in [*stops, end]:
         for time, seed in kicks:
             if time == t:
-                z = z + KICK * _direction(task, z, seed)
+                xi = np.random.default_rng(seed).standard_normal(task.space.coordinates)
+                tangent = task.space.tangent(xi, task.point(z))
+                z = z + KICK * tangent / max(np.linalg.norm(tangent), 1e-300)
         while t != stop and not path.terminated:
             run = solve_ivp(
                 lambda s, x, a=t, b=stop: task.derivative(within(s, a, b), x), (t, stop), z,
@@ -137,13 +139,6 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
             break
     path.end, path.last = t, z
     return path
-
-
-def _direction(task: Task, z: np.ndarray, seed: int) -> np.ndarray:
-    """Return a random tangent."""
-    rng, space = np.random.default_rng(seed), task.space
-    tangent = space.tangent(rng.standard_normal(space.coordinates), task.point(z))
-    return tangent / max(np.linalg.norm(tangent), 1e-300)
 
 
 def value_of(task: Task, event: Any, t: float, z: np.ndarray) -> float:

@@ -21,26 +21,12 @@ def test_programs(part):
 
 def test_output_does_not_change_which_events_are_found():
     program = Program(
-        space=12,
-        seed=34,
-        turns=2.0,
-        speed=5.0,
-        start=100000.0,
-        length=-1.0,
-        method="CF5(4)",
-        steps=3.0,
-        dense=True,
-        observe=True,
-        events=(
-            Zero(kind="plane", place=0.1, seed=6, jump="other"),
-            Zero(kind="plane", place=0.1, seed=10, terminal=2, direction=1),
-            Zero(kind="copy", place=0.9, seed=0, terminal=2, direction=-1),
-        ),
-        breaks=(0.5,),
-        inputs=(Input(kind="hold", count=5, seed=5, scale=1e-05),),
-        parameters=True,
-        callers=("members",),
-    )
+        space=12, seed=34, turns=2.0, speed=5.0, start=1e5, length=-1.0, method="CF5(4)", steps=3.0,
+        dense=True, observe=True, breaks=(0.5,), parameters=True, callers=("members",),
+        events=(Zero("plane", 0.1, 6, jump="other"), Zero("plane", 0.1, 10, 2, 1),
+                Zero("copy", 0.9, 0, 2, -1)),
+        inputs=(Input("hold", 5, 5, 1e-5),),
+    )  # fmt: skip
     assert check(program) == "compared"
 
 
