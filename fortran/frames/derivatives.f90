@@ -97,7 +97,7 @@ contains
       q = get_quaternion(block, slope)
       call in_quaternion(block, get_quaternion(block, y), q, v, dropped)
       call set_quaternion(q, matrix)
-      dropped = dropped + sum((slope - matrix)**2)
+      dropped = 2 * dropped + sum((slope - matrix)**2)   ! matrices are longer by the root of 2
     case (sphere_block)
       v = cross(y, slope)
       dropped = dot_product(y, slope)**2

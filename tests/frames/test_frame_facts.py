@@ -51,6 +51,8 @@ def test_membership_by_known_distances():
         symmetric = [[lowest + 1.0, 1.0], [1.0, lowest + 1.0]]
         assert fr.SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)
     refuses(ValueError, "must be a point of SPD", fr.SPD(2).check_point, [[1.0, 2.0], [2.0, 1.0]])
+    zero = fr.CoadjointOrbit(fr.SO3(), (0.0, 0.0, 0.0))
+    assert not zero.coefficients(np.zeros((2, 3)), np.zeros((2, 3))).any()
     momentum = fr.CoadjointOrbit(fr.SO3(), (3.0, 0.0, 4.0))
     assert momentum.membership_error([0.0, 5.05, 0.0]) == pytest.approx(0.05, rel=1e-2)
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0

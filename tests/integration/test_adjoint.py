@@ -134,6 +134,21 @@ def test_what_has_no_adjoint_is_refused(call, change, message):
     refuses(ValueError, message, call, f, (0, 1), y0, **options)
 
 
+def test_gradients_far_from_the_time_zero_are_as_exact_as_there():
+    def last(start):
+        run = cg.solve_variational(
+            lambda t, y, p: [p[0] * np.sin(5.0 * t + y[0])],
+            (start, start + 1.0), [0.3], frame=Euclidean(1), parameters=[8.0], rtol=1e-6, atol=1e-9,
+            derivatives="adjoint",
+        )  # fmt: skip
+        return run.gradient([1.0])
+
+    turns = 2e4 * np.pi
+    near, far = last(0.0), last(turns)
+    assert abs(far.y0 - near.y0) < 1e-6
+    assert abs(far.parameters - near.parameters) < 1e-6
+
+
 @pytest.mark.parametrize("cotangent", [np.ones(2), np.ones((5, 3)), "x", [np.nan, 0.0, 0.0]])
 def test_bad_cotangents_are_refused(cotangent):
     run = cg.solve_variational(

@@ -129,7 +129,7 @@ def test_the_last_flow_removes_the_leading_error(count):
     integral = interpolated.integ()
     rest = solution(1.0) - (integral(1.0) - integral(0.0))
     value = integral(s) - integral(0.0) + rest * nodes.blend(s)
-    np.testing.assert_allclose(value, solution(s), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(value, solution(s), rtol=0, atol=5e-14)
 
 
 @pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])

@@ -101,6 +101,31 @@ def test_only_the_projection_onto_tangents_counts():
     np.testing.assert_allclose(run.y[-1], left @ right, rtol=0, atol=1e-9)  # the polar factor
 
 
+@pytest.mark.parametrize(
+    "frame",
+    [cg.frames.Sphere(2), cg.frames.UnitQuaternion(), cg.frames.SU(2), cg.frames.SU(3),
+     cg.frames.SO3("space"), cg.frames.SE3(), cg.frames.SO(4), Stiefel(4, 2),
+     cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))],
+    ids=frame_name,
+)  # fmt: skip
+@pytest.mark.parametrize("size", [3.0, 0.1])
+def test_reported_share_is_that_of_the_dropped_part(frame, size):
+    """Of derivatives of different lengths, so that it is a quotient of lengths."""
+    rng = np.random.default_rng(3)
+    y = frame.random_point(rng)
+    slope = size * rng.standard_normal((*y.shape, 2))[..., : 1 + np.iscomplexobj(y)]
+    slope = np.ascontiguousarray(slope).view(y.dtype)[..., 0]
+    if frame == cg.frames.SE3():
+        slope[3] = 0.0
+    tangent = frame.field(frame._coefficients_at(y[None], slope[None])[0], y)
+    share = np.linalg.norm(slope - tangent) / np.linalg.norm(slope)
+    with pytest.warns(UserWarning, match=f"dropped: up to {share:.3g} of their length"):
+        cg.integrate(
+            lambda t, y: slope, (0, 1e-9), y, frame=frame, method="LieEuler", h=1e-9,
+            rhs="derivative",
+        )  # fmt: skip
+
+
 def test_what_it_refuses():
     frame = Stiefel(4, 2)
     y0 = np.eye(4, 2)

@@ -99,17 +99,22 @@ def test_stepper():
     assert abs(stepper.t - 1) < 1e-14
 
 
-def test_compiled():
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("derivatives", [None, "forward"])
+def test_compiled(value, derivatives):
     @ctypes.CFUNCTYPE(
         ctypes.c_int, ctypes.c_double, ctypes.POINTER(ctypes.c_double),
         ctypes.POINTER(ctypes.c_double), ctypes.c_void_p,
     )  # fmt: skip
     def f(t, y, out, data):
-        out[0] = -(y[0] ** 0.5) if y[0] >= 0 else float("nan")
+        out[0] = -(y[0] ** 0.5) if y[0] >= 0 else value
         return 0
 
-    solution = cg.solve_ivp(f, (0, 5), [1.0], events=low, rtol=1e-8, atol=1e-8, **LINE)
+    options = {"rtol": 1e-8, "atol": 1e-8, "derivatives": derivatives} | LINE
+    solution = cg.solve_ivp(f, (0, 5), [1.0], events=low, **options)
     assert abs(solution.t_events[0][0] - 1.8) < 1e-6
+    with pytest.raises(ValueError, match="f must return finite numbers"):
+        cg.solve_ivp(f, (0, 5), [-1.0], **options)
 
 
 @pytest.mark.parametrize("vectorized", [False, True])

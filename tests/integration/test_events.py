@@ -227,8 +227,8 @@ def test_common_steps_that_turn_too_far_for_events_are_tried_again():
     )  # fmt: skip
     first, second = solution.t_events[0]
     turns = 2 * np.pi * np.arange(len(second))
-    np.testing.assert_allclose(first, np.pi / 6, rtol=1e-12)
-    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 8e3, rtol=1e-9)
+    np.testing.assert_allclose(first, np.pi / 6, rtol=2e-14)
+    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 8e3, rtol=4e-13)
     assert len(second) == int((8e3 - np.pi / 6) / (2 * np.pi)) + 1
     assert (solution.nrejected > 0).all()
 
@@ -280,8 +280,8 @@ class TestPeriod:
     @pytest.mark.parametrize("angle", [lambda t, y: azimuth(t, y) % (2 * np.pi), compiled_azimuth])
     def test_derivatives_of_times(self, angle):
         run = self.turn((0, 9), cg.solve_variational, angle)
-        np.testing.assert_allclose(run.t_events[0], 2 + 2 * np.pi * np.arange(2), rtol=1e-10)
-        np.testing.assert_allclose(run.dt_events[0], [[0, 0, -1]] * 2, atol=1e-8)
+        np.testing.assert_allclose(run.t_events[0], 2 + 2 * np.pi * np.arange(2), rtol=4e-14)
+        np.testing.assert_allclose(run.dt_events[0], [[0, 0, -1]] * 2, rtol=0, atol=2e-14)
 
 
 def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():

@@ -131,3 +131,12 @@ def test_functions_of_time_give_what_functions_of_points_give(method, span):
     other = cg.solve_ivp(lambda t, y: spin(t), span, y0, **options)
     np.testing.assert_allclose(linear.y, other.y, rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(linear.sol(0.77), other.sol(0.77), rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("rate", [1e3, 1e6])
+def test_fixed_steps_end_newton_where_rounding_of_f_keeps_corrections_from_decreasing(rate):
+    run = cg.integrate(
+        lambda t, y: -rate * ((y + 1e5) - 1e5 - np.cos(t)), (0, 3), [1.0],
+        frame=cg.frames.Euclidean(1), method="RadauIIA5", h=0.1,
+    )  # fmt: skip
+    assert abs(run.y[-1, 0] - np.cos(3) - np.sin(3) / rate) < 2 / rate**2 + 1e-10

@@ -54,3 +54,14 @@ def test_the_caller_is_named():
         cg.integrate(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
         cg.solve_ivp(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
     assert [warning.filename for warning in caught] == [__file__, __file__]
+
+
+@pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)", "CG5(4)"])
+def test_adaptive_steps_turn_far_while_coefficients_change_by_less_than_the_tolerance(method):
+    """A change of one of three coefficients is the root of three times as large as its norm."""
+    for change, steps in ((1.6e-6, 1), (1.9e-6, 3)):
+        run = cg.solve_ivp(
+            lambda t, y, c=change: [0.0, 0.0, 1e3 + c * t], (0, 1), np.eye(3), frame=SO3(),
+            method=method, rtol=1e-12, atol=1e-6, first_step=1.0,
+        )  # fmt: skip
+        assert run.steps == steps

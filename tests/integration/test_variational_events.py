@@ -2,38 +2,12 @@
 
 import numpy as np
 import pytest
-from quotients import jacobian
-from waves import TIGHT, Wave
+from waves import TIGHT
 
 import cg
-from cg.frames import SO3, Euclidean
+from cg.frames import Euclidean
 
 GRAVITY = 9.81
-
-
-@pytest.mark.parametrize("terminal", [False, True])
-def test_times_of_events_without_jumps(terminal):
-    wave = Wave(SO3())
-    level = wave.solve(span=(0.1, 0.4)).y[-1][1, 0]
-    shift = wave.parameters[0]
-    events = [
-        cg.Event(lambda t, y, p: y[1, 0] - level - 0.1 * (p[0] - shift), terminal=terminal),
-        lambda t, y, p: t - 0.7 - 0.1 * (p[1] - wave.parameters[1]),
-        lambda t, y, p: 1.0,
-    ]
-    derivatives = wave.derivatives(events=events)
-    jumps = [each.size for each in derivatives.t_events]
-    assert jumps == [1, 0 if terminal else 1, 0]
-    assert [rows.shape for rows in derivatives.dt_events] == [(count, 5) for count in jumps]
-
-    def times(x):
-        moved = wave.solve(SO3().flow(x[:3], wave.y0), wave.parameters + x[3:], events=events)
-        return np.concatenate(moved.t_events)
-
-    expected = jacobian(times, 5, bound=1e-9)
-    np.testing.assert_allclose(
-        np.concatenate(derivatives.dt_events), expected, rtol=1e-9, atol=1e-9
-    )
 
 
 def test_an_event_that_only_touches_has_no_derivative():

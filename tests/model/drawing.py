@@ -41,6 +41,7 @@ def program(seed: int, index: int) -> Program:
             terminal=one(0, 0, 0, 1, 2),
             direction=one(0, 0, 1, -1),
             jump=one("", "", "y0", "other"),
+            period=one(False, False, False, True),
         )
 
     def samples() -> Input:
@@ -116,16 +117,20 @@ def admitted(program: Program) -> Program:
     inputs = tuple(replace(u, count=200) if u.idle else u for u in inputs)
     events = [zero for zero in program.events if zero.kind != "edge" or not program.steps]
     edge = any(zero.kind == "edge" for zero in events)
+    finite = program.steps or inputs or program.length == 0
+    endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
     smooth = inputs and inputs[0].kind in ("linear", "cubic", "averages")
     for k, zero in enumerate(events):
-        if (zero.kind == "input" and not smooth) or (zero.kind == "copy" and k == 0):
+        if (zero.kind == "input" and not smooth) or (
+            zero.kind == "copy" and (k == 0 or events[k - 1].period)
+        ):
             events[k] = replace(zero, kind="plane")
+        if zero.period and (endless or zero.kind == "copy"):
+            events[k] = replace(events[k], period=False)
         if zero.jump == "other" and edge:
             events[k] = replace(events[k], jump="y0")
         if zero.kind == "edge":
             events[k] = Zero("edge", 0.1, terminal=1)
-    finite = program.steps or inputs or program.length == 0
-    endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
     return replace(
         program, events=tuple(events), inputs=inputs, endless=endless, callers=tuple(callers)

@@ -104,7 +104,7 @@ level{k} = float(normal{k} @ y0.view(float).ravel()) + ({zero.place} - 0.5)
 EVENT = """
 def event{k}(t, y{further}): return {body}
 def jump{k}(t, y, *rest): return {zero.jump}
-crossing{k} = cg.Event(event{k}, {zero.terminal}, {zero.direction}, {jump})
+crossing{k} = cg.Event(event{k}, {zero.terminal}, {zero.direction}, {jump}, {period})
 """
 
 
@@ -123,6 +123,7 @@ class Zero(Record):
 
     ``"input"`` is a plane that the first input moves, ``"edge"`` is before the edge of f's domain,
     and ``"copy"`` the event before it with a function that is less by ``place``, 0, or 1e-10.
+    With a period the function wraps, at its zeros and halfway between them.
     """
 
     kind: str = "plane"
@@ -131,6 +132,7 @@ class Zero(Record):
     terminal: int = 0
     direction: int = 0
     jump: str = ""
+    period: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -245,7 +247,13 @@ class Program(Record):
             body["input"] = f"{body['plane']} + {0.3 / scale!r} * {names[0]}"
             text += PLANE.format(k=k, zero=zero, size=size)
             jump = f"jump{k}" if zero.jump else None
-            text += EVENT.format(k=k, zero=zero, further=further, jump=jump, body=body[zero.kind])
+            period, function = None, body[zero.kind]
+            if zero.period:  # more than twice what the function changes between comparisons
+                period = 0.6 * abs(self.length) if zero.kind == "time" else 3.0 + 2.0 * self.turns
+                function = f"({function}) % {period!r}"
+            text += EVENT.format(
+                k=k, zero=zero, further=further, jump=jump, body=function, period=period
+            )
         return f"{text}\noptions = dict({', '.join(self._options())})\n"
 
     def _samples(self, k: int, u: Input) -> str:

@@ -5,6 +5,7 @@ tolerances of 1e-12. Events are zeros of their functions along its continuous so
 on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +26,7 @@ class Task:
     """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``.
 
     An event has a ``function``, its ``terminal`` number of times, zero for never, its
-    ``direction``, and a ``jump`` or None.
+    ``direction``, and a ``jump`` and a ``period``, or None.
     """
 
     space: Space
@@ -122,7 +123,9 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
     for stop in [*stops, end]:
         for time, seed in kicks:
             if time == t:
-                z = z + KICK * _direction(task, z, seed)
+                xi = np.random.default_rng(seed).standard_normal(task.space.coordinates)
+                tangent = task.space.tangent(xi, task.point(z))
+                z = z + KICK * tangent / max(np.linalg.norm(tangent), 1e-300)
         while t != stop and not path.terminated:
             run = solve_ivp(
                 lambda s, x, a=t, b=stop: task.derivative(within(s, a, b), x), (t, stop), z,
@@ -138,20 +141,15 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
     return path
 
 
-def _direction(task: Task, z: np.ndarray, seed: int) -> np.ndarray:
-    """Return a random tangent."""
-    rng, space = np.random.default_rng(seed), task.space
-    tangent = space.tangent(rng.standard_normal(space.coordinates), task.point(z))
-    return tangent / max(np.linalg.norm(tangent), 1e-300)
-
-
-def _value(task: Task, event: Any, t: float, z: np.ndarray) -> float:
-    return float(event.function(t, task.point(z), *task.arguments(t)))
+def value_of(task: Task, event: Any, t: float, z: np.ndarray) -> float:
+    """Return the value of an event's function, the nearest to zero that a period admits."""
+    value = float(event.function(t, task.point(z), *task.arguments(t)))
+    return math.remainder(value, event.period or math.inf)
 
 
 def _signs(task: Task, t: float, z: np.ndarray, seen: float) -> list[float]:
     """Return the signs of the functions at a start, zero where they are zero to rounding."""
-    values = [_value(task, event, seen, z) for event in task.events]
+    values = [value_of(task, event, seen, z) for event in task.events]
     return [0.0 if abs(value) < 1e-9 else np.sign(value) for value in values]
 
 
@@ -190,13 +188,13 @@ def _roots(path, k, event, solution, grid, sign):
     task, begin, end = path.task, grid[0], grid[-1]
 
     def value(t):
-        return _value(task, event, within(t, begin, end), solution(t))
+        return value_of(task, event, within(t, begin, end), solution(t))
 
     values = np.array([value(t) for t in grid])
     found, last = [], 0
     for i, g in enumerate(values):
         new = 0.0 if abs(g) < 1e-11 and i in (0, len(grid) - 1) else np.sign(g)
-        if new and sign and new != sign:
+        if new and sign and new != sign and abs(g) < (event.period or np.inf) / 4:
             bracketed = values[last] * g < 0
             root = brentq(value, grid[last], grid[i], xtol=1e-15) if bracketed else begin
             if event.direction * new >= 0:

@@ -188,10 +188,8 @@ SPIN = Space("cg.frames.SU(2)", np.eye(2) + 0j, 3, moved_by(-0.5j * PAULI, "left
 SPACES = (
     LINE, PLANE, BODY, SPHERE, QUATERNION, SPIN,
     Space("cg.frames.SO3('space')", np.eye(3), 3, moved_by(ROTATIONS, "left"), compiled=True),
-    Space(
-        "cg.frames.UnitQuaternion('space')", np.eye(4)[3], 3,
-        lambda v, q: quaternion(v, q, -1.0), compiled=True,
-    ),
+    Space("cg.frames.UnitQuaternion('space')", np.eye(4)[3], 3,
+          lambda v, q: quaternion(v, q, -1.0), compiled=True),
     Space("cg.frames.SE3()", np.eye(4), 6, rigid("right"), compiled=True),
     Space("cg.frames.SO(4)", np.eye(4), 6, moved_by(skew(4), "right"), compiled=True),
     Space("cg.frames.SO(2, 'space')", np.eye(2), 1, moved_by(skew(2), "left"), compiled=True),
@@ -203,18 +201,12 @@ SPACES = (
           returned=(3, 2)),
     Space("cg.frames.Grassmann(3, 1)", np.diag([1.0, 0, 0]), 3, moved_by(ROTATIONS, "similar"),
           entries=True),
-    Space(
-        "cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))", np.diag([-1.0, 0.25, 1.5]), 3,
-        moved_by(ROTATIONS, "similar"), compiled=True, entries=True,
-    ),
-    Space(
-        "cg.frames.Hyperbolic(2)", np.array([0.0, 1.0]), 2,
-        lambda v, y: v[0] * y + np.array([v[1], 0.0]),
-    ),
-    Space(
-        "cg.frames.CoadjointOrbit(cg.frames.SO3(), (0.6, 0.0, -0.8))", np.array([0.6, 0.0, -0.8]),
-        3, lambda v, y: np.cross(y, v),
-    ),
+    Space("cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))", np.diag([-1.0, 0.25, 1.5]), 3,
+          moved_by(ROTATIONS, "similar"), compiled=True, entries=True),
+    Space("cg.frames.Hyperbolic(2)", np.array([0.0, 1.0]), 2,
+          lambda v, y: v[0] * y + np.array([v[1], 0.0])),
+    Space("cg.frames.CoadjointOrbit(cg.frames.SO3(), (0.6, 0.0, -0.8))", np.array([0.6, 0.0, -0.8]),
+          3, lambda v, y: np.cross(y, v)),
     matrices("LinearAction", np.array([[[0, -1.0, 0], [1.0, 0, 0], [0, 0, 0]],
                                        [[0, 0, 0], [0, 0, -0.5], [0, 0.5, 0]]]), "left", False),
     matrices("MatrixFrame", np.array([[[0, -0.5], [2.0, 0]]]), "left"),

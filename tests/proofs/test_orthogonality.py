@@ -20,9 +20,18 @@ from cg.construction.conditions.words import (
     conditions_of,
     parse,
     reciprocal_density,
+    words_with,
 )
 from cg.construction.proofs import CertificationError, certify, check
-from cg.construction.proofs.dependent.contexts import basis, depth, fill, moments, outer_nodes
+from cg.construction.proofs.dependent.contexts import (
+    SLOT,
+    basis,
+    depth,
+    fill,
+    has_slot,
+    moments,
+    outer_nodes,
+)
 from cg.construction.proofs.dependent.orthogonality import find_relations, follow
 from cg.construction.proofs.dependent.pairings import pairings
 from cg.construction.proofs.dependent.reduction import Reduction
@@ -112,6 +121,26 @@ def test_residuals_of_all_words_by_those_of_conditions():
         combination = reduction(word)
         assert conditions.issuperset(combination)
         assert residuals[word] == sum(c * residuals[one] for one, c in combination.items())
+
+
+def with_slots(word):
+    """Yield the contexts that a word without letters is left of, where it was a letter."""
+    for i, letter in enumerate(word):
+        for other in [SLOT] if letter == () else with_slots(letter):
+            yield (*word[:i], other, *word[i + 1 :])
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_contexts_are_words_with_a_slot_in_the_last_letter(order):
+    expected = {
+        context
+        for count in range(1, order + 1)
+        for word in words_with(count + 1)
+        for context in with_slots(word)
+        if context[-1] == SLOT or has_slot(context[-1])
+    }
+    assert len(basis(order)) == len(expected)
+    assert set(basis(order)) == expected
 
 
 def test_moments_of_the_exact_solution():

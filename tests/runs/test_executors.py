@@ -8,7 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import closing
 from multiprocessing import get_context
 
@@ -65,12 +71,14 @@ class Losing(ThreadPoolExecutor):
 
     def __init__(self, pieces, moment):
         super().__init__(1)
-        self._left, self._moment = pieces, moment
+        self._left, self._moment, self._handed = pieces, moment, []
 
     def submit(self, function, /, *args, **kwargs):
         self._left -= 1
         if self._left >= 0:
-            return super().submit(function, *args, **kwargs)
+            self._handed.append(super().submit(function, *args, **kwargs))
+            return self._handed[-1]
+        wait(self._handed)
         if self._moment == "handed out":
             raise BrokenExecutor("it has ended")
         future = Future()
