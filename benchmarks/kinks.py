@@ -86,10 +86,10 @@ def problems() -> dict[str, Problem]:
         angle = math.atan2(math.hypot(*v[:2]), abs(v[2]) + 1e-12)
         return -np.interp(angle, [0, 0.2, 0.6, 1.6], [0.1, 0.12, 0.5, 0.8]) * v, -0.1 * q[:3]
 
-    def scheduled(t: float, q: Array, w: Array) -> Array:
+    def scheduled(t: float, q: Array, w: Array) -> Any:
         return -np.interp(np.linalg.norm(w), [0, 0.3, 1, 2], [4, 3, 1, 0.5]) * q[:3] - 0.8 * w
 
-    def motor(t: float, q: Array, w: Array) -> Array:
+    def motor(t: float, q: Array, w: Array) -> Any:
         return np.interp(w[2], [0, 1, 2, 3, 4], [2, 2, 1.5, 0.7, 0]) * E3 + 0.1 * q[0] * E1
 
     wheel = 0.4 * E1 + 0.2

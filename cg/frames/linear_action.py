@@ -10,7 +10,7 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
@@ -165,7 +165,7 @@ class LinearAction(CompiledFlow, UserFrame):
     @cached_property
     def _numbers(self) -> Array:
         """The generators as ``fortran/frames/linear_action.f90`` reads them."""
-        if (self._columns or 1) > 1:
+        if self._columns is not None and self._columns > 1:
             from scipy import sparse
 
             # entries of a point are its rows, one after the other
@@ -266,15 +266,15 @@ class Pattern(NamedTuple):
     """The places of entries of square matrices, row by row."""
 
     size: int
-    rows: Array
-    columns: Array
+    rows: NDArray[Any]
+    columns: NDArray[Any]
 
     @property
-    def starts(self) -> Array:
+    def starts(self) -> NDArray[Any]:
         """Number of entries before each row, and of all."""
         return np.searchsorted(self.rows, np.arange(self.size + 1))
 
-    def transposed(self) -> Array | None:
+    def transposed(self) -> NDArray[Any] | None:
         """Return the places of the transpose's entries, None if some lie elsewhere."""
         place = np.lexsort((self.rows, self.columns))
         same = np.array_equal(self.rows[place], self.columns)
