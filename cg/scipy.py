@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.power import Power
 from cg.frames.product import Product
-from cg.integration.default_method import AUTO
+from cg.integration.default_method import AUTO, choose_method
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable
@@ -34,7 +34,8 @@ def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
         The frame of the points; a quaternion in a longer vector is a factor of a
         `cg.frames.Product`.
     method
-        As for `cg.solve_ivp`.
+        As for `cg.solve_ivp`. By default ``"CF5(4)"`` for ``rtol`` of 1e-4 and more, since
+        functions of hosts have kinks, where it takes 0.6 times the evaluations.
 
     Returns
     -------
@@ -103,9 +104,12 @@ class FrameSolver(OdeSolver):
             )
         if first_step is not None and not 0.0 < first_step <= abs(t_bound - t0):
             raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
+        method = self.method
+        if isinstance(method, str) and method == AUTO:
+            method = choose_method(frame, float(np.max(rtol)), kinks=True)
         self._stepper = Stepper(
             self._derivative, t0, self.y.reshape(frame.point_shape), self.direction * math.inf,
-            frame=frame, method=self.method, rhs="derivative", max_step=max_step,
+            frame=frame, method=method, rhs="derivative", max_step=max_step,
             first_step=first_step, rtol=self._tolerances(rtol, "rtol"),
             atol=self._tolerances(atol, "atol"),
         )  # fmt: skip

@@ -66,7 +66,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         pattern, values = self._pattern, self._values
         if not self._is_real:
             values = np.concatenate([values, 1j * values[1:]])
-        self._hermitian = np.empty((0, len(values)))
+        self._hermitian: Any = np.empty((0, len(values)))
         if self._is_skew:
             adjoints = values[:, pattern.transposed()].conj()
             sums, values = values + adjoints, 0.5 * (values - adjoints)

@@ -163,6 +163,17 @@ def body(t, y):
     return FRAME.field(coefficients, y).tolist()
 
 
+@pytest.mark.parametrize(("rtol", "pair"), [(1e-4, "CF5(4)"), (9e-5, "RKMK8(5,3)")])
+def test_default_for_kinks_at_loose_tolerances(rtol, pair):
+    from scipy.integrate import solve_ivp as theirs
+
+    runs = [
+        theirs(body, (0, 5), Y0, method, rtol=rtol)
+        for method in (SOLVER, cg.scipy.Solver(FRAME, pair))
+    ]
+    np.testing.assert_array_equal(runs[0].y, runs[1].y)
+
+
 @pytest.mark.parametrize("frame", [
     cg.frames.SO3(), cg.frames.SE3(), cg.frames.SU(2), cg.frames.Stiefel(4, 2), cg.frames.SPD(2),
     cg.frames.Power(cg.frames.Sphere(2), 2), cg.frames.IsospectralOrbit((0.0, 1.0), hermitian=True),

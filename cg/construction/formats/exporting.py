@@ -89,8 +89,8 @@ def export(
         raise TypeError(f"format must be a str, got {format!r}")
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
-    mechanical = isinstance(method, Splitting) and isinstance(frame, PhaseSpace) and format == "c"
-    data = format in ("json", "toml") or mechanical
+    mechanical = frame if isinstance(method, Splitting) and isinstance(frame, PhaseSpace) else None
+    data = format in ("json", "toml") or (mechanical is not None and format == "c")
     if isinstance(method, MagnusMethod | Splitting) and not data:
         if isinstance(method, Splitting) and format == "c":
             raise ValueError(f"frame must be a PhaseSpace for the method {method!r}, got {frame!r}")
@@ -106,9 +106,14 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
+<<<<<<< HEAD
     if mechanical:
         assert isinstance(frame, PhaseSpace)
         return with_free_motion(numbers, summary(method), frame)
+=======
+    if mechanical is not None:
+        return with_free_motion(numbers, summary(method), mechanical)
+>>>>>>> w_sockets
     program = make_program(numbers, summary(method))
     return with_flows(_CODE[format].write(program), program, frame)
 
