@@ -260,7 +260,6 @@ class Pattern(NamedTuple):
     """The places of entries of square matrices, row by row."""
 
     size: int
-<<<<<<< HEAD
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
@@ -270,17 +269,6 @@ class Pattern(NamedTuple):
         return np.searchsorted(self.rows, np.arange(self.size + 1))
 
     def transposed(self) -> NDArray[np.intp] | None:
-=======
-    rows: NDArray[Any]
-    columns: NDArray[Any]
-
-    @property
-    def starts(self) -> NDArray[Any]:
-        """Number of entries before each row, and of all."""
-        return np.searchsorted(self.rows, np.arange(self.size + 1))
-
-    def transposed(self) -> NDArray[Any] | None:
->>>>>>> w_sockets
         """Return the places of the transpose's entries, None if some lie elsewhere."""
         place = np.lexsort((self.rows, self.columns))
         same = np.array_equal(self.rows[place], self.columns)

@@ -106,14 +106,8 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
-<<<<<<< HEAD
-    if mechanical:
-        assert isinstance(frame, PhaseSpace)
-        return with_free_motion(numbers, summary(method), frame)
-=======
     if mechanical is not None:
         return with_free_motion(numbers, summary(method), mechanical)
->>>>>>> w_sockets
     program = make_program(numbers, summary(method))
     return with_flows(_CODE[format].write(program), program, frame)
 
