@@ -302,7 +302,7 @@ class Linkage:
 
     def _configuration(self, q: Array) -> Points:
         frame = self._frame.configuration
-        return q.view(frame.dtype).reshape(frame.point_shape)
+        return np.asarray(q.view(frame.dtype)).reshape(frame.point_shape)
 
     def _value(self, q: Points) -> Array:
         return real_array(self._g(np.array(q)), "the value of constraints")

@@ -165,8 +165,7 @@ contains
     ! Evaluates a row of a joint.
     subroutine evaluate_row(i)
       integer, intent(in) :: i
-      real(wp), dimension(3, 2) :: axis, dd, da        ! first derivatives by time, second ones
-      real(wp) :: d1(3), d2(3), n(3), side
+      real(wp) :: axis(3, 2), da(3, 2), n(3)
       integer :: j, k
 
       associate (row => linkage%row(i))
@@ -190,6 +189,7 @@ contains
           axis(:, j) = turned(r(:, :, k), axis(:, j))
         end do
         c%size(i) = length
+        n = 0.0_wp
         select case (row%form)
         case (along_space, along_body)
           c%g(i) = dot_product(axis(:, 1), d)
@@ -197,7 +197,6 @@ contains
         case (between_axes)
           c%g(i) = dot_product(axis(:, 1), axis(:, 2))
           c%size(i) = 1.0_wp
-          n = 0.0_wp
         case (fixed_length)
           c%g(i) = (dot_product(d, d) - row%length**2) / (2 * row%length)
           n = d / row%length
@@ -219,36 +218,46 @@ contains
           if (.not. blocks(linkage%attitude(k))%space) &
             c%slope(:, 2 * j - 1, i) = matmul(da(:, j), r(:, :, k))
         end do
-        if (depth == 1) return
-        ! second derivatives of vectors that turn with constant angular velocities
-        d1 = 0.0_wp
-        d2 = 0.0_wp
-        dd = 0.0_wp
-        da = 0.0_wp
-        do j = 1, 2
-          k = row%body(j)
-          if (k == 0) cycle
-          side = merge(1.0_wp, -1.0_wp, j == 1)
-          n = cross(turning(:, k), arm(:, j))
-          d1 = d1 + side * (velocity(:, k) + n)
-          d2 = d2 + side * cross(turning(:, k), n)
-          dd(:, j) = cross(turning(:, k), axis(:, j))
-          da(:, j) = cross(turning(:, k), dd(:, j))
-        end do
-        select case (row%form)
-        case (along_space)
-          c%bias(i) = dot_product(axis(:, 1), d2)
-        case (along_body)
-          c%bias(i) = dot_product(da(:, 1), d) + 2 * dot_product(dd(:, 1), d1) &
-                      + dot_product(axis(:, 1), d2)
-        case (between_axes)
-          c%bias(i) = dot_product(da(:, 1), axis(:, 2)) + 2 * dot_product(dd(:, 1), dd(:, 2)) &
-                      + dot_product(axis(:, 1), da(:, 2))
-        case (fixed_length)
-          c%bias(i) = (dot_product(d1, d1) + dot_product(d, d2)) / row%length
-        end select
+        if (depth == 2) call evaluate_bias(row, axis, c%bias(i))
       end associate
     end subroutine evaluate_row
+
+    ! Evaluates the second derivative of a row by time, of vectors that turn with constant angular
+    ! velocities.
+    subroutine evaluate_bias(row, axis, bias)
+      type(row_t), intent(in) :: row
+      real(wp), intent(in) :: axis(3, 2)
+      real(wp), intent(out) :: bias
+      real(wp) :: dd(3, 2), da(3, 2), d1(3), d2(3), n(3), side   ! first derivatives, second ones
+      integer :: j, k
+
+      d1 = 0.0_wp
+      d2 = 0.0_wp
+      dd = 0.0_wp
+      da = 0.0_wp
+      do j = 1, 2
+        k = row%body(j)
+        if (k == 0) cycle
+        side = merge(1.0_wp, -1.0_wp, j == 1)
+        n = cross(turning(:, k), arm(:, j))
+        d1 = d1 + side * (velocity(:, k) + n)
+        d2 = d2 + side * cross(turning(:, k), n)
+        dd(:, j) = cross(turning(:, k), axis(:, j))
+        da(:, j) = cross(turning(:, k), dd(:, j))
+      end do
+      select case (row%form)
+      case (along_space)
+        bias = dot_product(axis(:, 1), d2)
+      case (along_body)
+        bias = dot_product(da(:, 1), d) + 2 * dot_product(dd(:, 1), d1) &
+               + dot_product(axis(:, 1), d2)
+      case (between_axes)
+        bias = dot_product(da(:, 1), axis(:, 2)) + 2 * dot_product(dd(:, 1), dd(:, 2)) &
+               + dot_product(axis(:, 1), da(:, 2))
+      case (fixed_length)
+        bias = (dot_product(d1, d1) + dot_product(d, d2)) / row%length
+      end select
+    end subroutine evaluate_bias
 
   end subroutine evaluate_constraints
 
