@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from cg.frames.so3 import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import RowForm, Stop
-
-if TYPE_CHECKING:
-    from cg.frames.phase_space import PhaseSpace
 
 Row = tuple[RowForm, int, int]  # and the axes of both bodies
 
@@ -204,10 +201,11 @@ def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
 class Linkage:
     """The joints and constraints of a phase space in compiled code.
 
-    ``order`` are the rows of compiled code, in the order of joints as given.
+    ``frame`` is a `PhaseSpace`; ``slices`` are the rows of each joint in compiled code, then those of
+    constraints.
     """
 
-    def __init__(self, frame: PhaseSpace) -> None:
+    def __init__(self, frame: Any) -> None:
         import cg._core_r64 as core
 
         self._core, self._frame = core, frame
