@@ -201,8 +201,8 @@ def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
 class Linkage:
     """The joints and constraints of a phase space in compiled code.
 
-    ``frame`` is a `PhaseSpace`; ``slices`` are the rows of each joint in compiled code, then those of
-    constraints.
+    ``frame`` is a `PhaseSpace`; ``slices`` are the rows of each joint in compiled code, then those
+    of constraints.
     """
 
     def __init__(self, frame: Any) -> None:
@@ -303,7 +303,8 @@ class Linkage:
 
     def _configuration(self, q: Array) -> Points:
         frame = self._frame.configuration
-        return q.view(frame.dtype).reshape(frame.point_shape)
+        point: Points = q.view(frame.dtype).reshape(frame.point_shape)
+        return point
 
     def _value(self, q: Points) -> Array:
         return real_array(self._g(np.array(q)), "the value of constraints")
