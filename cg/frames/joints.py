@@ -201,10 +201,11 @@ def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
 class Linkage:
     """The joints and constraints of a phase space in compiled code.
 
-    ``order`` are the rows of compiled code, in the order of joints as given.
+    ``frame`` is a `PhaseSpace`; ``slices`` are the rows of each joint in compiled code, then those
+    of constraints.
     """
 
-    def __init__(self, frame: Any) -> None:  # a `PhaseSpace`
+    def __init__(self, frame: Any) -> None:
         import cg._core_r64 as core
 
         self._core, self._frame = core, frame
@@ -302,7 +303,8 @@ class Linkage:
 
     def _configuration(self, q: Array) -> Points:
         frame = self._frame.configuration
-        return np.asarray(q.view(frame.dtype)).reshape(frame.point_shape)
+        point: Points = q.view(frame.dtype).reshape(frame.point_shape)
+        return point
 
     def _value(self, q: Points) -> Array:
         return real_array(self._g(np.array(q)), "the value of constraints")

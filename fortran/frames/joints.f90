@@ -127,6 +127,7 @@ contains
     real(wp) :: r(3, 3, size(linkage%attitude)), omega(merge(linkage%forces, 0, depth == 2))
     ! of a row, and those that repeat its points: these, from the bodies and from the origin
     real(wp) :: arm(3, 2), end(3, 2), d(3), length
+    real(wp) :: axis(3, 2), n(3)             ! of a row; n: its derivative along d
     integer :: i, k
 
     call reserve(linkage, c)
@@ -146,7 +147,7 @@ contains
       end associate
     end do
     do i = 1, linkage%rows
-      call evaluate_row(i)
+      call evaluate_row(i, linkage%row(i))
     end do
     if (linkage%own > 0) call evaluate_own(linkage, y, omega, depth, c, failed)
     if (depth == 0) return
@@ -162,102 +163,107 @@ contains
 
   contains
 
-    ! Evaluates a row of a joint.
-    subroutine evaluate_row(i)
+    ! Evaluates a row of a joint: d, the axes, and the row as their dot product.
+    subroutine evaluate_row(i, row)
       integer, intent(in) :: i
-      real(wp) :: axis(3, 2), da(3, 2), n(3)
+      type(row_t), intent(in) :: row
       integer :: j, k
 
-      associate (row => linkage%row(i))
-        if (.not. row%repeats) then
-          do j = 1, 2
-            k = row%body(j)
-            arm(:, j) = row%point(:, j)
-            end(:, j) = arm(:, j)
-            if (k == 0) cycle
-            arm(:, j) = turned(r(:, :, k), arm(:, j))
-            end(:, j) = x(:, k) + arm(:, j)
-          end do
-          d = end(:, 1) - end(:, 2)
-          length = maxval(abs(end)) + maxval(abs(arm))
-        end if
-        axis = row%axis
+      if (.not. row%repeats) then
         do j = 1, 2
           k = row%body(j)
-          if (k == 0 .or. row%form == fixed_length) cycle
-          if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
-          axis(:, j) = turned(r(:, :, k), axis(:, j))
-        end do
-        c%size(i) = length
-        n = 0.0_wp
-        select case (row%form)
-        case (along_space, along_body)
-          c%g(i) = dot_product(axis(:, 1), d)
-          n = axis(:, 1)
-        case (between_axes)
-          c%g(i) = dot_product(axis(:, 1), axis(:, 2))
-          c%size(i) = 1.0_wp
-        case (fixed_length)
-          c%g(i) = (dot_product(d, d) - row%length**2) / (2 * row%length)
-          n = d / row%length
-        end select
-        if (depth == 0) return
-        do j = 1, 2
-          k = row%body(j)
-          c%slope(:, 2 * j - 1:2 * j, i) = 0.0_wp
+          arm(:, j) = row%point(:, j)
+          end(:, j) = arm(:, j)
           if (k == 0) cycle
-          if (row%form == between_axes) then
-            da(:, j) = cross(axis(:, j), axis(:, 3 - j))
-          else
-            c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
-            da(:, j) = cross(arm(:, j), c%slope(:, 2 * j, i))
-            if (j == 1 .and. row%form == along_body) da(:, 1) = da(:, 1) + cross(axis(:, 1), d)
-          end if
-          if (linkage%attitude(k) == 0) cycle
-          c%slope(:, 2 * j - 1, i) = da(:, j)
-          if (.not. blocks(linkage%attitude(k))%space) &
-            c%slope(:, 2 * j - 1, i) = matmul(da(:, j), r(:, :, k))
+          arm(:, j) = turned(r(:, :, k), arm(:, j))
+          end(:, j) = x(:, k) + arm(:, j)
         end do
-        if (depth == 2) call evaluate_bias(row, axis, c%bias(i))
-      end associate
+        d = end(:, 1) - end(:, 2)
+        length = maxval(abs(end)) + maxval(abs(arm))
+      end if
+      axis = row%axis
+      do j = 1, 2
+        k = row%body(j)
+        if (k == 0 .or. row%form == fixed_length) cycle
+        if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
+        axis(:, j) = turned(r(:, :, k), axis(:, j))
+      end do
+      c%size(i) = length
+      select case (row%form)
+      case (along_space, along_body)
+        c%g(i) = dot_product(axis(:, 1), d)
+        n = axis(:, 1)
+      case (between_axes)
+        c%g(i) = dot_product(axis(:, 1), axis(:, 2))
+        c%size(i) = 1.0_wp
+        n = 0.0_wp
+      case (fixed_length)
+        c%g(i) = (dot_product(d, d) - row%length**2) / (2 * row%length)
+        n = d / row%length
+      end select
+      if (depth > 0) call find_slopes(i, row)
+      if (depth > 1) call find_bias(i, row)
     end subroutine evaluate_row
 
-    ! Evaluates the second derivative of a row by time, of vectors that turn with constant angular
-    ! velocities.
-    subroutine evaluate_bias(row, axis, bias)
+    ! Finds the derivatives of a row along the fields of its bodies.
+    subroutine find_slopes(i, row)
+      integer, intent(in) :: i
       type(row_t), intent(in) :: row
-      real(wp), intent(in) :: axis(3, 2)
-      real(wp), intent(out) :: bias
-      real(wp) :: dd(3, 2), da(3, 2), d1(3), d2(3), n(3), side   ! first derivatives, second ones
+      real(wp) :: torque(3)
       integer :: j, k
 
+      do j = 1, 2
+        k = row%body(j)
+        c%slope(:, 2 * j - 1:2 * j, i) = 0.0_wp
+        if (k == 0) cycle
+        if (row%form == between_axes) then
+          torque = cross(axis(:, j), axis(:, 3 - j))
+        else
+          c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
+          torque = cross(arm(:, j), c%slope(:, 2 * j, i))
+          if (j == 1 .and. row%form == along_body) torque = torque + cross(axis(:, 1), d)
+        end if
+        if (linkage%attitude(k) == 0) cycle
+        if (.not. blocks(linkage%attitude(k))%space) torque = matmul(torque, r(:, :, k))
+        c%slope(:, 2 * j - 1, i) = torque
+      end do
+    end subroutine find_slopes
+
+    ! Finds the second derivative of a row whose vectors turn with constant angular velocities.
+    subroutine find_bias(i, row)
+      integer, intent(in) :: i
+      type(row_t), intent(in) :: row
+      real(wp) :: first(3, 2), second(3, 2)            ! derivatives of the axes by time
+      real(wp) :: d1(3), d2(3), swing(3), side         ! and those of d
+      integer :: j, k
+
+      first = 0.0_wp
+      second = 0.0_wp
       d1 = 0.0_wp
       d2 = 0.0_wp
-      dd = 0.0_wp
-      da = 0.0_wp
       do j = 1, 2
         k = row%body(j)
         if (k == 0) cycle
         side = merge(1.0_wp, -1.0_wp, j == 1)
-        n = cross(turning(:, k), arm(:, j))
-        d1 = d1 + side * (velocity(:, k) + n)
-        d2 = d2 + side * cross(turning(:, k), n)
-        dd(:, j) = cross(turning(:, k), axis(:, j))
-        da(:, j) = cross(turning(:, k), dd(:, j))
+        swing = cross(turning(:, k), arm(:, j))
+        d1 = d1 + side * (velocity(:, k) + swing)
+        d2 = d2 + side * cross(turning(:, k), swing)
+        first(:, j) = cross(turning(:, k), axis(:, j))
+        second(:, j) = cross(turning(:, k), first(:, j))
       end do
       select case (row%form)
       case (along_space)
-        bias = dot_product(axis(:, 1), d2)
+        c%bias(i) = dot_product(axis(:, 1), d2)
       case (along_body)
-        bias = dot_product(da(:, 1), d) + 2 * dot_product(dd(:, 1), d1) &
-               + dot_product(axis(:, 1), d2)
+        c%bias(i) = dot_product(second(:, 1), d) + 2 * dot_product(first(:, 1), d1) &
+                    + dot_product(axis(:, 1), d2)
       case (between_axes)
-        bias = dot_product(da(:, 1), axis(:, 2)) + 2 * dot_product(dd(:, 1), dd(:, 2)) &
-               + dot_product(axis(:, 1), da(:, 2))
+        c%bias(i) = dot_product(second(:, 1), axis(:, 2)) &
+                    + 2 * dot_product(first(:, 1), first(:, 2)) + dot_product(axis(:, 1), second(:, 2))
       case (fixed_length)
-        bias = (dot_product(d1, d1) + dot_product(d, d2)) / row%length
+        c%bias(i) = (dot_product(d1, d1) + dot_product(d, d2)) / row%length
       end select
-    end subroutine evaluate_bias
+    end subroutine find_bias
 
   end subroutine evaluate_constraints
 

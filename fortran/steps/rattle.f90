@@ -4,7 +4,7 @@
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
-! by the iteration lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) with the matrix at q_0, whose factor
+! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor
 ! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
 ! that continue those of the two steps before. Between the drifts of a
 ! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
@@ -73,8 +73,9 @@ contains
     real(wp), intent(in) :: time
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
-    integer, parameter :: iterations = 100
+    integer, parameter :: iterations = 50
     real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
+    real(wp) :: change(size(lambda), iterations)       ! of lambda
     logical :: failed
     integer :: i
 
@@ -95,7 +96,9 @@ contains
           if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit
           call solve_constraints(linkage, here, ahead%g)
-          lambda = lambda - ahead%g / time
+          change(:, i) = -ahead%g / time
+          call correct_change(i, change)
+          lambda = lambda + change(:, i)
         end do
         impulse(:, 2) = impulse(:, 1)
         if (.not. any(abs(impulse(:, 1)) > 0)) impulse(:, 2) = lambda
@@ -111,6 +114,23 @@ contains
       end if
     end associate
   end subroutine drift_closed
+
+  ! Makes the last change that of Broyden's method from that by the first matrix, where changes
+  ! become smaller.
+  pure subroutine correct_change(i, change)
+    integer, intent(in) :: i
+    real(wp), intent(inout) :: change(:, :)
+    real(wp) :: along
+    integer :: j
+
+    associate (now => change(:, i))
+      do j = 1, i - 1
+        along = dot_product(change(:, j), now) / max(sum(change(:, j)**2), tiny(along))
+        if (j < i - 1) now = now + along * change(:, j + 1)
+        if (j == i - 1 .and. along < 0.5_wp) now = now / (1 - along)
+      end do
+    end associate
+  end subroutine correct_change
 
   ! Closes the joints at the end of an accepted step of another method, which has moved along forces
   ! that keep them closed up to its error.

@@ -139,7 +139,7 @@ class TestTimesOfTheirOwn:
         {"parameters": np.arange(5.0)[:, None]}, {"linear": True}, {"t_eval": [1.3]},
         {"derivatives": "forward", "parameters": np.arange(5.0)[:, None]},
         {"events": [lambda t, y, u, *p: y[0, 0]], "dense_output": True},
-    ], ids=str)  # fmt: skip
+    ], ids=" ".join)  # fmt: skip
     @pytest.mark.parametrize("span", [(0, 2), (2, 0)])
     def test_members_are_single_solutions(self, options, span):
         frame, many = cg.frames.SO3(), options.get("vectorized", False)
