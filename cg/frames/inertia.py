@@ -126,7 +126,9 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     bodies.append(
         Body(
             _inverse(matrix),
-            np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix),
+            np.asarray(
+                np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix)
+            ),
             None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),

@@ -22,7 +22,7 @@ class MemberInertia(NamedTuple):
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
-        return MemberInertia(*(np.ascontiguousarray(rows[members]) for rows in self))
+        return MemberInertia(self.columns[members].copy(), self.numbers[members].copy())
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
