@@ -126,7 +126,9 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     bodies.append(
         Body(
             _inverse(matrix),
-            _root(matrix),
+            np.asarray(
+                np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix)
+            ),
             None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
@@ -236,11 +238,6 @@ def _inverse(matrix: Array) -> Array:
         return np.asarray(1.0 / matrix[:, None])
     inverse = np.linalg.inv(matrix)
     return np.asarray(0.5 * (inverse + inverse.T))
-
-
-def _root(matrix: Array) -> Array:
-    """Return R with R Rᵀ the inertia, its square roots as a column if it is diagonal."""
-    return np.asarray(np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix))
 
 
 def _top(frame: Frame, matrix: Array, name: str) -> Array | None:

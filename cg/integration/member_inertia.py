@@ -22,8 +22,7 @@ class MemberInertia(NamedTuple):
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
-        columns, numbers = self
-        return MemberInertia(columns[members].copy(), numbers[members].copy())
+        return MemberInertia(self.columns[members].copy(), self.numbers[members].copy())
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
