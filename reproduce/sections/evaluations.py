@@ -63,7 +63,8 @@ def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomSt
     costs = [_cost(plan) for plan in plans]
     total = sum(plan.starts * cost for plan, cost in zip(plans, costs, strict=True))
     context.report_work(0, total)
-    found, before = [], 0
+    found: list[Sequence[RandomStart]] = []
+    before = 0
     for plan, cost in zip(plans, costs, strict=True):
 
         def report(done: int, _: int, before: int = before, cost: int = cost) -> None:
