@@ -6,7 +6,6 @@ import runpy
 from pathlib import Path
 
 import pytest
-from tests_of_pages import run, source_in
 
 import cg
 
@@ -25,11 +24,6 @@ def from_docs():
     pytest.importorskip("matplotlib").use("Agg")
     yield importlib.import_module
     monkeypatch.undo()
-
-
-def test_front_page_output(capsys):
-    run("docs/index.md")
-    assert capsys.readouterr().out == source_in("docs/index.md", "text")
 
 
 @pytest.mark.parametrize(

@@ -221,15 +221,15 @@ def test_a_step_that_turns_too_far_for_its_events():
 
 def test_common_steps_that_turn_too_far_for_events_are_tried_again():
     solution = cg.solve_ensemble(
-        lambda t, y, row: [0.0, 0.0, row[0]], (0, 1), np.eye(3), parameters=[[1.0], [8e3]],
+        lambda t, y, row: [0.0, 0.0, row[0]], (0, 1), np.eye(3), parameters=[[1.0], [3e4]],
         frame=SO3(), common_steps=True,
         events=cg.Event(lambda t, y, row: y[1, 0] - 0.5, direction=1),
     )  # fmt: skip
     first, second = solution.t_events[0]
     turns = 2 * np.pi * np.arange(len(second))
     np.testing.assert_allclose(first, np.pi / 6, rtol=2e-14)
-    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 8e3, rtol=4e-13)
-    assert len(second) == int((8e3 - np.pi / 6) / (2 * np.pi)) + 1
+    np.testing.assert_allclose(second, (np.pi / 6 + turns) / 3e4, rtol=4e-13)
+    assert len(second) == int((3e4 - np.pi / 6) / (2 * np.pi)) + 1
     assert (solution.nrejected > 0).all()
 
 

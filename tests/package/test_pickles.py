@@ -73,6 +73,7 @@ def examples():
         *results(), cg.CompiledFunction(libm, "nextafter", [1.0, 2.0]), cg.Structure.MIDDLE,
         problems.FreeRigidBody().reference([1]), cg.Event(abs, terminal=2),
         cg.Langevin(1.0, 0.7, seed=1),
+        frames.Joint("ball", (0, [0.0, 0.0, 1.0]), (None, [0.0, 0.0, 0.0])),
         cg.Samples([0.0, 0.5, 1.0], [[1.0, 2.0, 3.0]], kind="hold", members=True),
         cg.certify("CG3"), cg.diagnose("CG3", c=[0, Fraction(3, 4), Fraction(17, 24)]),
         cg.lift(cg.methods["CG3"], 3, tries=2), problems.AffineField(frames.SO3(), np.eye(3)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,13 +12,16 @@ import numpy as np
 from cg.integration.derivatives.field import VariationalField, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.inputs import data_at
+from cg.integration.rhs.inputs import Reader, data_at
 from cg.support.arrays import Array, Points
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
 # weights of the central difference of order four
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+# the same to one side
+_ONE_SIDED_STEPS = np.arange(5.0)
+_ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _ROUNDING = 1e-8
 
@@ -162,11 +166,11 @@ class VariationalEvents(EventTable):
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
         unit = min(unit, max(abs(t), 1.0))
 
-        def values_along(v: Array, time: float = 0.0) -> Array:
+        def values_along(v: Array, time: float = 0.0, steps: Array = _STEPS) -> Array:
             return np.array(
                 [
                     function(t + s * _STEP * time, frame.flow(s * _STEP * v, y), arguments)
-                    for s in _STEPS
+                    for s in steps
                 ]
             )
 
@@ -179,5 +183,22 @@ class VariationalEvents(EventTable):
             for i, (moved, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
                 values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
-        ahead = values_along(unit * slope, unit) / (_STEP * unit)
-        return np.array(by_fields), _WEIGHTS @ ahead, by_parameters, float(np.ptp(ahead))
+        steps, weights = _STEPS, _WEIGHTS
+        behind, before = _room(t, arguments)
+        if min(behind, before) >= 2e-3 * max(behind, before):
+            unit = min(unit, min(behind, before) / (2.0 * _STEP))
+        else:  # at an end of the inputs
+            steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
+            unit = min(unit, max(behind, before) / (4.0 * _STEP))
+            unit = unit if before > behind else -unit
+        ahead = values_along(unit * slope, unit, steps) / (_STEP * unit)
+        return np.array(by_fields), weights @ ahead, by_parameters, float(np.ptp(ahead))
+
+
+def _room(t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
+    """Return how far the inputs reach before and after a time."""
+    reader = arguments[0] if arguments else None
+    if not isinstance(reader, Reader):
+        return math.inf, math.inf
+    first, last = reader.span
+    return max(t - first, 0.0), max(last - t, 0.0)

@@ -189,6 +189,12 @@ class Reader:
     def __init__(self, inputs: Inputs, member: Any) -> None:
         self._inputs, self._member = inputs, member
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times between which all inputs are known."""
+        curves = self._inputs.curves
+        return max(float(c.times[0]) for c in curves), min(c.end for c in curves)
+
     def at_times(self) -> Callable[[float], Any]:
         """Return the inputs of one member as a function that takes little time."""
         first, *others = [curve.reader(self._member) for curve in self._inputs.curves]
