@@ -33,3 +33,21 @@ def test_large_derivatives_do_not_hide_small_bounces():
     solution = cg.solve_variational(*arguments, **options)
     assert alone.t_events[0].size >= 2
     np.testing.assert_allclose(solution.t_events[0], alone.t_events[0], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("span", [(0.0, 1e-6), (1e-6, 0.0)])
+@pytest.mark.parametrize("place", [0.001, 0.1, 0.5, 0.999])
+def test_differences_stay_within_the_times_of_inputs(span, place):
+    """Also where an event is near one of their ends: y' = p u, an event at a time and a jump."""
+    samples = cg.Samples([0.0, 1e-6], [1e6, 1e6], "linear")
+    at = 1e-6 * place
+    event = cg.Event(lambda t, y, u, p: t - at, jump=lambda t, y, u, p: 2.0 * y)
+    solution = cg.solve_variational(
+        lambda t, y, u, p: p * u, span, [1.0], frame=cg.frames.Euclidean(1), inputs=samples,
+        parameters=[0.5], events=event, rtol=1e-9, atol=1e-9, control_derivatives=True,
+    )  # fmt: skip
+    assert len(solution.t_events[0]) == 1
+    np.testing.assert_allclose(solution.dt_events[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(solution.transition[-1], 2.0, rtol=1e-7)
+    expected = 1.0 + place if span[1] > span[0] else place - 2.0  # doubled at the jump
+    np.testing.assert_allclose(solution.sensitivity[-1].item(), expected, rtol=1e-6)
