@@ -32,7 +32,7 @@ contains
     associate (method => x%problem%method)
       path = merge(0, method%stage_path(x%stage), x%problem%of_time)
       call follow_paths(x, path)
-      if (x%problem%frame%jointed .and. x%status /= finished) return
+      if (x%status /= finished) return
       call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
                    x%f(:, x%stage), method%goes_on(path))
     end associate

@@ -124,7 +124,7 @@ contains
         if (x%problem%adaptive) last = max(last, method%embedded, method%third)
         call add_brackets(x)
         call follow_paths(x, last)
-        if (x%problem%frame%jointed .and. x%status /= finished) return
+        if (x%status /= finished) return
       end if
       x%phase = phase_decide_step
       if (x%problem%adaptive) then
