@@ -4,6 +4,8 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 ALL_PEERS := $(VENV)/.all-peers
+# a test that hangs fails, and a worker that is idle takes over waiting tests of another one
+PYTEST := -m pytest --numprocesses auto --dist worksteal --timeout 900
 OUT ?=
 ARGS ?=
 
@@ -36,10 +38,10 @@ $(ALL_PEERS): $(PEERS)
 	@touch $@
 
 test: build $(PEERS)
-	$(PY) -m pytest --numprocesses auto -m "not slow" $(ARGS)
+	$(PY) $(PYTEST) -m "not slow" $(ARGS)
 
 test-all: build $(ALL_PEERS)
-	$(PY) -m pytest --numprocesses auto $(ARGS)
+	$(PY) $(PYTEST) $(ARGS)
 
 # a second environment with run-time checks in the compiled core; tests that add nothing for the core
 # are left out
@@ -49,7 +51,7 @@ test-checks:
 	$(VENV)-checks/bin/python -m pip install --quiet "meson-python>=0.18" "meson>=1.4" ninja "numpy>=2.0"
 	PATH="$(CURDIR)/$(VENV)-checks/bin:$$PATH" $(VENV)-checks/bin/python -m pip install --quiet \
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
-	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow and not no_core" $(ARGS)
+	$(VENV)-checks/bin/python $(PYTEST) -m "not slow and not no_core" $(ARGS)
 
 # the core with the address and undefined-behaviour sanitizers
 test-sanitize: build $(ALL_PEERS)
@@ -64,7 +66,7 @@ test-oldest:
 		"meson-python>=0.18" "meson>=1.4" ninja --requirement /dev/stdin
 	PATH="$(CURDIR)/$(VENV)-oldest/bin:$$PATH" $(VENV)-oldest/bin/python -m pip install --quiet \
 		--no-build-isolation --no-deps -Cbuild-dir=build/oldest --editable .
-	$(VENV)-oldest/bin/python -m pytest --numprocesses auto -m "not slow" \
+	$(VENV)-oldest/bin/python $(PYTEST) -m "not slow" \
 		-W default::DeprecationWarning $(ARGS)
 
 benchmarks: build

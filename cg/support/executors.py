@@ -164,7 +164,8 @@ def _submit(pool: Executor, call: Callable[[Item], Result], item: Item) -> Futur
 def _with_picklable_errors(work: Callable[[Item], Result], item: Item) -> Result:
     """Run a piece in another process, for which one that sends another error counts as dead."""
     try:
-        return work(item)
+        with single_threads():
+            return work(item)
     except Exception as error:
         if _travels(error):
             raise

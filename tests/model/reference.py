@@ -135,6 +135,8 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
             if not run.success:
                 raise ArithmeticError(run.message)
             t, z, signs = _take(path, run.sol, t, stop, signs)
+            if len(path.jumps) > 500:
+                raise ArithmeticError("jumps follow each other without end")
         if path.terminated:
             break
     path.end, path.last = t, z

@@ -116,6 +116,19 @@ def test_lmdif_is_the_same_on_other_processors(tmp_path):
     assert len(stored[0]) == 13
 
 
+def _threads(_item: int) -> set[int]:
+    """Return the numbers of threads of the libraries of linear algebra."""
+    import scipy.linalg  # noqa: F401  # in a new process
+    from threadpoolctl import threadpool_info
+
+    return {library["num_threads"] for library in threadpool_info()}
+
+
+def test_linear_algebra_has_one_thread_in_every_process():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        assert next(completed(_threads, [0], pool))[1] == {1}
+
+
 def test_items_are_read_lazily():
     read = []
 
