@@ -20,6 +20,7 @@ import threadpoolctl
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from cg.support.capsules import provide_lapack
 from cg.support.forks import at_forks
 
 Result = TypeVar("Result")
@@ -67,6 +68,7 @@ class _Limit:
     def begin(self) -> None:
         with self.lock:
             if not self.users:
+                provide_lapack()  # a library that is loaded later would have all threads
                 _take_control()
                 counts = [(one, one.num_threads or 1) for one in _libraries(len(sys.modules))]
                 self._before = [(one, threads) for one, threads in counts if threads > 1]
