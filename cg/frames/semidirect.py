@@ -119,6 +119,17 @@ class Semidirect(MatrixGroup):
         linear = self.group.inverse(point[..., :n, :n])
         return self._assemble(linear, -linear @ point[..., :n, n:])
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        """Return those of the linear part, and of columns moved by it alone."""
+        n = self.group.size
+        linear, columns = y[..., :n, :n], tangent[..., :n, n:]
+        v = self.group._coefficients_at(linear, tangent[..., :n, :n])
+        if self.convention == "body":
+            columns = self.group.inverse(linear) @ columns
+        else:
+            columns = columns - self.group.algebra(v) @ y[..., :n, n:]
+        return np.concatenate([v, columns.mT.reshape(*v.shape[:-1], -1)], axis=-1)
+
     def restore(self, y: Points) -> Points:
         """Return ``y`` with its linear part restored and the constant rows exact."""
         n = self.group.size

@@ -66,7 +66,8 @@ class SPD(Sized, ConjugationSpace):
         # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
         values, vectors = eigh_where_finite(y)
         squares = values[..., None, :] ** 2 + values[..., :, None] ** 2
-        solved = (vectors.mT @ tangent @ vectors) / squares * values[..., None, :]
+        slope = (tangent + tangent.mT) / 2
+        solved = (vectors.mT @ slope @ vectors) / squares * values[..., None, :]
         return self.group._algebra_projection(vectors @ solved @ vectors.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:

@@ -45,11 +45,12 @@ def _rules(frame: Frame) -> Rules:
     return make(frame)
 
 
-_GROUPS = (frames.SO3, frames.SE3, frames.SO, frames.SU, frames.U, frames.GL, frames.SL, frames.Sp)
+_GROUPS = (frames.SO3, frames.SO, frames.SU, frames.U, frames.GL, frames.SL, frames.Sp)
 
 _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     frames.UnitQuaternion: quaternion_rules,
     **dict.fromkeys(_GROUPS, group_rules),
+    frames.SE3: semidirect_rules,
     frames.Semidirect: semidirect_rules,
     frames.Euclidean: euclidean_rules,
     frames.Sphere: sphere_rules,

@@ -81,7 +81,17 @@ def semidirect_rules(frame: Semidirect) -> Rules:
             f"frame must be a Semidirect of rotations of space in JAX, got {frame!r}; a FieldFrame "
             "takes a flow in jax.numpy"
         )
-    return group_rules(frame)
+    n, turning = frame.group.size, group_rules(frame.group)
+
+    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
+        v, columns = turning.coefficients(y[:n, :n], tangent[:n, :n]), tangent[:n, n:]
+        if frame.convention == "body":
+            columns = y[:n, :n].T @ columns
+        else:
+            columns = columns - linear(v, frame.group.basis) @ y[:n, n:]
+        return jnp.concatenate([v, columns.T.reshape(-1)])
+
+    return replace(group_rules(frame), closed_coefficients=coefficients)
 
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:

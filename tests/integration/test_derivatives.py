@@ -104,7 +104,8 @@ def test_only_the_projection_onto_tangents_counts():
 @pytest.mark.parametrize(
     "frame",
     [cg.frames.Sphere(2), cg.frames.UnitQuaternion(), cg.frames.SU(2), cg.frames.SU(3),
-     cg.frames.SO3("space"), cg.frames.SE3(), cg.frames.SO(4), Stiefel(4, 2),
+     cg.frames.SO3("space"), cg.frames.SE3(), cg.frames.SE3("space"), cg.frames.SO(4),
+     cg.frames.Semidirect(cg.frames.SO3(), 2), cg.frames.SPD(3), Stiefel(4, 2),
      cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))],
     ids=frame_name,
 )  # fmt: skip
@@ -115,9 +116,11 @@ def test_reported_share_is_that_of_the_dropped_part(frame, size):
     y = frame.random_point(rng)
     slope = size * rng.standard_normal((*y.shape, 2))[..., : 1 + np.iscomplexobj(y)]
     slope = np.ascontiguousarray(slope).view(y.dtype)[..., 0]
-    if frame == cg.frames.SE3():
-        slope[3] = 0.0
-    tangent = frame.field(frame._coefficients_at(y[None], slope[None])[0], y)
+    v = frame._coefficients_at(y[None], slope[None])[0]
+    fields = np.stack([frame.field(e, y).ravel() for e in np.eye(frame.dim)], axis=-1)
+    rows, right = (np.concatenate([x.real, x.imag]) for x in (fields, slope.ravel()))
+    np.testing.assert_allclose(v, np.linalg.lstsq(rows, right)[0], rtol=0, atol=1e-13)
+    tangent = frame.field(v, y)
     share = np.linalg.norm(slope - tangent) / np.linalg.norm(slope)
     with pytest.warns(UserWarning, match=f"dropped: up to {share:.3g} of their length"):
         cg.integrate(

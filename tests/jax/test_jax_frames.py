@@ -1,5 +1,7 @@
 """Frames in JAX equal those in NumPy and are differentiable."""
 
+import warnings
+
 import numpy as np
 import pytest
 from jax_problems import squeeze
@@ -64,10 +66,14 @@ class TestValues:
         def compute(v, w, y, end, tangent):
             back = rules.field(rules.coefficients(y, tangent), y)
             known = () if rules.log is None else (rules.log(y, end),)
-            return back, rules.sizes(y), rules.dexpinv(v, w, 8), rules.nearby(y, near), *known
+            nearest, step = rules.coefficients(y, tilt), rules.nearby(y, near)
+            return back, nearest, rules.sizes(y), rules.dexpinv(v, w, 8), step, *known
 
-        back, sizes, derivative, step, *known = compute(v, w, y, end, tangent)
+        tilt = np.random.default_rng(8).standard_normal(y.shape)
+        back, nearest, sizes, derivative, step, *known = compute(v, w, y, end, tangent)
         close(back, tangent, 10)
+        with warnings.catch_warnings(action="ignore"):
+            close(nearest, frame.coefficients(y, tilt), 10)
         close(sizes, frame.coordinate_sizes(y))
         close(derivative, frame.dexpinv(v, w, order=8), 10)
         close(frame.flow(step, y), near)
