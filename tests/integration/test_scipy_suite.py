@@ -123,6 +123,7 @@ TESTS = {
 CLASS_DIFFERENCES = {
     "test_integration": (AssertionError, "interpolants take evaluations"),
     "test_integration_complex": (ValueError, "Euclidean space is real"),
+    "test_integration_complex_sparse": (ValueError, "Euclidean space is real"),
     "test_integration_const_jac": (AssertionError, "RadauIIA5 in place of LSODA counts Jacobians"),
     "test_max_step": (RuntimeError, "a step that is too small fails at once"),
     "test_no_integration_class": (ValueError, "a frame has at least one dimension"),
@@ -148,7 +149,8 @@ for prefix, tests, differences in (
 
 def test_differences_are_of_tests_that_exist():
     assert set(DIFFERENCES) < set(TESTS)
-    assert set(CLASS_DIFFERENCES) < set(CLASS_TESTS)
+    newer = {"test_integration_complex_sparse"}  # since SciPy 1.18
+    assert set(CLASS_DIFFERENCES) - newer < set(CLASS_TESTS)
 
 
 FRAME = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
