@@ -106,7 +106,7 @@ class FrameSolver(OdeSolver):
             raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
         method = self.method
         if isinstance(method, str) and method == AUTO:
-            method = choose_method(frame, float(np.max(rtol)), kinks=True)
+            method = choose_method(frame, float(np.max(np.asarray(rtol))), kinks=True)
         self._stepper = Stepper(
             self._derivative, t0, self.y.reshape(frame.point_shape), self.direction * math.inf,
             frame=frame, method=method, rhs="derivative", max_step=max_step,

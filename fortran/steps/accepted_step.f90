@@ -46,7 +46,7 @@ contains
         x%needs_interpolant = any(events%came_from /= 0) &
           .or. any(crosses(events%before, events%after, x%problem%events%direction, &
                            x%problem%events%period) &
-                   .and. (abs(events%after) > 0 .or. x%last%kept))
+                   .and. (abs(events%after) > 0 .or. may_cut(x)))
       end associate
     end if
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
@@ -63,20 +63,32 @@ contains
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
+  ! Whether each event may end a step whose interpolant may be requested
+  pure function may_cut(x)
+    type(trajectory_t), intent(in) :: x
+    logical :: may_cut(size(x%events%before))
+
+    associate (events => x%problem%events)
+      may_cut = x%last%kept .and. (events%jumps .or. events%limit <= 2_int64**53)
+    end associate
+  end function may_cut
+
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
   ! output. Zeros just at the end of the step don't need it. Events are sought along the cubic first
   ! where there is output too, so that output doesn't change which are found.
   subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
+    logical :: cuts(size(x%events%before))
 
     if (tries_shorter(x)) return
     call find_zeros(x, .true.)
     if (.not. allocated(x%events%zeros)) return   ! the step turns too far, or there was no memory
     x%phase = phase_complete_step
     associate (zeros => x%events%zeros)
+      cuts = may_cut(x)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
-                                .or. x%last%kept)
+                                .or. cuts(zeros%event))
       x%seeks_events = size(zeros) > 0
     end associate
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)

@@ -101,3 +101,17 @@ def test_a_step_that_turns_too_far_for_its_events():
     with pytest.raises(cg.StepTooLongError, match="eight million turns") as caught:
         stepper.step()
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_events_at_the_end_of_a_step_that_go_on_cost_nothing():
+    events = [lambda t, y: t - 0.5]
+    options = {"events": events, "breakpoints": [0.25, 0.5, 0.75], **OPTIONS}
+    plain = cg.solve_ivp(fall, (0, 1), UP, method="RKMK8(5,3)", **options)
+    stepper = cg.Stepper(fall, 0, UP, 1.0, method="RKMK8(5,3)", **options)
+    while stepper.status == "running":
+        stepper.step()
+        middle = (stepper.t_old + stepper.t) / 2
+    assert stepper.nfev == plain.nfev
+    assert stepper.t_events[0] == [0.5]
+    fine = cg.solve_ivp(fall, (0, 1), UP, dense_output=True, **OPTIONS)
+    np.testing.assert_allclose(stepper.dense_output()(middle), fine.sol(middle), atol=1e-8)
