@@ -137,7 +137,8 @@ STILL = np.array([0.0, 0.0, 1.0, 0.5])  # which comes to the region later, and l
 
 def test_friction_is_seen_in_a_region_and_by_a_stepper():
     refused = pytest.raises(ValueError, match="f must not depend on the momentum")
-    for options in ({}, {"t_eval": np.linspace(0, np.pi, 40)}):
+    outputs = {}, {"t_eval": np.linspace(0, np.pi, 40)}
+    for options in (*outputs, *({"derivatives": "forward", **output} for output in outputs)):
         with refused:
             cg.solve_ivp(drag, (0, np.pi), STILL, **PLANE, **options)
     stepper = cg.Stepper(drag, 0.0, STILL, **PLANE)

@@ -18,8 +18,10 @@ from cg.integration.derivatives.field import VariationalField
 from cg.integration.derivatives.linear_adjoint import with_linear_adjoint
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.derivatives.split import Derivatives
+from cg.integration.friction import check_path
 from cg.integration.options import Options
 from cg.integration.output.dense import DenseOutput
+from cg.integration.output.results import EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import ADJOINT, Problem, Rhs
 from cg.integration.rhs.given_derivatives import derivative_of
@@ -81,8 +83,17 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         points=field.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, field),
-        finish=Derivatives(field, covariance).finish,
+        finish=partial(_finish, problem, Derivatives(field, covariance)),
     )
+
+
+def _finish(
+    problem: Problem, derivatives: Derivatives, joint: Problem, found: EnsembleSolution
+) -> EnsembleSolution:
+    """Split the points of the joint problem, and look at the forces along them."""
+    solution = derivatives.finish(joint, found)
+    check_path(problem.plan, problem.rhs, solution.t, solution.y, int(solution.nfev.sum()))
+    return solution
 
 
 def _check_problem(problem: Problem, more: bool) -> None:
