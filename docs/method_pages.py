@@ -21,6 +21,7 @@ import cg
 from cg.construction.catalogue.summary import summary_of
 from cg.construction.formats import FORMATS
 from cg.construction.methods.method import Method
+from cg.construction.plots import methods as plots_of_methods
 from cg.construction.proofs import CertificationError, certificate_of, proved
 
 ROOT = Path(__file__).parent.parent
@@ -217,7 +218,7 @@ def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
     modules = [
         method_work,
-        cg.construction.plots.methods,
+        plots_of_methods,
         cg.construction.formats,
         *method_work.parts(),
     ]
