@@ -34,7 +34,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["gallery", "examples_built/sg_execution_times.rst"]
+exclude_patterns = ["gallery", "**/sg_execution_times.rst"]
 suppress_warnings = ["myst.xref_missing.outside", "config.cache"]
 
 myst_enable_extensions = ["deflist", "dollarmath", "attrs_inline"]
@@ -75,6 +75,13 @@ def _outside(app: Any, relative: Path, _: Any, content: list[str]) -> None:
     content[0] = content[0].replace("](../CONTRIBUTING.md)", "](contributing.md)")
 
 
+def _from_elsewhere(app: Any, what: str, name: str, member: Any, skip: bool, _: Any) -> bool | None:
+    """Leave out what classes inherit from other packages, whose docstrings are no numpydoc."""
+    package = (getattr(member, "__module__", None) or "").partition(".")[0]
+    return True if package in {"diffrax", "equinox"} else None
+
+
 def setup(app: Any) -> None:
     """Connect what is local to this site."""
     app.connect("include-read", _outside)
+    app.connect("autodoc-skip-member", _from_elsewhere)

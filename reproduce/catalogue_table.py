@@ -64,8 +64,8 @@ def table(entries: Iterable[Data]) -> Table:
     """Make the table of what `entries` returns."""
     return Table(
         "The catalogue",
-        ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
-         "principal error", "effort", "residual", "rank", "certificate (from its file)"),
+        ("method", "order", "stages", "flows", "largest coefficient", "abscissae",
+         "principal error", "effort", "residual", "rank", "certificate"),
         list(map(_row, entries)),
     )  # fmt: skip
 
