@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from functools import partial
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +66,6 @@ html_js_files = ["sort.js"]
 html_show_sourcelink = False
 html_search_scorer = str(HERE / "search_scorer.js")
 html_favicon = "_static/favicon.svg"
-templates_path = ["_templates"]
 copybutton_exclude = ".linenos, .gp, .go"
 
 warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
@@ -73,6 +74,13 @@ warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
 def _outside(app: Any, relative: Path, _: Any, content: list[str]) -> None:
     """Let pages that are read in the repository too point to files outside of the site."""
     content[0] = content[0].replace("](../CONTRIBUTING.md)", "](contributing.md)")
+
+
+def _describe_thumbnails(app: Any, page: str, content: list[str]) -> None:
+    """Give the pictures of the gallery the sentences that describe them as alternative text."""
+    if page == "examples_built/index":
+        described = re.compile(r'tooltip="(.*?)">.*?:alt:', re.DOTALL)
+        content[0] = described.sub(lambda m: f"{m[0]} {unescape(m[1])}", content[0])
 
 
 def _from_elsewhere(app: Any, what: str, name: str, member: Any, skip: bool, _: Any) -> bool | None:
@@ -84,4 +92,5 @@ def _from_elsewhere(app: Any, what: str, name: str, member: Any, skip: bool, _: 
 def setup(app: Any) -> None:
     """Connect what is local to this site."""
     app.connect("include-read", _outside)
+    app.connect("source-read", _describe_thumbnails)
     app.connect("autodoc-skip-member", _from_elsewhere)
