@@ -36,7 +36,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["gallery", "**/sg_execution_times.rst"]
+exclude_patterns = ["gallery", "sg_execution_times.rst", "examples_built/sg_execution_times.rst"]
 suppress_warnings = ["myst.xref_missing.outside", "config.cache"]
 
 myst_enable_extensions = ["deflist", "dollarmath", "attrs_inline"]
