@@ -66,6 +66,7 @@ html_js_files = ["sort.js"]
 html_show_sourcelink = False
 html_search_scorer = str(HERE / "search_scorer.js")
 html_favicon = "_static/favicon.svg"
+templates_path = ["_templates"]
 copybutton_exclude = ".linenos, .gp, .go"
 
 warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
@@ -80,7 +81,8 @@ def _describe_thumbnails(app: Any, page: str, content: list[str]) -> None:
     """Give the pictures of the gallery the sentences that describe them as alternative text."""
     if page == "examples_built/index":
         described = re.compile(r'tooltip="(.*?)">.*?:alt:', re.DOTALL)
-        content[0] = described.sub(lambda m: f"{m[0]} {unescape(m[1])}", content[0])
+        text = content[0].replace("\\|", "|")
+        content[0] = described.sub(lambda m: f"{m[0]} {unescape(m[1])}", text)
 
 
 def _from_elsewhere(app: Any, what: str, name: str, member: Any, skip: bool, _: Any) -> bool | None:
