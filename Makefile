@@ -96,7 +96,7 @@ lint: build
 # the site, in build/site; warnings and broken internal links are errors
 docs: build
 	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(PY) -m pip install --quiet --no-build-isolation --editable ".[docs]"
-	$(PY) -m sphinx --builder html --fail-on-warning --keep-going --quiet docs build/site
+	$(PY) -m sphinx --builder html --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/site
 	$(PY) docs/check_site.py build/site
 
 # sdist and wheel in dist/, tested in a new environment without Fortran libraries

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from functools import partial
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["gallery", "examples_built/sg_execution_times.rst"]
+exclude_patterns = ["gallery", "sg_execution_times.rst", "examples_built/sg_execution_times.rst"]
 suppress_warnings = ["myst.xref_missing.outside", "config.cache"]
 
 myst_enable_extensions = ["deflist", "dollarmath", "attrs_inline"]
@@ -75,6 +77,22 @@ def _outside(app: Any, relative: Path, _: Any, content: list[str]) -> None:
     content[0] = content[0].replace("](../CONTRIBUTING.md)", "](contributing.md)")
 
 
+def _describe_thumbnails(app: Any, page: str, content: list[str]) -> None:
+    """Give the pictures of the gallery the sentences that describe them as alternative text."""
+    if page == "examples_built/index":
+        described = re.compile(r'tooltip="(.*?)">.*?:alt:', re.DOTALL)
+        text = content[0].replace("\\|", "|")
+        content[0] = described.sub(lambda m: f"{m[0]} {unescape(m[1])}", text)
+
+
+def _from_elsewhere(app: Any, what: str, name: str, member: Any, skip: bool, _: Any) -> bool | None:
+    """Leave out what classes inherit from other packages, whose docstrings are no numpydoc."""
+    package = (getattr(member, "__module__", None) or "").partition(".")[0]
+    return True if package in {"diffrax", "equinox"} else None
+
+
 def setup(app: Any) -> None:
     """Connect what is local to this site."""
     app.connect("include-read", _outside)
+    app.connect("source-read", _describe_thumbnails)
+    app.connect("autodoc-skip-member", _from_elsewhere)

@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Mapping
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import cg
 from cg.construction.catalogue.summary import summary_of
 from cg.construction.formats import FORMATS
 from cg.construction.methods.method import Method
+from cg.construction.plots import methods as plots_of_methods
 from cg.construction.proofs import CertificationError, certificate_of, proved
 
 ROOT = Path(__file__).parent.parent
@@ -98,7 +99,7 @@ def citations(method: Method) -> list[str]:
     own = (
         "@software{crouch-grossman,\n  author = {{The crouch-grossman developers}},\n"
         f"  title = {{crouch-grossman, method {method.name}}},\n"
-        f"  version = {{{cg.__version__}}}\n}}"
+        f"  version = {{{cg.__version__}}}, year = {{2026}}\n}}"
     )
     return [*entries, own]
 
@@ -195,7 +196,11 @@ def properties(method: Method) -> str:
         "source": method.source,
     }
     return "\n".join(
-        ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items() if value)]
+        [
+            "| property | value |",
+            "|---|---|",
+            *(f"| {key} | {value} |" for key, value in rows.items() if value),
+        ]
     )
 
 
@@ -217,7 +222,7 @@ def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
     modules = [
         method_work,
-        cg.construction.plots.methods,
+        plots_of_methods,
         cg.construction.formats,
         *method_work.parts(),
     ]
@@ -328,7 +333,17 @@ def generate(app: Any) -> None:
             old.unlink()
 
 
+def link_table(app: Any, page: str, content: list[str]) -> None:
+    """Let the catalogue's table be sorted, and link it to the pages, which only the site has."""
+    if page == "catalogue":
+        before, table, after = re.split(r"<!-- (?:end of )?table -->\n", content[0])
+        link = partial(re.sub, r"`(.+)`", lambda name: f"[{name[1]}](methods/{slug(name[1])}.md)")
+        rows = "".join(map(link, table.splitlines(keepends=True)))
+        content[0] = f'{before}<div class="sortable wide">\n\n{rows}\n</div>\n{after}'
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the extension with Sphinx."""
     app.connect("builder-inited", generate)
+    app.connect("source-read", link_table)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,7 +1,6 @@
 """The table of docs/catalogue.md, computed from coefficients except for the certificates."""
 
 from collections.abc import Iterable
-from fractions import Fraction
 from typing import Any
 
 from cg.construction.catalogue import methods
@@ -12,7 +11,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.construction.proofs import certificate_of
 from cg.construction.proofs.files import certificate_names
 
-from .blocks import Data, Table, number, places
+from .blocks import Data, Table, number
 from .coefficients import RANK_THRESHOLD, singular_values
 from .markdown import table as markdown_table
 
@@ -28,7 +27,6 @@ def entries() -> list[dict[str, Any]]:
 
 def describe(method: Method) -> dict[str, Any]:
     """Return the properties of a method of the catalogue, those of `docs/catalogue.md`."""
-    abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
     used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
     error, singular = method.principal_error, singular_values(method, method.order)
@@ -43,7 +41,6 @@ def describe(method: Method) -> dict[str, Any]:
         "largest_coefficient": float(
             max(abs(weight) for m in used for weight in tree.points[m].weights.values())
         ),
-        "abscissae": [float(min(abscissae)), float(max(abscissae))],
         "principal_error": error,
         "effort": method.exponentials * error ** (1 / method.order),
         "largest_residual": method.largest_residual(),
@@ -64,8 +61,8 @@ def table(entries: Iterable[Data]) -> Table:
     """Make the table of what `entries` returns."""
     return Table(
         "The catalogue",
-        ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
-         "principal error", "effort", "residual", "rank", "certificate (from its file)"),
+        ("method", "order", "stages", "flows", "largest coefficient", "principal error", "effort",
+         "rank", "certificate"),
         list(map(_row, entries)),
     )  # fmt: skip
 
@@ -82,10 +79,8 @@ def _row(entry: Data) -> list[str]:
         number(entry["stages"]),
         number(entry["exponentials"]),
         number(entry["largest_coefficient"]),
-        " … ".join(places(value, 2) for value in entry["abscissae"]),
         number(entry["principal_error"]),
         number(entry["effort"]),
-        number(entry["largest_residual"], 1),
         f"{entry['rank']} of {entry['conditions']}",
         proved,
     ]

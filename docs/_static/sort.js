@@ -10,10 +10,11 @@ document.addEventListener("DOMContentLoaded", () => {
         const down = heading.getAttribute("aria-sort") === "ascending" ? -1 : 1;
         for (const other of heading.parentNode.cells) other.removeAttribute("aria-sort");
         heading.setAttribute("aria-sort", down > 0 ? "ascending" : "descending");
-        const key = (row) => row.cells[column].textContent.trim();
+        const text = (row) => row.cells[column].textContent.trim().replaceAll("−", "-");
+        const number = (row) => parseFloat(text(row).replace(/^(≈|in part) /, ""));
         body.append(...[...body.rows].sort((one, two) => {
-          const [a, b] = [key(one), key(two)];
-          return down * (parseFloat(a) - parseFloat(b) || a.localeCompare(b));
+          const [a, b] = [number(one), number(two)];
+          return isNaN(a) - isNaN(b) || down * (a - b || text(one).localeCompare(text(two)));
         }));
       });
     });

@@ -53,6 +53,7 @@ def test_pages_of_methods(from_docs):
         assert pages.coefficients(method).startswith("| "), name
         *entries, last = pages.citations(method)
         assert f"method {name}}}" in last
+        assert all("year = {" in entry for entry in (*entries, last)), name
         if re.search(r"\b(19|20)\d\d\b", method.source or ""):
             assert entries, name
     assert pages.proof(cg.methods["CG6a"])[0] == "no"
@@ -65,3 +66,11 @@ def test_list_of_methods_has_a_row_for_each(from_docs):
     listed = pages.index([cg.methods["CG4a"], cg.methods["RKMK5(4)"]])
     assert "| [CG4a](CG4a.md) | Crouch–Grossman | 4 | 5 | 15 | 0.078 | yes |" in listed
     assert "| [RKMK5(4)](RKMK5_4.md) | Munthe-Kaas | 5(4) | 7 | 6 |" in listed
+
+
+def test_table_of_the_catalogue_leads_to_the_pages_of_methods(from_docs):
+    pages, content = from_docs("method_pages"), [(DOCS / "catalogue.md").read_text("utf-8")]
+    pages.link_table(None, "catalogue", content)
+    links = re.findall(r"^\| \[(.+)\]\(methods/(.+)\.md\)", content[0], re.MULTILINE)
+    assert len(links) > 60
+    assert all(pages.slug(name) == page and name in cg.methods for name, page in links)
