@@ -40,6 +40,7 @@ def faults(version: str, files: list[Path]) -> list[str]:
     }
     conditions = {
         "no public address, [project.urls] in pyproject.toml": "urls" in settings["project"],
+        "README.md has links that need the public address": "](docs/" not in read("README.md"),
         "the working tree has changes that are not committed": not status,
         f"CHANGELOG.md has no section {version}": f"\n## {version}" in read("CHANGELOG.md"),
         f"CITATION.cff has not the version {version}": f"version: {version}"

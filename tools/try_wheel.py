@@ -51,7 +51,6 @@ def check_files() -> None:
         assert any(name.endswith(f"/{licence}") for name in names), licence
     about = metadata("crouch-grossman")
     assert about["License-Expression"] == "MIT", about["License-Expression"]
-    assert "](" not in about.get_payload(), "the text has links that lead nowhere elsewhere"
 
 
 if __name__ == "__main__":
