@@ -16,14 +16,16 @@ import os
 import random
 import re
 import resource
-import select
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from itertools import accumulate
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,7 @@ _OPERATORS = {
     ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.And: "or", ast.Or: "and",
     ast.Is: "is not", ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in", ast.MatMult: "*",
 }  # fmt: skip
+_FUNCTIONS = {"min": "max", "max": "min", "abs": "", "any": "all", "all": "any", "reversed": ""}
 _FORTRAN = (
     (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" < ", " <= "), (r" <= ", " < "),
     (r" > ", " >= "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "),
@@ -111,21 +114,17 @@ class Error:
 
 def in_python(path: Path) -> list[Error]:
     """Return the errors that can be planted in a file: changes of expressions in functions."""
-    text = path.read_text("utf-8")
-    lines = text.splitlines(keepends=True)
-    starts = [sum(map(len, lines[:i])) for i in range(len(lines))]
-    found = []
-
-    def offset(line: int, column: int) -> int:
-        return starts[line - 1] + len(lines[line - 1].encode()[:column].decode())
+    text, found = path.read_bytes(), []
+    starts = [0, *accumulate(map(len, text.splitlines(keepends=True)))]
 
     def visit(node: ast.AST, within: bool) -> None:
         if isinstance(node, (ast.Raise, ast.JoinedStr, ast.Assert, ast.arguments)):
             return
-        if within and isinstance(node, ast.expr) and (change := _changed(node, text)):
-            begin = offset(node.lineno, node.col_offset)
-            end = offset(node.end_lineno, node.end_col_offset)  # type: ignore[arg-type]
-            found.append(Error(str(path), node.lineno, text[begin:end], change, begin, end))
+        if within and isinstance(node, ast.expr) and (change := _changed(node)):
+            begin = starts[node.lineno - 1] + node.col_offset
+            end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[operator]
+            was = text[begin:end].decode()
+            found.append(Error(str(path), node.lineno, was, change, begin, end))
         for name, value in ast.iter_fields(node):
             if name in ("annotation", "returns", "decorator_list", "type_comment", "func"):
                 continue
@@ -137,27 +136,25 @@ def in_python(path: Path) -> list[Error]:
     return found
 
 
-def _changed(node: ast.expr, text: str) -> str:  # noqa: PLR0911
-    def of(part: ast.AST) -> str:
-        return f"({ast.get_source_segment(text, part)})"
+def _changed(node: ast.expr) -> str:  # noqa: PLR0911
+    def joined(op: ast.AST, *parts: ast.AST) -> str:
+        return f" {_OPERATORS[type(op)]} ".join(f"({ast.unparse(part)})" for part in parts)
 
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        if isinstance(node.left, ast.Constant) and isinstance(node.left.value, str):
+    match node:
+        case ast.BinOp(ast.Constant(str())):
             return ""
-        return f"{of(node.left)} {_OPERATORS[type(node.op)]} {of(node.right)}"
-    if isinstance(node, ast.Compare) and len(node.ops) == 1:
-        return f"{of(node.left)} {_OPERATORS[type(node.ops[0])]} {of(node.comparators[0])}"
-    if isinstance(node, ast.BoolOp):
-        return f" {_OPERATORS[type(node.op)]} ".join(map(of, node.values))
-    if isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
-        return of(node.operand)
-    if isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
-        return repr(not node.value if isinstance(node.value, bool) else node.value + 1)
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
-        arguments = ", ".join(ast.get_source_segment(text, a) or "" for a in node.args)
-        other = {"min": "max", "max": "min", "abs": "", "any": "all", "all": "any", "reversed": ""}
-        if node.func.id in other and not node.keywords:
-            return f"{other[node.func.id]}({arguments})"
+        case ast.BinOp(a, op, b) | ast.Compare(a, [op], [b]) if type(op) in _OPERATORS:
+            return joined(op, a, b)
+        case ast.BoolOp(op, values):
+            return joined(op, *values)
+        case ast.UnaryOp(_, operand) if not isinstance(operand, ast.Constant):
+            return f"({ast.unparse(operand)})"
+        case ast.Constant(bool() as value):
+            return repr(not value)
+        case ast.Constant(int() | float() as number):
+            return repr(number + 1)
+        case ast.Call(ast.Name(name), [_, *_] as parts, []) if name in _FUNCTIONS:
+            return f"{_FUNCTIONS[name]}({', '.join(map(ast.unparse, parts))})"
     return ""
 
 
@@ -182,7 +179,7 @@ def in_fortran(path: Path) -> list[Error]:
                         Error(str(path), number + 1, code[first:], other[first:], begin + first,
                               begin + len(code))
                     )  # fmt: skip
-        begin += len(line)
+        begin += len(line.encode())
     return found
 
 
@@ -238,16 +235,16 @@ def drawn(number: int, seed: int, chosen: Path | None) -> list[Error]:
 def plant(errors: list[Error]) -> None:
     """Change the files of a copy of the tree, and its build."""
     for file in {error.file for error in errors}:
-        text = Path(file).read_text()
-        for k in sorted(range(len(errors)), key=lambda k: -errors[k].begin):
-            if errors[k].file == file:
-                text = text[: errors[k].begin] + switched(errors[k], k) + text[errors[k].end :]
+        data = Path(file).read_bytes()
+        for k, error in sorted(enumerate(errors), key=lambda pair: -pair[1].begin):
+            if error.file == file:
+                data = data[: error.begin] + switched(error, k).encode() + data[error.end :]
         if file.endswith(".py"):  # in front of the first import, not of words of a text
-            place = "^(?=from (?!__)[\\w.]+ import |import )"
-            text = re.sub(place, "from cg._planted import _acts\n", text, count=1, flags=re.M)
+            place = r"^(?=from (?!__)[\w.]+ import |import )"
+            use = "from cg._planted import _acts\n"
         else:
-            use = r"\1\n  use planting, only: planted"
-            text = re.sub(r"^(module \w+)$", use, text, count=1, flags=re.M)
+            place, use = r"^(module \w+)$", r"\1\n  use planting, only: planted"
+        text = re.sub(place, use, data.decode(), count=1, flags=re.M)
         Path(file).write_text(text)
     for file, text in SWITCH.items():
         (TREE / file).write_text(text)
@@ -296,9 +293,8 @@ class Watcher:
         if len(errors) == 1:
             self.note([item.nodeid, errors[0], outcome, limit])
             return
-        half = len(errors) // 2
-        self.search(item, errors[:half], limit)
-        self.search(item, errors[half:], limit)
+        for half in (errors[: len(errors) // 2], errors[len(errors) // 2 :]):
+            self.search(item, half, limit)
 
     @staticmethod
     def counted(count: Counter[str], item: pytest.Item, k: int = -1) -> int:
@@ -319,10 +315,9 @@ class Watcher:
 
     def run(self, item: pytest.Item, errors: list[int], limit: float) -> tuple[object, float]:
         """Run a test in a child with errors; return what it passes, or how it fails."""
-        ahead, behind = os.pipe()
+        ahead, behind = Pipe(duplex=False)
         child = os.fork()
         if child == 0:
-            os.close(ahead)
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
             self.python.PASSED.clear()
             ctypes.memset(self.passed, 0, len(self.passed))
@@ -335,23 +330,16 @@ class Watcher:
             failed = [r for r in reports if r.failed]
             passed = self.python.PASSED | {i for i, flag in enumerate(self.passed.raw) if flag}
             result = str(failed[0].longrepr)[-300:] if failed else sorted(passed)
-            with os.fdopen(behind, "w") as file:
-                json.dump([result, time.process_time()], file)
+            behind.send((result, time.process_time()))
             os._exit(0)
-        os.close(behind)
-        begin = time.monotonic()
-        while time.monotonic() < begin + 40.0 * limit:
-            if select.select([ahead], [], [], 1.0)[0]:
-                break
-        else:
-            os.kill(child, signal.SIGKILL)
-        with os.fdopen(ahead) as file:
-            text = file.read()
+        behind.close()
+        outcome: tuple[object, float] = "the time, or the end of the process", limit
+        with ahead, suppress(EOFError):
+            if ahead.poll(40.0 * limit):
+                outcome = ahead.recv()
+        os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        if not text:
-            return "the time, or the end of the process", limit
-        outcome, seconds = json.loads(text)
-        return outcome, seconds
+        return outcome
 
 
 def main() -> int:

@@ -70,7 +70,9 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
             restarts=settings.restarts, accept=accept,
         ):  # fmt: skip
             candidate = smaller
-    return _attempt(settings, index, candidate)
+    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
+    points = (_flows(settings, layout), layout) if layout.rows is None else ()
+    return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
 
 
 def random_candidate(
@@ -134,17 +136,11 @@ def acceptable(settings: Settings, candidate: Candidate) -> bool:
     return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
 
 
-def _attempt(settings: Settings, index: int, candidate: Candidate) -> Attempt:
-    good = acceptable(settings, candidate)
-    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
-    points = (_flows(settings, layout), layout) if layout.rows is None else ()
-    return Attempt(index, layout.stages, good, candidate.f, x, *points)
-
-
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
     x = np.array(attempt.x, dtype=np.float64)
-    candidate = requirements.improve(_candidate(settings, attempt.stages, attempt.tree, x))
+    layout = attempt.tree or Layout.tableau(attempt.stages)
+    candidate = requirements.improve(Candidate(settings.system(layout), x))
     if candidate is None:
         return None
     name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
@@ -153,9 +149,3 @@ def refined(settings: Settings, attempt: Attempt, requirements: Requirements) ->
         return to_method(candidate, name=name, source=source)
     except NotExactError:
         return None
-
-
-def _candidate(
-    settings: Settings, stages: int, layout: Layout | None, x: NDArray[np.float64]
-) -> Candidate:
-    return Candidate(settings.system(layout or Layout.tableau(stages)), x)

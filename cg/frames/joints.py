@@ -301,11 +301,6 @@ class Linkage:
             "joint with fewer of them there, such as 'ball' in place of 'hinge'"
         )
 
-    def _configuration(self, q: Array) -> Points:
-        frame = self._frame.configuration
-        point: Points = q.view(frame.dtype).reshape(frame.point_shape)
-        return point
-
     def _value(self, q: Points) -> Array:
         return real_array(self._g(np.array(q)), "the value of constraints")
 
@@ -368,7 +363,8 @@ class Linkage:
         def evaluate(_: int, depth: Array, doubles: Array) -> NDArray[np.float64]:
             self = this()
             assert self is not None
-            q = self._configuration(doubles)
+            frame = self._frame.configuration
+            q: Points = doubles.view(frame.dtype).reshape(frame.point_shape)
             parts = [self._value(q)]
             if depth[0] > 0.0:
                 parts.append(self._slopes(q).ravel())

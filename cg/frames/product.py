@@ -98,12 +98,8 @@ class Product(Frame):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
         if (single := self._join_single(parts)) is not None:
             return single
-        return self._join(
-            [
-                factor._points(part, f"parts[{index}]")
-                for index, (factor, part) in enumerate(zip(self.factors, parts, strict=True))
-            ]
-        )
+        names = [f"parts[{index}]" for index in range(len(parts))]
+        return self._join(self._each("_points", parts, names))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the factors' coordinates, joined; None if a factor has none."""
@@ -113,16 +109,18 @@ class Product(Frame):
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        return np.concatenate(self._each("local_coordinates", *map(self._split, points)), axis=-1)
+        return self._joined("local_coordinates", *map(self._split, points))
 
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        return np.concatenate(
-            self._each("_nearest_coordinates", *map(self._split, points)), axis=-1
-        )
+        return self._joined("_nearest_coordinates", *map(self._split, points))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        return np.concatenate(self._each("coordinate_sizes", self.split(y)), axis=-1)
+        return self._joined("coordinate_sizes", self.split(y))
+
+    def _joined(self, method: str, *parts: Iterable[Any]) -> Array:
+        """Return the vectors that a method of all factors returns, joined."""
+        return np.concatenate(self._each(method, *parts), axis=-1)
 
     def _each(self, method: str, *parts: Iterable[Any]) -> list[Any]:
         """Return the results of a method of all factors, with the parts of each."""
@@ -150,12 +148,11 @@ class Product(Frame):
         return self._join(self._each("flow", self._split_vector(vector), self._split(point)))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        return np.concatenate(self._each("_bracket", *map(self._split_vector, (u, v))), axis=-1)
+        return self._joined("_bracket", *map(self._split_vector, (u, v)))
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         orders = [order] * len(self.factors)
-        each = self._each("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
-        return np.concatenate(each, axis=-1)
+        return self._joined("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
 
     def _moved_by_derivatives(self) -> Frame:
         factors = [factor._moved_by_derivatives() for factor in self.factors]
@@ -163,16 +160,14 @@ class Product(Frame):
         return self if moved.compiled_blocks() is None else moved
 
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
-        parts = self._split(y), self._split(tangent)
-        return np.concatenate(self._each("_coefficients_at", *parts), axis=-1)
+        return self._joined("_coefficients_at", self._split(y), self._split(tangent))
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
         lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
         vector = np.broadcast_to(vector, (*lead, self.dim))
         point = np.broadcast_to(point, (*lead, *self.point_shape))
-        parts = self._split_vector(vector), self._split(point)
-        return np.concatenate(self._each("without_isotropy", *parts), axis=-1)
+        return self._joined("without_isotropy", self._split_vector(vector), self._split(point))
 
     def _project(self, y: Array) -> Array:
         return self._join(self._each("project", self._split(y)))

@@ -152,11 +152,8 @@ class MethodTable:
         """Return the limit of stability along the negative real axis, None if there is none."""
         if self.source is None:
             return self.real_stability
-        limit: float | None = (
-            import_module("cg.construction.catalogue.summary")
-            .summary_of(self.source)
-            .real_stability
-        )
+        summary = import_module("cg.construction.catalogue.summary").summary_of(self.source)
+        limit: float | None = summary.real_stability
         return limit
 
     @property

@@ -5,7 +5,7 @@ module blocks_m
   use rigid_body_m, only: top_t
   implicit none
   private
-  public :: block_t, body_t, combine_flows, find_velocities, flow_sequence_t, velocities
+  public :: block_t, body_t, combine_flows, find_velocities, flow_sequence_t
 
   type :: block_t
     integer :: kind = 0
@@ -92,14 +92,5 @@ contains
       sum = sum + weight(j) * k(1:m, column(j))
     end do
   end subroutine combine_columns
-
-  ! The velocities of a body
-  pure function velocities(body, momentum)
-    type(body_t), intent(in) :: body
-    real(wp), intent(in) :: momentum(:)
-    real(wp) :: velocities(size(momentum))
-
-    call find_velocities(body, size(momentum), momentum, velocities)
-  end function velocities
 
 end module blocks_m

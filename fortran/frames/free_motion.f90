@@ -3,7 +3,7 @@
 ! added here, and moves points along drifts.
 module free_motion_m
   use kinds, only: wp
-  use blocks_m, only: body_t, find_velocities, flow_sequence_t, velocities
+  use blocks_m, only: body_t, find_velocities, flow_sequence_t
   use frames_m, only: frame_t, apply_flows
   use gyroscopic_m, only: move_linearly, rotor_momentum, substeps, turn_with_rotor
   use rigid_body_m, only: turn_freely
@@ -194,7 +194,8 @@ contains
           call turn_freely(body%top, time, momentum, q)
           call turn_point(block, q, point)
         else
-          own = time * velocities(body, momentum)
+          call find_velocities(body, block%dimension, momentum, own)
+          own = time * own
           call apply_flows(frame, 1, v, y, i)
           if (block%kind == sphere_block) call remove_component(point, momentum)
         end if

@@ -8,7 +8,7 @@
 ! of unconventional schemes", Math. Comp. 66 (1997), have order six, and are symplectic.
 module gyroscopic_m
   use kinds, only: wp
-  use blocks_m, only: body_t, velocities
+  use blocks_m, only: body_t, find_velocities
   use frames_m, only: frame_t, apply_flows
   use rotations_m, only: exponential, rotate_vector
   implicit none
@@ -48,7 +48,8 @@ contains
 
     associate (own => v(frame%blocks(i)%vectors + 1:frame%blocks(i)%vectors + 3), &
                body => frame%bodies(i))
-      own = time * velocities(body, rotor_momentum(body))
+      call find_velocities(body, 3, rotor_momentum(body), own)
+      own = time * own
       call exponential(own, q, sinc)
       call rotate_vector(q, momentum)
       own = -own
@@ -71,7 +72,8 @@ contains
     do piece = 1, pieces
       term = momentum
       do k = 1, terms
-        velocity = step / real(k, wp) * velocities(body, term)
+        call find_velocities(body, size(term), term, velocity)
+        velocity = step / real(k, wp) * velocity
         point = point + velocity
         term = matmul(body%gyroscopic, velocity)
         momentum = momentum + term

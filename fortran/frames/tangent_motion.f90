@@ -9,7 +9,7 @@
 module tangent_motion_m
   use kinds, only: wp
   use algebra_m, only: bracket
-  use blocks_m, only: body_t, velocities
+  use blocks_m, only: body_t, find_velocities
   use frames_m, only: frame_t
   use rigid_body_m, only: turn_freely
   use rotations_m, only: rotate_vector
@@ -38,7 +38,8 @@ contains
       associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
                  body => frame%bodies(i))
         if (body%turns .or. frame%blocks(i)%kind == euclidean_block) cycle
-        u(v + 1:v + n) = time * velocities(body, momentum(v + 1:v + n))
+        call find_velocities(body, n, momentum(v + 1:v + n), u(v + 1:v + n))
+        u(v + 1:v + n) = time * u(v + 1:v + n)
       end associate
     end do
     pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%vectors + 1: &
@@ -53,7 +54,8 @@ contains
                    body => frame%bodies(i), m => frame%forces)
           if (body%turns) cycle
           xi(v + 1:v + n) = x(j, v + 1:v + n)
-          moved(v + 1:v + n) = time * part * velocities(body, x(j, m + v + 1:m + v + n))
+          call find_velocities(body, n, x(j, m + v + 1:m + v + n), moved(v + 1:v + n))
+          moved(v + 1:v + n) = time * part * moved(v + 1:v + n)
         end associate
       end do
       do piece = 1, pieces

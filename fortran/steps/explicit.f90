@@ -1,7 +1,6 @@
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0.
 module explicit_m
-  use kinds, only: wp
   use algebra_m, only: dexpinv
   use method_m, only: kind_algebra
   use paths_m, only: combine_coordinates, follow_paths

@@ -22,7 +22,7 @@ module flow_interpolant_m
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t
   use free_motion_m, only: make_tangential, move_by_impulses
-  use shared_numbers, only: nearby_operation, nearest_operation
+  use shared_numbers, only: nearest_operation
   use vectors_m, only: combine
   implicit none
   private

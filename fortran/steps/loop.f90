@@ -78,7 +78,10 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      call store_start(x)
+      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+      x%slope_known = .true.
+      x%phase = phase_next_stage
+      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
@@ -114,15 +117,5 @@ contains
       call store_output(x, output)
     end select
   end subroutine advance
-
-  ! Stores the coefficients at the start of a step.
-  subroutine store_start(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-    x%slope_known = .true.
-    x%phase = phase_next_stage
-    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
-  end subroutine store_start
 
 end module loop_m

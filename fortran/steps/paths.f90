@@ -43,7 +43,7 @@ contains
             if (x%status /= finished) return
             cycle
           end if
-          if (x%problem%bath%present .and. i == middle_path(method)) then
+          if (x%problem%bath%present .and. i == size(method%origin) - size(method%c) / 2) then
             call exchange_within(x, i)
           else
             call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
@@ -66,17 +66,8 @@ contains
     end associate
   end subroutine follow_paths
 
-  ! The path with the middle of a step of a splitting method
-  pure integer function middle_path(method)
-    type(method_t), intent(in) :: method
-
-    associate (kicks => size(method%c), paths => size(method%origin))
-      middle_path = (kicks + 1) / 2 + paths - kicks
-    end associate
-  end function middle_path
-
-  ! Follows this path, and exchanges heat in the middle of its drift, or of its kick if a kick is in
-  ! the middle of the step.
+  ! Follows the path with the middle of a step of a splitting method, and exchanges heat in the middle
+  ! of its drift, or of its kick if a kick is in the middle of the step.
   subroutine exchange_within(x, path)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path

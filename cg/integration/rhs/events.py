@@ -93,7 +93,7 @@ class Event:
         # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
             limit = 1 if terminal else _UNLIMITED
-        elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
+        elif isinstance(terminal, int | float | np.integer) and 0 <= terminal == terminal // 1:
             limit = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
@@ -113,10 +113,6 @@ class Event:
 
 def _is_real(number: object) -> bool:
     return isinstance(number, int | float | np.integer | np.floating) and number is not True
-
-
-def _is_count(number: float | np.integer[Any]) -> bool:
-    return bool(number >= 0 and number == number // 1)
 
 
 class EventTable:
