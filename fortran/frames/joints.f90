@@ -468,21 +468,13 @@ contains
         associate (b => linkage%block(k, i))
           if (b == 0) cycle
           associate (part => vector(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
-            if (moved) then
-              part = part + x(i) * c%moved(:, k, i)
-            else
-              part = part + x(i) * c%slope(:, k, i)
-            end if
+            part = part + x(i) * merge(c%moved(:, k, i), c%slope(:, k, i), moved)
           end associate
         end associate
       end do
     end do
     do i = 1, linkage%own
-      if (moved) then
-        vector = vector + x(linkage%rows + i) * c%own_moved(:, i)
-      else
-        vector = vector + x(linkage%rows + i) * c%own(:, i)
-      end if
+      vector = vector + x(linkage%rows + i) * merge(c%own_moved(:, i), c%own(:, i), moved)
     end do
   end subroutine constraint_impulse
 

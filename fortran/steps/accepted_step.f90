@@ -149,9 +149,7 @@ contains
     real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
     logical :: ended
 
-    if (.not. allocated(x%events%zeros)) then
-      call find_zeros(x, .false.)
-    end if
+    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
     if (x%status == finished) call store_zeros(x, output, until, ended, after)
     if (x%status /= finished) return
     deallocate (x%events%zeros)

@@ -41,9 +41,7 @@ contains
     x%phase = phase_choose_step
     if (x%problem%adaptive .and. .not. x%control%step_size > 0) then
       x%phase = phase_guess_size
-      if (.not. x%slope_known) then
-        call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
-      end if
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end if
     if (.not. associated(x%problem%events)) return
     if (x%events%known) return
