@@ -368,7 +368,10 @@ def step_by_step(case: Case) -> None:
     code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
     plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
     run = case.run(code)
-    same(plain, run["s"], (*EVENTS, *CALLS, "nrejected"), code)
+    stops = (*case.path.task.breakpoints, *case.path.task.knots)
+    met = any(abs(t - stop) < 1e-9 * case.length for t in case.path.jumps for stop in stops)
+    # a stepper keeps the interpolant of a step at whose end the solution jumps
+    same(plain, run["s"], EVENTS if met else (*EVENTS, *CALLS, "nrejected"), code)
     t, y = np.array(run["t"]), np.array(run["y"])
     if not np.array_equal(plain.y[-1], y[-1]) or not (case.jumps() or np.array_equal(plain.y, y)):
         raise Difference("points of a Stepper differ", f"{CALL}\nprint(s.y)\n{code}\nprint(y)")
