@@ -125,7 +125,7 @@ class Semidirect(MatrixGroup):
         linear, columns = y[..., :n, :n], tangent[..., :n, n:]
         v = self.group._coefficients_at(linear, tangent[..., :n, :n])
         if self.convention == "body":
-            columns = self.group.inverse(linear) @ columns
+            columns = self.group._quotient(linear, columns)
         else:
             columns = columns - self.group.algebra(v) @ y[..., :n, n:]
         return np.concatenate([v, columns.mT.reshape(*v.shape[:-1], -1)], axis=-1)

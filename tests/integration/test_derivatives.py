@@ -197,3 +197,12 @@ def test_values_that_are_not_finite_reject_steps_and_end_equal_ones():
     np.testing.assert_allclose(
         drawn.y[-1, 0], cg.solve_ivp(coefficients, (0, 1), Y0, frame=BODY).y[-1], atol=1e-12
     )
+
+
+@pytest.mark.parametrize("convention", ["body", "space"])
+def test_singular_points_have_no_coefficients(convention):
+    frame = cg.frames.Semidirect(cg.frames.GL(2, convention))
+    y = np.stack([np.diag([1.0, 0.0, 1.0]), np.eye(3)])
+    v = frame.coefficients(y, frame.field(np.arange(1.0, 7.0), y))
+    assert np.isnan(v[0]).all()
+    np.testing.assert_allclose(v[1], np.arange(1.0, 7.0), rtol=1e-14)
