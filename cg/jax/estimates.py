@@ -2,9 +2,10 @@
 
 An estimate is the difference of two results, or a weighted sum of the coefficients at stages. Two
 estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, or
-the larger one. Those of Magnus methods have two parts, of quadratures and of commutators, each of
-which counts times (e / hypot(e, factor d))^power, see ``fortran/steps/error_estimate.f90``. Norms
-are those of `controller` where both of its tolerances are equal.
+the larger one. Those of Magnus methods and of methods on the algebra have two parts, of quadratures
+and of commutators, each of which counts times (e / hypot(e, factor d))^power, see
+``fortran/steps/error_estimate.f90``. Norms are those of `controller` where both of its tolerances
+are equal.
 """
 
 from __future__ import annotations
@@ -123,11 +124,25 @@ def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) 
         return error
     if table.record.power == 0:
         return _larger(table, errors, squares)
+    half = len(table.errors)
+    if table.on_algebra and half > 1:  # in parts
+        scaled, sizes = zip(
+            _quotient(errors[:half], squares[:half]), _quotient(errors[half:], squares[half:]),
+            strict=True,
+        )  # fmt: skip
+        return jnp.where(sizes[1] > sizes[0], scaled[1], scaled[0])
+    return _quotient(errors, squares)[0]
+
+
+def _quotient(errors: list[JaxArray], squares: list[JaxArray]) -> tuple[JaxArray, JaxArray]:
+    """Return the estimate of DOP853 and the square of its norm."""
+    error = errors[0]
     if len(errors) > 2:  # with `kink_weights`
         error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
     total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(squares[0].dtype).tiny)
-    return jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
+    share = squares[0] / total
+    return jax.lax.stop_gradient(jnp.sqrt(share)) * error, share * squares[0]
 
 
 def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:

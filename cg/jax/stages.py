@@ -37,8 +37,9 @@ class Stages:
     ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
     Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
     there. ``others`` are the results with which a pair compares the first one. ``errors`` are
-    weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
-    dim)``. ``columns`` are the values and the brackets of a Magnus method, which flows combine.
+    weighted sums of the values, further error estimates divided by the step, shape ``(sums, dim)``;
+    on the algebra, if there are several, all sums of coefficients, and then all sums of what
+    dexpinv has added to them. ``columns`` are the values and the brackets of a Magnus method, which flows combine.
     """
 
     values: JaxArray
@@ -110,21 +111,29 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
 
-    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, JaxArray]:
+    in_parts = len(table.errors) > 1
+
+    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray, JaxArray | None]]:
         path, c, column = stage
         u = h * sums[path]
-        value = dexpinv(u, f(c, flow(u, y0)), record.series)
-        return sums + column[:, None] * value, value
+        coefficients = f(c, flow(u, y0))
+        value = dexpinv(u, coefficients, record.series)
+        added = value - coefficients if in_parts else None
+        return sums + column[:, None] * value, (value, added)
 
-    def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
+    def loop(sums: JaxArray, begin: int, end: int) -> JaxArray:
         rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
-        scanned: tuple[JaxArray, JaxArray] = jax.lax.scan(take, sums, rows, unroll=unroll)
-        return scanned
+        sums, (value, added) = jax.lax.scan(take, sums, rows, unroll=unroll)
+        values.append(value)
+        if in_parts:
+            rest.append(added)
+        return sums
 
     count = len(table.c)
     final = record.final_stage - 1 if record.final_stage else count
-    sums, values = loop(weights[:, :1] * start.first, 1, final)
-    values = [start.first[None], values]
+    values = [start.first[None]]
+    rest = [jnp.zeros_like(start.first)[None]] if in_parts else []
+    sums = loop(weights[:, :1] * start.first, 1, final)
     u = h * sums[record.result]
     result = rules.restore(rules.flow(u, y0))
     last = None
@@ -133,10 +142,14 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
         value = dexpinv(u, last, record.series)
         sums = sums + weights[:, final, None] * value
         values.append(value[None])
+        if in_parts:
+            rest.append((value - last)[None])
     if final + 1 < count:
-        sums, after = loop(sums, final + 1, count)
-        values.append(after)
+        sums = loop(sums, final + 1, count)
     errors = sums[len(table.paths) + 1 :]
+    if in_parts:
+        of_rest = weights[len(table.paths) + 1 :] @ jnp.concatenate(rest)
+        errors = jnp.concatenate([errors - of_rest, of_rest])
     columns = jnp.concatenate(values)
     return Stages(columns, result, [], errors, last, columns)
 

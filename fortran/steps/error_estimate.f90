@@ -10,10 +10,11 @@
 ! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
 ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
 !
-! The differences of a Magnus method have two parts: that of the quadratures, where all values of f
-! commute, and the rest, from commutators. Where f changes along its own direction, and hardly in
-! others, e2 is all quadrature and e1 is all commutators, and the quotient says nothing. Thus both
-! parts have a quotient of their own, and the estimate is the sum.
+! The differences of Magnus methods and of methods on the algebra have two parts: that of the
+! quadratures, where all values of f commute, and the rest, from commutators. Where f changes along
+! its own direction, and hardly in others, e2 is all quadrature and e1 is all commutators, and the
+! quotient says nothing. Thus both parts have a quotient of their own, and the estimate is their sum,
+! or on the algebra, where parts may cancel, the larger one.
 !
 ! Results of a Magnus method share nodes, and sums of weights on them, so that their difference
 ! doesn't see what the nodes of a step don't: a jump, a kink, an oscillation. The polynomial that
@@ -56,7 +57,9 @@ contains
         if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
       end if
       x%path_of_u = 0
-      if (method%in_parts) then
+      if (allocated(x%added)) then
+        call estimate_on_algebra(x)
+      else if (method%in_parts) then
         call estimate_parts(x)
       else
         call estimate_whole(x)
@@ -95,6 +98,33 @@ contains
       end if
     end associate
   end subroutine estimate_whole
+
+  ! Estimates the error of a method on the algebra by sums of stages, in parts: of coefficients, and
+  ! of what dexp^-1 adds to them.
+  subroutine estimate_on_algebra(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: errors(2, 2)    ! (part, difference)
+    real(wp) :: rest(size(x%u)), error
+    integer :: i, part, place
+
+    associate (method => x%problem%method)
+      errors = 0.0_wp
+      do i = 1, size(method%error, 2)
+        place = estimate_of(method, i)
+        call combine(size(rest), size(x%f, 2), x%h * method%error(:, i), x%added, rest)
+        call remove_isotropy(x%problem%frame, x%y(:, x%result), rest)
+        call sum_of_stages(x, i)
+        x%u = x%u - rest
+        do part = 1, 2
+          error = norm_of_u(x)
+          if (.not. error <= errors(part, place)) errors(part, place) = error
+          x%u = rest
+        end do
+      end do
+      x%error = max(combined(method, errors(1, 1), errors(1, 2)), &
+                    combined(method, errors(2, 1), errors(2, 2)))
+    end associate
+  end subroutine estimate_on_algebra
 
   ! Estimates the error of a Magnus method by the differences of the second and the third result, in
   ! parts: sums of stages, where exponents are compared, else the first sum and what it leaves.

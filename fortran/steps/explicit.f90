@@ -53,7 +53,9 @@ contains
         if (x%path_of_u /= method%stage_path(x%stage)) then
           call combine_coordinates(method, method%stage_path(x%stage), x)
         end if
+        if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
         call dexpinv(x%problem%frame, method%series, x%u, x%f(:, x%stage), exists)
+        if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
         if (.not. exists) then
           call reject_stage(x, step_too_long, x%t)
           return

@@ -8,7 +8,7 @@ module trajectory_m
   use heat_bath_m, only: bath_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use joints_m, only: constraints_t
-  use method_m, only: kind_collocation, kind_implicit, kind_registers, kind_splitting, method_t
+  use method_m, only: kind_algebra, kind_collocation, kind_implicit, kind_registers, kind_splitting, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
   use time_grid_m, only: grid_t
@@ -147,6 +147,8 @@ module trajectory_m
     ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
     ! the register Z
     real(wp), allocatable :: f(:, :)
+    ! of a method on the algebra, what dexp^-1 has added to the coefficients at the stages
+    real(wp), allocatable :: added(:, :)
     ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
     real(wp), allocatable :: f_before(:, :)
     real(wp) :: h_before = 0.0_wp
@@ -192,6 +194,8 @@ contains
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
                 x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
+      if (memory == 0 .and. method%kind == kind_algebra .and. method%in_parts) &
+        allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       if (method%kind == kind_collocation) then
         call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)

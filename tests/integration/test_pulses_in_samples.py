@@ -147,3 +147,29 @@ def test_idle_and_smooth_times_take_few_steps(kind):
     # what is at rest before a motion is compared to it
     noise = np.random.default_rng(2).standard_normal(len(TIMES))
     assert steps(PULSE + 1e-11 * noise) < 100
+
+
+def burst(kind, seed, turn):
+    """Return samples of which one turns by an angle, and two others by less, about near axes."""
+    random = np.random.default_rng(seed)
+    axis = random.standard_normal(3)
+    values = np.tile(0.05 * random.standard_normal(3), (24, 1))
+    values[9] += turn * axis / np.linalg.norm(axis)
+    values[10:12] += 0.3 * turn * axis + 0.1 * turn * random.standard_normal((2, 3))
+    return cg.Samples(np.arange(24.0 + (kind == "averages")), values, kind)
+
+
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-10])
+def test_samples_that_turn_far(kind, tolerance):
+    for seed in range(12):
+        curve = burst(kind, seed, 1.0 + seed / 4)
+
+        def solve(seed=seed, curve=curve, **options):
+            return cg.solve_ivp(
+                lambda t, q, u: u, (0, 23), START, frame=FRAME, inputs=curve, **options
+            ).y[-1]
+
+        exact = solve(rtol=1e-13, atol=1e-13, method="Verner8(7)", max_step=0.125)
+        end = solve(rtol=tolerance, atol=tolerance)
+        assert FRAME.distance(end, exact) < 50 * tolerance, seed
