@@ -19,7 +19,9 @@ from cg.jax.entire import JaxArray
 from cg.jax.stages import Stages, Start
 from cg.tables import MAX_ANGLE, Kind, MethodTable
 
-_ROUNDINGS = 64  # as in fortran/steps/error_estimate.f90
+# as in fortran/steps/error_estimate.f90
+_ROUNDINGS = 64
+_UNIT_OF_CHANGE = 6.0
 
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
 
@@ -68,7 +70,10 @@ def error_estimate(
     size = rules.extent(start.y0, y1)
     errors = [tangent for tangent, _ in estimates]
     squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
-    error = (_error if before is None else _error_of_time)(table, errors, squares)
+    if before is None:
+        error = _error(table, errors, squares)
+    else:
+        error = _error_of_time(table, errors, squares, _change_of_angle(start, stages))
     angle = turning(rules.frame, h * stages.values[0])
     return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
 
@@ -99,7 +104,15 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
-def _error_of_time(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _change_of_angle(start: Start, stages: Stages) -> JaxArray:
+    """Return the largest angle by which the flows of the coefficients at the stages differ."""
+    changes = start.h * (stages.values[1:] - stages.values[0])
+    return jax.vmap(lambda v: turning(start.rules.frame, v))(changes).max()
+
+
+def _error_of_time(
+    table: MethodTable, errors: list[JaxArray], squares: list[JaxArray], change: JaxArray
+) -> JaxArray:
     """Return the error of a Magnus method: that of the results, or the larger of the nodes."""
     norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
     *parts, last = norms
@@ -114,6 +127,10 @@ def _error_of_time(table: MethodTable, errors: list[JaxArray], squares: list[Jax
     if len(estimates) > 1:
         scaled = errors[1] * jax.lax.stop_gradient(size / norms[1])
         of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
+        share = (change / _UNIT_OF_CHANGE) ** (1.0 / table.exponent - 3.0)
+        of_change = jax.lax.stop_gradient(share) * errors[3]
+        of_results = jnp.where(share * norms[3] > size, of_change, of_results)
+        size = jnp.maximum(size, share * norms[3])
     return jnp.where(last > size, errors[-1], of_results)
 
 

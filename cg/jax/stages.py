@@ -39,7 +39,8 @@ class Stages:
     there. ``others`` are the results with which a pair compares the first one. ``errors`` are
     weighted sums of the values, further error estimates divided by the step, shape ``(sums, dim)``;
     on the algebra, if there are several, all sums of coefficients, and then all sums of what
-    dexpinv has added to them. ``columns`` are the values and the brackets of a Magnus method, which flows combine.
+    dexpinv has added to them. ``columns`` are the values and the brackets of a Magnus method,
+    which flows combine.
     """
 
     values: JaxArray

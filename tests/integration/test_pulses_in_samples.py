@@ -165,11 +165,28 @@ def test_samples_that_turn_far(kind, tolerance):
     for seed in range(12):
         curve = burst(kind, seed, 1.0 + seed / 4)
 
-        def solve(seed=seed, curve=curve, **options):
+        def solve(curve=curve, linear=False, **options):
+            f = (lambda t, u: u) if linear else (lambda t, q, u: u)
             return cg.solve_ivp(
-                lambda t, q, u: u, (0, 23), START, frame=FRAME, inputs=curve, **options
+                f, (0, 23), START, frame=FRAME, inputs=curve, linear=linear, **options
             ).y[-1]
 
         exact = solve(rtol=1e-13, atol=1e-13, method="Verner8(7)", max_step=0.125)
-        end = solve(rtol=tolerance, atol=tolerance)
-        assert FRAME.distance(end, exact) < 50 * tolerance, seed
+        for linear in (False, True):
+            end = solve(rtol=tolerance, atol=tolerance, linear=linear)
+            assert np.linalg.norm(end - exact) < 50 * 2 * tolerance, (seed, linear)
+
+
+def test_a_step_over_the_first_two_pieces_of_a_spline():
+    values = np.tile([0.0016, 0.0022, 0.0], (31, 1))
+    values[3:5] += [[-0.6, 1.8, 0.1], [-0.3, 0.2, -0.7]]
+    curve = cg.Samples(np.arange(31.0), values, "cubic")
+    options = {"frame": FRAME, "inputs": curve, "linear": True}
+    exact = cg.solve_ivp(
+        lambda t, u: u, (0, 30), START, rtol=1e-13, atol=1e-13, max_step=0.05, **options
+    ).y[-1]
+    for tolerance in (1e-6, 1e-8, 1e-10):
+        end = cg.solve_ivp(
+            lambda t, u: u, (0, 30), START, rtol=tolerance, atol=tolerance, **options
+        ).y[-1]
+        assert np.linalg.norm(end - exact) < 50 * 2 * tolerance

@@ -148,7 +148,8 @@ def _compare(
     else:
         estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
     if estimate.ndim > 1:  # the parts of quadrature and of commutators
-        estimate = estimate.sum(axis=0)
+        together = np.sum if isinstance(method, MagnusMethod) else np.max
+        estimate = together(estimate, axis=0)
     return abs(result - exact), estimate
 
 
@@ -256,8 +257,16 @@ def _algebra_response(
     sources = values * (1 + scale * c)
     kappa = np.linalg.solve(system, sources[..., None])[..., 0]
     result, second, *others = weights @ kappa.T
-    third = others[0] if others else np.zeros(len(angles))
-    return _phi1(-1j * angles) * result, _larger(method, second, kappa.T), third
+    if not others:
+        second = _larger(method, second, kappa.T)
+        return _phi1(-1j * angles) * result, second, np.zeros(len(angles))
+    of_values = np.repeat(values[:, None], len(angles), axis=1)
+    parts = [of_values, kappa.T - of_values]
+    return (
+        _phi1(-1j * angles) * result,
+        np.array([_larger(method, weights[1] @ part, part) for part in parts]),
+        np.array([weights[2] @ part for part in parts]),
+    )
 
 
 def _larger(method: Method, second: Vector, values: Vector) -> Vector:

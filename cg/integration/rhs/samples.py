@@ -190,7 +190,10 @@ class Samples(ReadOnly):
         length = np.diff(self.times)
         jumps = np.abs(np.diff(pieces[-1], axis=0))
         jumps *= np.maximum(length[1:], length[:-1])[:, None] ** (len(pieces) - 1)
-        return self._resolution.kinks(np.where(jumps > self._rounding, jumps, 0.0))
+        kinks = self._resolution.kinks(np.where(jumps > self._rounding, jumps, 0.0))
+        if len(kinks) > 2:  # the outer knots are none, but their pieces are as long as others
+            kinks[[0, -1]] = kinks[[1, -2]]
+        return kinks
 
     def __call__(self, t: float, member: int | None = None) -> Any:
         """Return the value at a time, that after a jump.
