@@ -56,12 +56,15 @@ def error_estimate(
     else:
         estimates = [of_vector(rules.log(other, y1)) for other in stages.others]
     sums = [of_vector(v) for v in h * stages.errors]
-    if estimates and len(sums) == len(estimates) > 1 and table.kind is Kind.LINEAR:
+    if len(estimates) > 1:  # with a third result, whose parts are known
         rest = [
             (whole[0] - part[0], whole[1] - part[1])
-            for whole, part in zip(estimates, sums, strict=True)
+            for whole, part in zip(estimates, (sums[0], sums[-1]), strict=True)
         ]
-        estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+        if table.kind is Kind.LINEAR:
+            estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+        else:
+            estimates, sums = [*sums, *rest], []
     estimates += sums
     if not estimates:
         return None
@@ -141,10 +144,10 @@ def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) 
         return error
     if table.record.power == 0:
         return _larger(table, errors, squares)
-    half = len(table.errors)
-    if table.on_algebra and half > 1:  # in parts
+    sums = len(table.errors)
+    if sums > 1:  # in parts
         scaled, sizes = zip(
-            _quotient(errors[:half], squares[:half]), _quotient(errors[half:], squares[half:]),
+            _quotient(errors[:sums], squares[:sums]), _quotient(errors[sums:], squares[sums:]),
             strict=True,
         )  # fmt: skip
         return jnp.where(sizes[1] > sizes[0], scaled[1], scaled[0])

@@ -10,11 +10,10 @@
 ! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
 ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
 !
-! The differences of Magnus methods and of methods on the algebra have two parts: that of the
-! quadratures, where all values of f commute, and the rest, from commutators. Where f changes along
-! its own direction, and hardly in others, e2 is all quadrature and e1 is all commutators, and the
-! quotient says nothing. Thus both parts have a quotient of their own, and the estimate is their sum,
-! or on the algebra, where parts may cancel, the larger one.
+! Two such differences have two parts: that of the quadratures, where all values of f commute, and the
+! rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is all
+! quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a quotient
+! of their own, and the estimate is the larger one, or their sum for Magnus methods.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the power of the quotient makes
 ! much of that. The rest of e2, which is O(h^3), times the change of the angle as often as the order
@@ -64,9 +63,7 @@ contains
         if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
       end if
       x%path_of_u = 0
-      if (allocated(x%added)) then
-        call estimate_on_algebra(x)
-      else if (method%in_parts) then
+      if (method%in_parts) then
         call estimate_parts(x)
       else
         call estimate_whole(x)
@@ -106,67 +103,76 @@ contains
     end associate
   end subroutine estimate_whole
 
-  ! Estimates the error of a method on the algebra by sums of stages, in parts: of coefficients, and
-  ! of what dexp^-1 adds to them.
-  subroutine estimate_on_algebra(x)
-    type(trajectory_t), intent(inout) :: x
-    real(wp) :: errors(2, 2)    ! (part, difference)
-    real(wp) :: rest(size(x%u)), error
-    integer :: i, part, place
-
-    associate (method => x%problem%method)
-      errors = 0.0_wp
-      do i = 1, size(method%error, 2)
-        place = estimate_of(method, i)
-        call combine(size(rest), size(x%f, 2), x%h * method%error(:, i), x%added, rest)
-        call remove_isotropy(x%problem%frame, x%y(:, x%result), rest)
-        call sum_of_stages(x, i)
-        x%u = x%u - rest
-        do part = 1, 2
-          error = norm_of_u(x)
-          if (.not. error <= errors(part, place)) errors(part, place) = error
-          x%u = rest
-        end do
-      end do
-      x%error = max(combined(method, errors(1, 1), errors(1, 2)), &
-                    combined(method, errors(2, 1), errors(2, 2)))
-    end associate
-  end subroutine estimate_on_algebra
-
-  ! Estimates the error of a Magnus method by the differences of the second and the third result, in
-  ! parts: sums of stages, where exponents are compared, else the first sum and what it leaves.
+  ! Estimates the error by two differences, in parts: sums of stages, and the rest. With a third
+  ! result the rest is that of the differences of results; where exponents of Magnus methods are
+  ! compared, it has sums of its own; on the algebra it is what dexp^-1 adds to coefficients.
   subroutine estimate_parts(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(2, 2)    ! (part, difference)
+    real(wp) :: rest(size(x%u))
+    integer :: i, place
+
+    errors = 0.0_wp
+    associate (method => x%problem%method, last => size(x%problem%method%error, 2))
+      do i = 1, last
+        if (method%third == 0 .and. method%of_time) then
+          place = merge(1, 2, i <= 2)
+          call sum_of_stages(x, i)
+          call count_part(merge(1, 2, mod(i, 2) == 1), norm_of_u(x))
+          cycle
+        end if
+        place = merge(2, 1, i == last)
+        if (allocated(x%added)) then
+          call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, &
+                       x%u)
+          call remove_isotropy(x%problem%frame, x%y(:, x%result), x%u)
+          call count_part(2, norm_of_u(x))
+          rest = x%u
+          call sum_of_stages(x, i)
+          x%u = x%u - rest
+          call count_part(1, norm_of_u(x))
+        else
+          call sum_of_stages(x, i)
+          call count_part(1, norm_of_u(x))
+          if (i == 1) call count_part(2, distance(x, method%embedded, x%control%work))
+          if (i == last) call count_part(2, distance(x, method%third, x%control%work))
+        end if
+      end do
+      associate (parts => [(combined(method, errors(i, 1), errors(i, 2)), i=1, 2)])
+        x%error = merge(sum(parts), maxval(parts), method%of_time)
+      end associate
+      if (method%of_time .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+    end associate
+
+  contains
+
+    ! Counts a part of a difference if it is the largest one.
+    subroutine count_part(part, error)
+      integer, intent(in) :: part
+      real(wp), intent(in) :: error
+
+      if (.not. error <= errors(part, place)) errors(part, place) = error
+    end subroutine count_part
+
+  end subroutine estimate_parts
+
+  ! Raises the error of a step of a Magnus method where differences may vanish by chance.
+  subroutine limit_change(x, rest)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: rest    ! that of e2
     real(wp) :: change
     integer :: i
 
-    associate (method => x%problem%method)
-      if (method%embedded > 0) then
-        do i = 1, 2
-          call sum_of_stages(x, i)
-          errors(1, i) = norm_of_u(x)
-          errors(2, i) = distance(x, merge(method%embedded, method%third, i == 1), x%control%work)
-        end do
-      else
-        do i = 1, 4
-          call sum_of_stages(x, i)
-          errors(merge(1, 2, mod(i, 2) == 1), merge(1, 2, i <= 2)) = norm_of_u(x)
-        end do
-      end if
-      x%error = sum([(combined(method, errors(i, 1), errors(i, 2)), i=1, 2)])
-      if (.not. errors(2, 2) > 1) return
-      change = 0.0_wp
-      do i = 2, size(method%c)
-        x%u = x%f(:, i) - x%f(:, 1)
-        change = max(change, abs(x%h) * turning(x%problem%frame, x%u, .true.))
-      end do
-      associate (power => 1 / x%problem%tolerances%exponent)
-        x%error = max(x%error, errors(2, 2) * (change / unit_of_change)**(power - 3))
-        if (change > max_change) x%error = max(x%error, (change / max_change)**power)
-      end associate
+    change = 0.0_wp
+    do i = 2, size(x%problem%method%c)
+      x%u = x%f(:, i) - x%f(:, 1)
+      change = max(change, abs(x%h) * turning(x%problem%frame, x%u, .true.))
+    end do
+    associate (power => 1 / x%problem%tolerances%exponent)
+      x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
+      if (change > max_change) x%error = max(x%error, (change / max_change)**power)
     end associate
-  end subroutine estimate_parts
+  end subroutine limit_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power
   pure real(wp) function combined(method, e1, e2)
@@ -190,21 +196,14 @@ contains
     end associate
   end subroutine sum_of_stages
 
-  ! Which of e1, e2 and e3 sum i of stages belongs to: with a second result the last sum to e2, and
-  ! one before it to e1, or those at the end of the step to e2 and e3; else each half to one.
+  ! Which of e1, e2 and e3 sum i of stages belongs to: those at the end of the step to e2 and e3, else
+  ! each half to one.
   pure integer function estimate_of(method, i)
     type(method_t), intent(in) :: method
     integer, intent(in) :: i
 
-    associate (sums => size(method%error, 2))
-      if (method%power == 0) then
-        estimate_of = 1 + i
-      else if (method%embedded > 0) then
-        estimate_of = merge(2, 1, i == sums)
-      else
-        estimate_of = merge(1, 2, i <= (sums + 1) / 2)
-      end if
-    end associate
+    estimate_of = merge(1, 2, i <= (size(method%error, 2) + 1) / 2)
+    if (method%power == 0) estimate_of = 1 + i
   end function estimate_of
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,

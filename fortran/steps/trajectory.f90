@@ -147,7 +147,7 @@ module trajectory_m
     ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
     ! the register Z
     real(wp), allocatable :: f(:, :)
-    ! of a method on the algebra, what dexp^-1 has added to the coefficients at the stages
+    ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
     ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
     real(wp), allocatable :: f_before(:, :)

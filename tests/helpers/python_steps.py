@@ -28,6 +28,8 @@ class Step:
 
     def trial(self, t, y, h, rtol, atol):
         """Return the result and its error in tolerances."""
+        if len(self.paths.errors) > 1 and self.paths.power:
+            return self._trial_in_parts(t, y, h, rtol, atol)
         errors = []
         if self.paths.embedded:
             y1, other = self.pair(t, y, h)
@@ -38,28 +40,43 @@ class Step:
         if self.paths.power == 0:
             end = errors[1] if len(errors) == 2 else errors[1] ** 2 / np.hypot(*errors[1:])
             return y1, max(errors[0], float(self.paths.factor) * end)
-        if len(errors) == 3:
-            errors = [max(errors[:2]), errors[2]]
-        if len(errors) == 1 or errors[0] == 0.0:
-            return y1, errors[0]
-        return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])
+        (single,) = errors
+        return y1, single
+
+    def _trial_in_parts(self, t, y, h, rtol, atol):
+        """Return the same by two differences, that of quadratures and the rest of each."""
+        paths = self.paths
+        results = [paths.result, *(path for path in (paths.embedded, paths.third) if path)]
+        y1, *others = self._take(t, y, h, results)
+        sums = self._sums(h, y1, self.values)
+        if paths.series:
+            rests = [a - b for a, b in zip(self._sums(h, y1, self.fields), sums, strict=True)]
+        else:
+            whole = [difference(self.frame, other, y1) for other in others]
+            rests = [a - b for a, b in zip(whole, (sums[0], sums[-1]), strict=True)]
+        scale, larger = _scale(self.frame, [y, y1], rtol, atol), 0.0
+        for part in (sums, rests):
+            *first, last = (_rms(v / scale) for v in part)
+            if e1 := max(first):
+                larger = max(larger, e1**2 / np.hypot(e1, 0.1 * last))
+        return y1, larger
 
     def estimates(self, y, h, y1, rtol, atol):
         """Return the errors in tolerances that combinations of stages of the last step tell."""
-        errors = []
-        for combination in self._differences(h):
-            v = self.frame.without_isotropy(combination, y1)
-            known = self.frame.exp_coordinates(y1, y1) is not None
-            difference = v if known else self.frame.field(v, y1)
-            errors.append(_rms(difference / _scale(self.frame, [y, y1], rtol, atol)))
-        return errors
+        scale = _scale(self.frame, [y, y1], rtol, atol)
+        return [_rms(v / scale) for v in self._sums(h, y1, self.fields)]
 
-    def _differences(self, h):
-        weights = np.array(self.paths.errors, dtype=float).reshape(-1, len(self.fields))
-        return h * weights @ np.array(self.fields)
+    def _sums(self, h, y1, values):
+        """Return combinations of stages as tangents at the result, in coordinates if there are."""
+        weights = np.array(self.paths.errors, dtype=float).reshape(-1, len(values))
+        tangents = [self.frame.without_isotropy(v, y1) for v in h * weights @ np.array(values)]
+        if self.frame.exp_coordinates(y1, y1) is not None:
+            return tangents
+        return [self.frame.field(v, y1) for v in tangents]
 
     def _take(self, t, y, h, results):
         paths, self.fields, self.ends = self.paths, [], {0: (y, None)}
+        self.values = []  # coefficients, on the algebra before dexpinv
         if not self.method.explicit:
             self._iterate(t, y, h)
             return [self._end(path, h)[0] for path in results]
@@ -73,6 +90,7 @@ class Step:
                 self.nfev += 1
             if k == paths.final_stage - 1:
                 final = v
+            self.values.append(v)
             if paths.series and u is not None:
                 v = self.frame.dexpinv(u, v, order=paths.series)
             self.fields.append(v)
@@ -155,10 +173,13 @@ def choose_steps(f, span, y0, *, frame, method, first_step, rtol=1e-3, atol=1e-6
 
 def error(frame, other, y1, y, rtol, atol):
     """Return the difference of two results in tolerances."""
-    difference = frame.exp_coordinates(other, y1)
-    if difference is None:
-        difference = y1 - other
-    return _rms(difference / _scale(frame, [y, y1], rtol, atol))
+    return _rms(difference(frame, other, y1) / _scale(frame, [y, y1], rtol, atol))
+
+
+def difference(frame, other, y1):
+    """Return coordinates of a point from another one, or else the difference of both."""
+    coordinates = frame.exp_coordinates(other, y1)
+    return y1 - other if coordinates is None else coordinates
 
 
 def _scale(frame, points, rtol, atol):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from frame_examples import HEISENBERG, generic
-from kinds import FROZEN
+from kinds import FROZEN, MUNTHE_KAAS
 from python_steps import Step, choose_steps, error, uncompiled
 from slow_cases import cases
 
@@ -17,6 +17,7 @@ from cg.problems import StateDependentRotation
 from cg.problems.convergence import observed_order
 
 PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
+PAIRS["RKMK8(5,3)"] = MUNTHE_KAAS["RKMK8(5,3)"]
 PROBLEM = StateDependentRotation()
 FRAMES = [
     SO3(), SO3("space"), UnitQuaternion(), SE3(), SU(2), Sphere(2), Stiefel(3, 1),
@@ -33,7 +34,7 @@ def rotations():
 
 # a tableau; a method of points; one whose last stage is the next first; errors by combinations of
 # stages, one and two
-KINDS = {"CG2(3)", "CF4(3)", "DP5(4)", "CF6(5)", "DOP853"}
+KINDS = {"CG2(3)", "CF4(3)", "DP5(4)", "CF6(5)", "DOP853", "RKMK8(5,3)"}
 
 
 @pytest.mark.parametrize(

@@ -166,11 +166,14 @@ class TestThirdWeights:
     def test_error_weights(self, tmp_path):
         third = ["1", *["0"] * 8]
         pair = self.make(third)
-        (weights,) = pair.error_weights
+        second, weights = pair.error_weights
+        assert second == tuple(
+            b - w for b, w in zip(pair.exact[1], pair.exact_embedded, strict=True)
+        )
         assert weights == tuple(b - (k == 0) for k, b in enumerate(pair.exact[1]))
         assert pair.third_order == 1
         assert pair != methods["CF6(5)"]
-        assert pair.pair_exponentials == methods["CF6(5)"].pair_exponentials
+        assert pair.pair_exponentials == methods["CF6(5)"].pair_exponentials + 1
         again = loads(dumps(pair))
         assert again == pair
         assert hash(again) == hash(pair)

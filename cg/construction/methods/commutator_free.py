@@ -48,9 +48,11 @@ class CommutatorFree(Method):
         The point of the second result of a pair. The flows to it should differ from those to the
         result: errors that both results have in common aren't seen.
     third
-        Sequence of s numbers. Third weights of a pair, of lower order than the second. The estimate
-        is then :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_. The weights of
-        :math:`e_3` are the row of the result in the flat tableau minus the third weights.
+        Sequence of s numbers. Third weights of a pair, of lower order than the second: those of one
+        flow from the initial point to a third result. If the second result is :math:`e` from the
+        first, and the third :math:`e_3`, the estimate is :math:`|e|^2 / \sqrt{|e|^2 + 0.01
+        |e_3|^2}` as in DOP853 [2]_: the larger one of that of the quadratures, where flows commute,
+        and that of the rest.
     name, source
         Name and origin of the method.
     nominal_order, nominal_residual
@@ -167,11 +169,22 @@ class CommutatorFree(Method):
 
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """The weights of :math:`e_3`; empty without third weights."""
-        if self.third_weights is None:
+        """Differences of quadratures of the result from two others; empty without third weights.
+
+        They are those of results where flows commute.
+        """
+        if self.third_weights is None or self.tree.embedded_result is None:
             return ()
         sums = self.tree.flat_row(self.tree.result)
-        return (tuple(b - w.value for b, w in zip(sums, self.third_weights, strict=True)),)
+        others = (
+            self.tree.flat_row(self.tree.embedded_result),
+            [w.value for w in self.third_weights],
+        )
+        return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
+
+    @property
+    def third_flow(self) -> tuple[Coefficient, ...] | None:
+        return self.third_weights
 
     @cached_property
     def third_order(self) -> int | None:

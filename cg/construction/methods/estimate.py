@@ -205,17 +205,13 @@ def _flow_response(
     if end := end_weights(method):
         row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
         third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
-    elif isinstance(method, MagnusMethod) and method.third_weights is not None:
-        flow = dict(enumerate(weight.value for weight in method.third_weights))
+    elif method.third_flow is not None:
+        flow = dict(enumerate(weight.value for weight in method.third_flow))
         others = results[1], _at_end([flow], lengths, values, angles)
         parts = np.array(method.error_weights, np.float64) @ values
-        second, third = (
-            np.array([part + 0 * angles, results[0] - other - part])
-            for other, part in zip(others, parts, strict=True)
-        )
-        return results[0], second, third
-    elif method.third_order is not None:
-        third = third + np.array(method.error_weights[-1], np.float64) @ values
+        rests = [results[0] - other - part for other, part in zip(others, parts, strict=True)]
+        second = _larger(method, parts[0], values) + 0 * angles
+        return results[0], np.array([second, rests[0]]), np.array([parts[1] + 0 * angles, rests[1]])
     return results[0], _larger(method, results[0] - results[1], values), third
 
 

@@ -257,10 +257,9 @@ class MagnusMethod(Method):
             return None
         return MagnusMethod(self.nodes, [self.third_weights], brackets=self.brackets).order
 
-    @cached_property
-    def pair_exponentials(self) -> int:
-        own = self.third_weights is not None and not self.by_exponents
-        return super().pair_exponentials + own
+    @property
+    def third_flow(self) -> tuple[Coefficient, ...] | None:
+        return None if self.by_exponents else self.third_weights
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cg.construction.layouts.layout import Layout, check_length
 from cg.construction.layouts.points import FlatSums, Point, PointTree
+from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.orders import Orders
 from cg.support.checks import check_flag
 from cg.support.parsing import visible
@@ -231,17 +232,23 @@ class Method(Orders):
         """Order of the third weights of a pair; None without them."""
         return None
 
+    @property
+    def third_flow(self) -> tuple[Coefficient, ...] | None:
+        """The weights of the flow to a third result, which an error estimate uses, or None."""
+        return None
+
     @cached_property
     def pair_exponentials(self) -> int:
         """Number of flows of a step with its error estimate.
 
-        These are `exponentials` and the flows to the second result.
+        These are `exponentials`, the flows to the second result, and that to a third one.
         """
         tree = self.tree
         if not self.explicit:
             return self.exponentials + sum(entry != 0 for entry in self.exact_embedded or ())
         second = [] if tree.embedded_result is None else [tree.embedded_result]
-        return tree.flows([*tree.stage_points, tree.result, *second])
+        flows = tree.flows([*tree.stage_points, tree.result, *second])
+        return flows + (self.third_flow is not None)
 
     @cached_property
     def exact(self) -> ExactTableau:

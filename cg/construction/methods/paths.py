@@ -183,8 +183,8 @@ def paths_of(method: Method) -> MethodPaths:
     third, factor = 0, MethodPaths.factor
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
-    if isinstance(method, MagnusMethod) and method.third_weights and not method.by_exponents:
-        flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
+    if method.third_flow is not None:
+        flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
     if end := end_weights(method):
