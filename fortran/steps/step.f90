@@ -49,7 +49,7 @@ contains
       end if
       if (x%stage > stages(x)) then
         x%phase = phase_finish_step
-      else if (x%problem%of_time .and. .not. associated(x%problem%field)) then
+      else if (x%problem%at_once) then
         call evaluate_nodes(x)
       else if (method%kind == kind_registers) then
         call request_register(x)

@@ -30,6 +30,7 @@ module trajectory_m
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
+    logical :: at_once = .false.             ! and is evaluated at all stages of a step at once
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! of adaptive steps
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included

@@ -27,6 +27,28 @@ class TestVectorized:
         assert run.nfev == 17
         np.testing.assert_allclose(calls[1], 0.25 * cg.methods["CFM8(4)"].c[1:], rtol=1e-15)
 
+    @pytest.mark.parametrize("members", [3, 40])
+    def test_calls_of_an_ensemble_are_few(self, members):
+        """Those of few members have all nodes of a step, those of many a node of all members."""
+        calls = []
+
+        def a(t, rows):
+            calls.append(len(t))
+            return np.stack([t * rows[:, 0], 0 * t, t**2], axis=-1)
+
+        rows = np.linspace(0.5, 1.5, members)[:, None]
+        options = {"frame": SO3(), "method": "CFM8(4)", "h": 0.25}
+        run = cg.solve_linear_ensemble(
+            a, (0, 1), np.eye(3), parameters=rows, vectorized=True, **options
+        )
+        assert sum(calls) == 17 * members
+        assert len(calls) == {3: 13, 40: 17}[members]
+        for row, end in zip(rows, run.y[-1], strict=True):
+            single = cg.solve_linear(
+                lambda t, k=row[0]: [t * k, 0.0, t**2], (0, 1), np.eye(3), **options
+            )
+            np.testing.assert_array_equal(end, single.y[-1])
+
     def test_times_stay_before_a_breakpoint(self):
         calls = []
 
