@@ -26,7 +26,8 @@ class Langevin:
     Its equilibrium has the probability :math:`\propto e^{-H / T}`. A symmetric splitting method
     lets the momenta exchange heat in the middle of each step, where friction and noise alone are
     solved exactly: ``"Leapfrog"`` takes half a kick, half a drift, noise, half a drift and half a
-    kick [1]_. Averages have errors of order two in the step size.
+    kick [1]_. Averages have errors of order two in the step size. With joints, ``"RATTLE"`` and its
+    compositions do the same, and neither momenta nor noise open the joints.
 
     The noise is a function of the seed, of the member of an ensemble, and of the time of the step
     in steps [2]_. Workers, pickles and interruptions don't change it; a restart at an earlier time

@@ -357,10 +357,8 @@ def _read_members(
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace) and frame.jointed:
         frame.check_rank(points[0], "y0")
-        given: Any = options
-        for name in ("thermostat", "inertia"):
-            if given[name] is not None:
-                raise ValueError(f"{name} must be None with joints, got {short(given[name])}")
+        if options["inertia"] is not None:
+            raise ValueError(f"inertia must be None with joints, got {short(options['inertia'])}")
     if many and len(points) == 1 and inputs is not None:
         points, numbers = _broadcast(points, numbers, inputs)
     if options["inertia"] is not None:

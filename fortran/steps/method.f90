@@ -8,7 +8,7 @@ module method_m
   use shared_numbers, only: method_record_t
   implicit none
   private
-  public :: method_t, make_method
+  public :: method_t, make_method, middle_path
   public :: kind_group, kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
             kind_implicit, kind_collocation
 
@@ -125,6 +125,13 @@ contains
     if (record%drifts /= 0) kind_of = kind_splitting
     if (record%blocks > 0) kind_of = merge(kind_collocation, kind_implicit, record%series > 0)
   end function kind_of
+
+  ! The path in whose flow the middle of a step of a symmetric splitting method is
+  pure integer function middle_path(method)
+    type(method_t), intent(in) :: method
+
+    middle_path = size(method%origin) - size(method%c) / 2
+  end function middle_path
 
   ! The integers at an address
   function integers(address, count)

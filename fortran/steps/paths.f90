@@ -8,7 +8,8 @@ module paths_m
   use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
   use heat_bath_m, only: exchange_heat
-  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t
+  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, method_t, &
+                      middle_path
   use rattle_m, only: move_with_joints
   use shared_numbers, only: finished
   use trajectory_m, only: trajectory_t
@@ -43,7 +44,7 @@ contains
             if (x%status /= finished) return
             cycle
           end if
-          if (x%problem%bath%present .and. i == size(method%origin) - size(method%c) / 2) then
+          if (x%problem%bath%present .and. i == middle_path(method)) then
             call exchange_within(x, i)
           else
             call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &

@@ -9,12 +9,17 @@
 ! that continue those of the two steps before. Between the drifts of a
 ! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
 ! free motion of the bodies.
+!
+! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
+! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
 module rattle_m
   use kinds, only: wp
   use constrained_motion_m, only: constraints_at, is_closed, remove_opening, without_opening
   use frames_m, only: restore
   use free_motion_m, only: drift
+  use heat_bath_m, only: exchange_heat
   use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
+  use method_m, only: middle_path
   use shared_numbers, only: finished, joints_not_solved, raised
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
@@ -42,7 +47,14 @@ contains
         do k = flows%first(flow), flows%first(flow + 1) - 1
           momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
         end do
-        if (abs(time) > 0) then
+        if (x%problem%bath%present .and. path == middle_path(x%problem%method)) then
+          call drift_closed(x, time / 2, path, y)
+          if (x%status /= finished) return
+          call remove_opening(x%problem%frame, x%joints%here, momenta)
+          call exchange_heat(x%problem%bath, x%problem%frame, x%member, x%t, x%h, y)
+          call remove_opening(x%problem%frame, x%joints%here, momenta)
+          call drift_closed(x, time / 2, path, y)
+        else if (abs(time) > 0) then
           call drift_closed(x, time, path, y)
         else
           call remove_opening(x%problem%frame, x%joints%here, momenta)

@@ -8,7 +8,16 @@ from mechanics import INERTIA, MATRIX, system
 from refusals import refuses
 
 import cg
-from cg.frames import SO3, Euclidean, PhaseSpace, Product, Sphere, UnitQuaternion
+from cg.frames import (
+    SO3,
+    Euclidean,
+    Joint,
+    PhaseSpace,
+    Power,
+    Product,
+    Sphere,
+    UnitQuaternion,
+)  # fmt: skip
 
 BATH = cg.Langevin(friction=1.0, temperature=0.7, seed=11)
 STEPS = {"method": "Leapfrog", "h": 0.25}
@@ -16,6 +25,10 @@ STEPS = {"method": "Leapfrog", "h": 0.25}
 
 def none(t, y):
     return np.zeros((*y.shape[:-1], 3))
+
+
+def unforced(t, y):
+    return np.zeros((*y.shape[:-1], 12))
 
 
 def spring(t, y):
@@ -141,6 +154,48 @@ def test_equilibrium_of_a_dipole_in_a_field():
     # the kinetic energy has an error of order two: -0.056 (h / 0.8)²
     expected = 1.05 - 0.056 * (0.25 / 0.8) ** 2, 1 / np.tanh(x) - 1 / x
     assert (np.abs([kinetic.mean(), cosine.mean()] - np.array(expected)) < 3.5 * errors).all()
+
+
+def test_equilibrium_of_a_spherical_pendulum():
+    """Heights are those of Langevin's function, and kinetic energies those of two freedoms."""
+    joint = Joint("distance", (None, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, 0.0]), length=1.0)
+    frame, weight = PhaseSpace(Euclidean(3), 1.3, joints=[joint]), 1.2
+    q = Sphere(2).random_point(np.random.default_rng(5), 600)
+    y0 = frame.join(q, frame.random_momentum(q, 0.7, np.random.default_rng(6)))
+    solution = cg.solve_ensemble(
+        lambda t, y: np.broadcast_to([0.0, 0.0, -weight], (len(y), 3)), (0, 30), y0, frame=frame,
+        method="RATTLE", h=0.2, vectorized=True, thermostat=BATH, t_eval=np.arange(6.0, 31.0, 2.0),
+    )  # fmt: skip
+    assert frame.membership_error(solution.y).max() < 1e-13
+    means = np.array([-solution.y[..., 2], frame.kinetic_energy(solution.y)]).mean(axis=1)
+    errors = means.std(axis=1) / np.sqrt(600)
+    assert errors.max() < 0.015
+    x = weight / 0.7
+    assert (np.abs(means.mean(axis=1) - [1 / np.tanh(x) - 1 / x, 0.7]) < 3.5 * errors).all()
+
+
+def test_noise_opens_no_joints_and_has_the_same_streams():
+    joints = [
+        Joint("ball", (None, [0, 0, 0]), (0, [0, 0, -0.5])),
+        Joint("hinge", (0, [0, 0, 0.5], [1, 0, 0]), (1, [0, 0, -0.5], [1, 0, 0])),
+    ]
+    body = Product(SO3(), Euclidean(3))
+    frame = PhaseSpace(Power(body, 2), (INERTIA, 1.0), joints=joints)
+    q = np.array([[*np.eye(3).ravel(), 0, 0, 0.5], [*np.eye(3).ravel(), 0, 0, 1.5]])
+    y0 = np.tile(frame.join(q, np.zeros(12)), (200, 1))
+    options = {"frame": frame, "method": "RATTLE4", "h": 0.1, "thermostat": BATH}
+    end = cg.solve_ensemble(unforced, (0, 4), y0, vectorized=True, **options).y[-1]
+    assert frame.membership_error(end).max() < 1e-13
+    # of 12 freedoms three and five are constrained
+    kinetic = frame.kinetic_energy(end)
+    assert abs(kinetic.mean() - 0.7 * 4 / 2) < 3.5 * 0.7 * np.sqrt(2.0 / 200)
+    parallel = cg.solve_ensemble(unforced, (0, 4), y0[:3], workers=2, **options).y[-1]
+    assert np.array_equal(parallel, end[:3])
+    stepper = cg.Stepper(unforced, 0.0, y0[0], **options)
+    stepper.advance(1.7)
+    for copy in (stepper, pickle.loads(pickle.dumps(stepper))):
+        copy.advance(4.0)
+        assert np.array_equal(copy.y, end[0])
 
 
 def test_random_momenta_are_those_of_the_temperature():
