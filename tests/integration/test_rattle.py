@@ -9,7 +9,7 @@ from refusals import refuses
 from scipy.integrate import solve_ivp
 
 import cg
-from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product
+from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product, Sphere
 
 PENDULUM = double_pendulum()
 METHODS = {"RATTLE": (2, 40), "RATTLE4": (4, 20), "RATTLE6": (6, 10), "RATTLE8": (8, 6)}
@@ -163,6 +163,47 @@ def test_steps_are_symplectic():
     assert abs(form(ends[0], u, v)) > 0.1
     assert np.abs(after_u - u).max() > 0.1
     assert abs(form(ends[0], u, v) - form(ends[1], after_u, after_v)) < 1e-7
+
+
+def test_a_spatial_pendulum_of_rods_is_that_in_cartesian_coordinates():
+    """N point masses on rods, as in arXiv 2109.12325, whose reference has Lagrange multipliers."""
+    lengths, masses = np.array([0.8, 1.1, 0.5, 0.9]), np.array([1.0, 0.6, 1.7, 0.4])
+    n, origin = len(masses), [0.0, 0.0, 0.0]
+    joints = [
+        Joint("distance", (k - 1 if k else None, origin), (k, origin), length=length)
+        for k, length in enumerate(lengths)
+    ]
+    frame = PhaseSpace(Power(Euclidean(3), n), np.tile(masses[:, None], (1, 3)), joints=joints)
+    weight = np.zeros((n, 3))
+    weight[:, 2] = -GRAVITY * masses
+    random = np.random.default_rng(8)
+    rods = Sphere(2).random_point(random, n)
+    velocities = np.cumsum(np.cross(rods, random.standard_normal((n, 3))) * lengths[:, None], 0)
+    y0 = frame.join(
+        np.cumsum(lengths[:, None] * rods, axis=0), (masses[:, None] * velocities).ravel()
+    )
+
+    def reference(t, z):
+        x, v = z.reshape(2, n, 3)
+        rods, rates = (np.diff(w, axis=0, prepend=np.zeros((1, 3))) for w in (x, v))
+        rows = np.zeros((n, n, 3))
+        for k in range(n):
+            rows[k, k] = rods[k]
+            if k:
+                rows[k, k - 1] = -rods[k]
+        rows = rows.reshape(n, 3 * n)
+        inverse = np.repeat(1 / masses, 3)
+        right = -rows @ (inverse * weight.ravel()) - (rates**2).sum(axis=1)
+        multipliers = np.linalg.solve(rows * inverse @ rows.T, right)
+        return np.concatenate([v.ravel(), inverse * (weight.ravel() + multipliers @ rows)])
+
+    start = np.concatenate([y0[: 3 * n], y0[3 * n :] / np.repeat(masses, 3)])
+    exact = solve_ivp(reference, (0, 1), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    f = lambda t, y: weight.ravel()
+    for options in ({"method": "RATTLE8", "h": 0.01}, {"rtol": 1e-10, "atol": 1e-10}):
+        end = cg.solve_ivp(f, (0, 1), y0, frame=frame, **options).y[-1]
+        np.testing.assert_allclose(end[: 3 * n], exact[: 3 * n], rtol=0, atol=1e-8)
+        assert frame.membership_error(end) < 1e-13
 
 
 def test_energy_stays_for_long_times():
