@@ -255,7 +255,7 @@ def present(data: Data) -> Sequence[Block]:
         Text(
             "The results that the paper claims, in our words. Each verdict is decided by the "
             f"numbers beside it, which this run computed: {total['pass']} pass, {total['fail']} "
-            f"fail, {total['not reproducible']} are not reproducible, for the reason given."
+            f"fail; not reproducible, for the reason given: {total['not reproducible']}."
         ),
         Table("Claims", ("section", "claim", "verdict", "evidence"), rows, numeric=False),
     )
