@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
+from cg.integration.plan.plan import Plan, plan_of
 from cg.support.arrays import Array
 from cg.support.checks import short
 
@@ -19,10 +21,19 @@ class MemberInertia(NamedTuple):
 
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
+    given: Sequence[Any]  # as the caller gave them
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
-        return MemberInertia(self.columns[members].copy(), self.numbers[members].copy())
+        rows = self.columns[members].copy(), self.numbers[members].copy()
+        return MemberInertia(*rows, self.given[members])
+
+    def plan(self, member: int, plan: Plan) -> Plan:
+        """Return the plan of the phase space of a member, for output between its steps."""
+        frame = plan.frame
+        assert isinstance(frame, PhaseSpace)
+        own = PhaseSpace(frame.configuration, self.given[member], gyroscopic=frame.gyroscopic)
+        return plan_of(own, plan.method)
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
@@ -32,9 +43,8 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     """
     if not isinstance(frame, PhaseSpace):
         raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
-    for name in ("derivatives", "dense_output"):
-        if options[name]:
-            raise ValueError(f"inertia must be None with {name}={options[name]!r}")
+    if options["derivatives"]:
+        raise ValueError(f"inertia must be None with derivatives={options['derivatives']!r}")
     each = value if isinstance(value, list | tuple) else list(np.asarray(value))
     if not each or members not in (1, len(each)):
         raise ValueError(
@@ -48,4 +58,4 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers)
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, each)

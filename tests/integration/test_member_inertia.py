@@ -17,12 +17,17 @@ METHODS = [{"method": "BlanesMoan4", "h": 0.1}, {"method": "DOP853", "rtol": 1e-
 @pytest.mark.parametrize("how", [{}, {"workers": 2}, {"vectorized": True}])
 def test_members_move_as_with_frames_of_their_own(options, how):
     result = cg.solve_ensemble(
-        TOP.f, (0, 2), TOP.y0, frame=TOP.frame, inertia=ROWS, t_eval=[0.55, 2.0], **options, **how
-    )
+        TOP.f, (0, 2), TOP.y0, frame=TOP.frame, inertia=ROWS, t_eval=[0.55, 2.0],
+        dense_output=True, **options, **how,
+    )  # fmt: skip
     for k, inertia in enumerate(ROWS):
         own = PhaseSpace(SO3(), inertia)
-        alone = cg.solve_ivp(TOP.f, (0, 2), TOP.y0, frame=own, t_eval=[0.55, 2.0], **options)
+        alone = cg.solve_ivp(
+            TOP.f, (0, 2), TOP.y0, frame=own, t_eval=[0.55, 2.0], dense_output=True, **options
+        )
         assert np.allclose(result.y[:, k], alone.y, rtol=0.0, atol=1e-12)
+        between = [0.31, 0.55, 1.77]
+        assert np.allclose(result[k].sol(between), alone.sol(between), rtol=0.0, atol=1e-12)
 
 
 def test_a_heat_bath_has_the_inertia_of_the_member():
@@ -43,7 +48,6 @@ def test_a_heat_bath_has_the_inertia_of_the_member():
     ({"inertia": ROWS[:3], "y0": np.stack([TOP.y0] * 4)}, "inertia must have 4 entries"),
     ({"inertia": []}, "inertia must have 1 entries"),
     ({"inertia": [INERTIA, [1.0, 0.0, 1.0]]}, r"inertia\[1\] must be positive definite"),
-    ({"dense_output": True}, "inertia must be None with dense_output"),
     ({"derivatives": "forward"}, "inertia must be None with derivatives"),
     ({"frame": SO3(), "y0": np.eye(3)}, "unless frame is a phase space"),
 ])  # fmt: skip

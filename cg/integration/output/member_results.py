@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -76,6 +77,8 @@ class Results:
             start = problem.t0, problem.direction
             for k, point in enumerate(problem.points[members], members.start):
                 steps = part.steps.of(k - members.start)
+                if problem.inertia is not None:
+                    steps = replace(steps, plan=problem.inertia.plan(k, problem.plan))
                 self._outputs[k] = DenseOutput(steps, *start, point, self._marks.get(k))
         if self.out is None and len(part.status) == self.members:
             self._all = part
