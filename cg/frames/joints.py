@@ -35,8 +35,16 @@ KINDS: dict[str, tuple[Row, ...]] = {
 """The rows of each kind of joint."""
 
 _ROUNDING = 1e-8  # of axes
-_STEP = 6e-6  # of central differences along fields, ε^(1/3)
-_LONG_STEP = 2.5e-3  # of second differences of order four, ε^(1/6)
+# Differences of five and of three values, of first and second derivatives times the step: their
+# first steps, at which angles and lengths of about one have no error to speak of; by how much they
+# change, and how often; and the relative error at which they don't.
+_DIFFERENCES = {
+    1: (np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0, np.array([0.0, -0.5, 0.0, 0.5, 0.0])),
+    2: (np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0, np.array([0.0, 1.0, -2.0, 1.0, 0.0])),
+}
+_STEP, _LONG_STEP = 1e-3, 2.5e-3
+_CHANGE, _TRIALS, _ALLOWED = 8.0, 8, 1e-9
+_NOISE = 8.0  # of differences, in rounding errors of values
 _WRONG = 1e-5  # relative error of derivatives that are given
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
 
@@ -335,21 +343,52 @@ class Linkage:
         return slopes
 
     def _differences(self, q: Points) -> Array:
-        frame = self._frame.configuration
-        steps = _STEP * np.maximum(frame.coordinate_sizes(q), 1.0)
-        sides = [frame.flow(side * np.diag(steps), q) for side in (1.0, -1.0)]
-        ahead, behind = (np.array([self._value(x) for x in points]) for points in sides)
-        return np.asarray(((ahead - behind) / (2.0 * steps[:, None])).T)
+        """Return the derivatives along fields by differences, each with a step of its own."""
+        dim = self._frame.configuration.dim
+        best, error = np.zeros((dim, len(self._value(q)))), np.full(dim, np.inf)
+        steps, todo, slope = np.full(dim, _STEP), np.arange(dim), 0.0
+        for _ in range(_TRIALS):
+            each = [self._difference(q, v, 1) for v in np.diag(steps)[todo]]
+            found = np.array([five for five, _, _ in each]) / steps[todo, None]
+            slope = max(slope, float(np.abs(found).max()))
+            wrong = np.array([w for _, w, _ in each]) / steps[todo]
+            rounding = np.array([_rounding(q, size, slope) for _, _, size in each]) / steps[todo]
+            better = wrong + rounding < error[todo]
+            best[todo[better]], error[todo[better]] = found[better], (wrong + rounding)[better]
+            steps[todo] *= np.where(wrong > rounding, 1.0 / _CHANGE, _CHANGE)
+            todo = todo[np.maximum(wrong, rounding) > _ALLOWED * slope]
+            if not len(todo):
+                break
+        return best.T
 
-    def _second_derivatives(self, q: Points, velocity: Array) -> Array:
-        """Return those by time, where velocities are constant."""
+    def _second_derivatives(self, q: Points, velocity: Array, slope: float) -> Array:
+        """Return those by time, where velocities are constant; ``slope`` is the largest first."""
         speed = float(np.abs(velocity).max(initial=0.0))
         if not speed > 0.0:
             return np.zeros(self.own)
-        step = _LONG_STEP / speed
-        points = self._frame.configuration.flow(step * np.arange(-2.0, 3.0)[:, None] * velocity, q)
-        weights = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / (12.0 * step**2)
-        return np.asarray(weights @ [self._value(x) for x in points])
+        step, best, error = _LONG_STEP / speed, np.zeros(self.own), np.inf
+        for _ in range(_TRIALS):
+            found, wrong, size = self._difference(q, step * velocity, 2)
+            rounding = _rounding(q, size, slope)
+            if not (wrong + rounding) / step**2 < error:
+                break
+            best, error = found / step**2, (wrong + rounding) / step**2
+            if error <= _ALLOWED * np.abs(best).max(initial=0.0):
+                break
+            step *= 1.0 / _CHANGE if wrong > rounding else _CHANGE
+        return best
+
+    def _difference(self, q: Points, v: Array, order: int) -> tuple[Array, float, float]:
+        """Return a difference of five values along a flow, its error, and the largest value.
+
+        The error is the square of the relative distance from the difference of three.
+        """
+        points = self._frame.configuration.flow(np.arange(-2.0, 3.0)[:, None] * v, q)
+        values = np.array([self._value(x) for x in points])
+        five, three = (weights @ values for weights in _DIFFERENCES[order])
+        apart = float(np.abs(five - three).max())
+        error = apart**2 / max(float(np.abs(five).max()), apart, 1e-300)
+        return five, error, float(np.abs(values).max())
 
     @property
     def _evaluate(self) -> Callable[[int, Array, Array], Array]:
@@ -369,10 +408,16 @@ class Linkage:
             if depth[0] > 0.0:
                 parts.append(self._slopes(q).ravel())
             if depth[0] > 1.0:
-                parts.append(self._second_derivatives(q, depth[1:]))
+                slope = float(np.abs(parts[-1]).max())
+                parts.append(self._second_derivatives(q, depth[1:], slope))
             return np.concatenate(parts)
 
         return evaluate
+
+
+def _rounding(q: Points, size: float, slope: float) -> float:
+    """Return the rounding error of a difference of values, and of points where they have slopes."""
+    return _NOISE * float(np.finfo(float).eps) * (size + slope * float(np.abs(q).max()))
 
 
 def _rows(points: Array) -> Array:

@@ -247,6 +247,33 @@ def test_a_chain_of_two_hundred_bodies(kind):
     assert run.y[-1][11::12][:200].min() < -1e-3  # it falls
 
 
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize("offset", [0.0, 1e4])
+@pytest.mark.parametrize("given", [True, False])
+def test_differences_of_constraints_at_any_scale(length, offset, given):
+    """A rod of any length about a point far away, with time in units of its swings."""
+    top, space = np.array([offset * length, 0.0, 0.0]), Euclidean(3)
+    joint = Joint("distance", (None, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, 0.0]), length=length)
+
+    def g(q):
+        return [np.linalg.norm(q - top) - length]
+
+    slopes = lambda q: [(q - top) / np.linalg.norm(q - top)]
+    rod = PhaseSpace(space, 1.0, joints=[joint])
+    own = PhaseSpace(space, 1.0, constraints=(g, slopes) if given else g)
+    unit, ends = np.sqrt(length * GRAVITY), []
+    for frame, shift in ((rod, 0.0), (own, top)):
+        start = length * np.array([np.sin(1.0), 0.0, -np.cos(1.0)])
+        y0 = frame.join(start + shift, [0.0, 0.3 * unit, 0.0])
+        run = cg.solve_ivp(
+            lambda t, y: [0.0, 0.0, -GRAVITY], (0, 3 * unit / GRAVITY), y0, frame=frame, rtol=1e-8,
+            atol=1e-8 * length,
+        )  # fmt: skip
+        assert run.nfev < 400
+        ends.append((run.y[-1, :3] - shift) / length)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-6 if offset else 2e-8)
+
+
 def test_constraints_in_python():
     g = lambda q: BODIES.split(q)[1] + BODIES.split(q)[0] @ [0.1, 0.2, 0.9]
     second = PENDULUM.frame.joints[1:]
