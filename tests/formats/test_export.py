@@ -215,6 +215,14 @@ def test_frames_without_flows_in_c():
         cg.export("CF4", "python", frame=E)
     with pytest.raises(ValueError, match="without spheres"):
         cg.export("Leapfrog", "c", frame=cg.frames.PhaseSpace(S))
+    rod = cg.frames.Joint("distance", (None, [0, 0, 0]), (0, [0, 0, 0]), length=1.0)
+    for options in (
+        {"gyroscopic": np.ones(3)}, {"joints": [rod]}, {"constraints": lambda q: [q @ q - 1]}
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="without gyroscopic forces, joints and constraints"):
+            cg.export(
+                "Leapfrog", "c", frame=cg.frames.PhaseSpace(cg.frames.Euclidean(3), 1.0, **options)
+            )
     with pytest.raises(ValueError, match="frame must be a PhaseSpace"):
         cg.export("Leapfrog", "c", frame=Q())
     with pytest.raises(TypeError, match="frame must be a Frame"):

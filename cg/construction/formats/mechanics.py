@@ -234,6 +234,11 @@ def parts_of(
 
     Blocks of the frame move along a vector v by ``moves``, and turn by a quaternion q by ``turns``.
     """
+    if frame.gyroscopic is not None or frame.jointed:
+        raise ValueError(
+            "frame must be a phase space without gyroscopic forces, joints and constraints, got "
+            f"{frame!r}"
+        )
     values = [numbers.decimal(value) for value in numbers.values]
     tables = [reals(name, "d", values[::2]), reals(name, "k", values[1::2])]
     lines, motion = [], ""
