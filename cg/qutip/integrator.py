@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from qutip import Qobj
+from qutip.core.cy.coefficient import InterCoefficient
 from qutip.core.data import Data, Dense
 from qutip.solver.integrator import Integrator, IntegratorException
 from scipy import sparse
@@ -16,6 +17,7 @@ from cg.frames.linear_action import LinearAction, on_one_pattern
 from cg.integration.ivp import solve_linear
 from cg.qutip.arrays import times_of_arrays
 
+_INTERVALS = 5.0  # between output times in a step, which has nine nodes
 _ROUNDING = 1e-14  # error of entries of generators, relative to the largest one
 
 
@@ -89,7 +91,9 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             Largest number of steps between two calls, by default 100,000.
 
         max_step, first_step
-            Largest step and first step, by default 0 (automatic).
+            Largest step and first step, by default 0 (automatic): a step is no longer than five
+            intervals between output times if a coefficient is a function, so that a pulse that they
+            resolve isn't passed over.
 
         breakpoints
             Times at which coefficients jump, by default none; those of arrays are known.
@@ -122,7 +126,14 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def run(self, tlist: Sequence[float]) -> Iterator[tuple[float, Data]]:
         """Integrate through times, the first of which is that of the state."""
-        times = np.asarray(tlist, dtype=float)
+        given = np.asarray(tlist, dtype=float)
+        changes = np.diff(given)
+        if not (np.all(changes >= 0.0) or np.all(changes <= 0.0)):
+            raise ValueError(f"tlist must be sorted, got {given}")
+        times = given[np.append(True, changes != 0.0)]
+        if len(times) == 1:
+            yield from ((self._t, Dense(self._y)) for _ in changes)
+            return
         while True:
             try:
                 solution = self._solve(times)
@@ -131,12 +142,17 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 self._rebuild()
         if not solution.success:
             raise IntegratorException(solution.message)
-        for self._t, self._y in zip(times[1:].tolist(), solution.y[1:], strict=True):
+        places = np.cumsum(changes != 0.0)
+        for self._t, self._y in zip(given[1:].tolist(), solution.y[places], strict=True):
             yield self._t, Dense(self._y, copy=False)
 
     def _solve(self, times: NDArray[np.float64]) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
         options |= {n: self.options[n] for n in ("max_step", "first_step") if self.options[n]}
+        if "max_step" not in options and not all(
+            isinstance(part, InterCoefficient) for part in self._functions
+        ):
+            options["max_step"] = _INTERVALS * np.abs(np.diff(times)).max()
         start, end = sorted((times[0], times[-1]))
         stops = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
         inside = stops[(stops > start) & (stops < end)]

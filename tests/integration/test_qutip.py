@@ -91,6 +91,33 @@ def test_no_step_passes_over_a_pulse_in_an_array(order):
         assert abs(run.expect[0][-1] - np.cos(angle)) < 2e-3
 
 
+@pytest.mark.parametrize(("end", "width"), [(40.0, 0.1), (100.0, 0.1), (100.0, 0.3)])
+def test_no_step_passes_over_a_pulse_that_output_times_resolve(end, width):
+    pulse = qutip.coefficient(lambda t: np.exp(-(((t - 0.53 * end) / width) ** 2)) / width)
+    runs = [
+        qutip.sesolve(
+            qutip.QobjEvo([Z, [X, pulse]]), qutip.basis(2, 0), np.linspace(0, end, 401), e_ops=[Z],
+            options={"method": method, "rtol": 1e-8, "atol": 1e-8, "progress_bar": ""},
+        ).expect[0]
+        for method in ("cg", "vern9")
+    ]  # fmt: skip
+    assert abs(runs[0][-1]) < 0.9
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-6)
+
+
+def test_output_times_may_be_equal():
+    system, start = qutip.QobjEvo([Z, [X, cosine]], args={"w": 2.0}), qutip.basis(2, 0)
+    options = {"method": "cg", "progress_bar": ""}
+    once = qutip.sesolve(system, start, [0, 1, 2], options=options).states
+    again = qutip.sesolve(system, start, [0, 0, 1, 1, 1, 2], options=options).states
+    for k, state in enumerate(again):
+        np.testing.assert_array_equal(state.full(), once[[0, 0, 1, 1, 1, 2][k]].full())
+    still = qutip.sesolve(system, start, [0, 0], options=options).states
+    np.testing.assert_array_equal(still[1].full(), start.full())
+    with pytest.raises(ValueError, match="tlist must be sorted, got"):
+        qutip.sesolve(system, start, [0, 2, 1], options=options)
+
+
 def test_refuses_functions_that_return_operators():
     system = qutip.QobjEvo(lambda t: t * X)
     with pytest.raises(TypeError, match="function"):
