@@ -106,7 +106,8 @@ class FrameSolver(OdeSolver):
             raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
         method = self.method
         if isinstance(method, str) and method == AUTO:
-            method = choose_method(frame, float(np.max(np.asarray(rtol))), kinks=True)
+            moved = frame.for_derivatives()
+            method = choose_method(moved, float(np.max(np.asarray(rtol))), kinks=True)
         self._stepper = Stepper(
             self._derivative, t0, self.y.reshape(frame.point_shape), self.direction * math.inf,
             frame=frame, method=method, rhs="derivative", max_step=max_step,
@@ -116,8 +117,10 @@ class FrameSolver(OdeSolver):
         self._reached = self.y.copy()
 
     def _derivative(self, t: float, y: Points) -> Points:
-        slope: Points = self.fun(t, np.array(y).reshape(-1)).reshape(self.frame.point_shape)
-        return slope
+        slope = np.asarray(self.fun(t, np.array(y).reshape(-1)))
+        if slope.size != self.n:
+            raise ValueError(f"fun must return {self.n} numbers, got shape {slope.shape}")
+        return slope.reshape(self.frame.point_shape)
 
     def _tolerances(self, given: ArrayLike, name: str) -> Array:
         """Return tolerances in the form of `cg.solve_ivp` for those of entries of a point."""
@@ -136,8 +139,14 @@ class FrameSolver(OdeSolver):
         stepper = self._stepper
         moved = self.t != stepper.t
         if moved or not np.array_equal(self.y, self._reached):
+            if np.size(self.y) != self.n:
+                raise ValueError(f"y must be {self.n} numbers, got shape {np.shape(self.y)}")
             y = np.reshape(self.y, self.frame.point_shape)
             stepper.restart(t=self.t if moved else None, y=y)
+        if (self.t_bound - self.t) * self.direction < 0.0:
+            raise ValueError(
+                f"t_bound must not lie behind t = {self.t:.17g}, got {self.t_bound:.17g}"
+            )
         message = stepper.step(None if math.isinf(self.t_bound) else self.t_bound)
         self.njev, self.nlu = stepper.njev, stepper.nlu
         self._reached = stepper.y.reshape(-1)

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy import integrate
 from scipy.optimize import OptimizeResult
 
 import cg
@@ -250,6 +251,35 @@ def test_tolerances_of_entries_and_what_is_dropped():
     assert "f must return finite numbers" in ended.message
     with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
         cg.scipy.Solver(3)
+
+
+@pytest.mark.parametrize("wrap", [lambda s: s, lambda s: cg.frames.Power(s, 2)])
+def test_the_default_is_that_for_derivatives(wrap):
+    """`Stiefel` has brackets, but moves along derivatives without them."""
+    frame = wrap(cg.frames.Stiefel(3, 2))
+    y0, w = (
+        frame.random_point(np.random.default_rng(0)),
+        np.array([[0, 1, 2], [-1, 0, 1], [-2, -1, 0]]),
+    )
+    f = lambda t, y: (w @ y.reshape(frame.point_shape)).ravel()
+    options = {"rtol": 1e-8, "atol": 1e-8}
+    run = integrate.solve_ivp(f, (0, 1), y0.ravel(), cg.scipy.Solver(frame), **options)
+    ours = cg.solve_ivp(lambda t, y: w @ y, (0, 1), y0, frame=frame, rhs="derivative", **options)
+    np.testing.assert_allclose(run.y[:, -1], ours.y[-1].ravel(), rtol=0, atol=1e-7)
+
+
+def test_wrong_sizes_are_named():
+    with pytest.raises(ValueError, match=r"fun must return 7 numbers, got shape \(3,\)"):
+        integrate.solve_ivp(lambda t, y: y[:3], (0, 1), Y0, SOLVER)
+    for name, value, message in (
+        ("y", [1.0, 2.0], r"y must be 7 numbers, got shape \(2,\)"),
+        ("t_bound", -1.0, "t_bound must not lie behind t = "),
+    ):
+        solver = SOLVER(lambda t, y: 0 * y, 0.0, Y0, 1.0)
+        solver.step()
+        setattr(solver, name, value)
+        with pytest.raises(ValueError, match=message):
+            solver.step()
 
 
 @pytest.mark.filterwarnings("ignore:The following arguments have no effect")
