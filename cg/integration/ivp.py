@@ -143,10 +143,10 @@ def solve_ivp(
         s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
         evaluations of ``f``.
     step_function
-        ``step_function(t, y, *args)`` returns a positive number s that depends on the configuration
-        alone, for symmetric splitting methods: steps are about ``h s``. They stay reversible,
-        so that errors of the energy don't grow, by the method of Hairer and Söderlind (SIAM J. Sci.
-        Comput. 26 (2005), 1838-1851). It may be compiled as an event may.
+        ``step_function(t, y, *args)`` returns a positive number s, a smooth function of the
+        configuration alone, for symmetric splitting methods: steps are about ``h s``. They stay
+        reversible, so that errors of the energy don't grow, by the method of Hairer and Söderlind
+        (SIAM J. Sci. Comput. 26 (2005), 1838-1851). It may be compiled as an event may.
     thermostat
         A heat bath on a `cg.frames.PhaseSpace`, for symmetric splitting methods: `cg.Langevin`.
         Steps end at the times of ``t_eval`` then. Events are found along an interpolant, which is

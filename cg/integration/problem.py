@@ -438,7 +438,7 @@ def make_problem(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
             f"{short(options['events'])}"
         )
-    sizes = sizes_of(options, plan, rhs, start, points[0])
+    sizes = sizes_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,

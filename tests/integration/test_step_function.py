@@ -116,6 +116,8 @@ def test_on_rotations_and_parameters():
     ({"thermostat": cg.Langevin(1.0, 1.0)}, "step_function must be None with thermostat"),
     ({"derivatives": "forward"}, "step_function must be None with derivatives"),
     ({"step_function": lambda t, y: -1.0}, "step_function must return a positive number, got -1.0"),
+    ({"step_function": lambda t, y: 1.0 + y[2] ** 2}, "configuration alone, .* another momentum"),
+    ({"step_function": lambda t, y: 1.0 + t}, "configuration alone, .* another time"),
     ({"step_function": lambda t, y: 1.0 if t < 1 else np.nan}, "step_function must return finite"),
 ])  # fmt: skip
 def test_what_is_refused(options, message):
