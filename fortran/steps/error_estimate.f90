@@ -25,7 +25,9 @@
 ! coefficient
 !     D = sum_k f_k / prod_(j /= k) (t_k - t_j),
 ! and D prod_j (t - t_j), which is O(h^(n - 1)) for smooth coefficients, estimates how much they
-! differ from it within the step.
+! differ from it within the step. In the first step of all there are none before, and quotients say
+! nothing if the nodes don't resolve the coefficients, such as several periods: e1 itself counts, or
+! else e2, unless they are small compared with their variation.
 module error_estimate_m
   use kinds, only: wp
   use coordinates_m, only: difference
@@ -47,6 +49,8 @@ module error_estimate_m
   ! Unit of such changes in the rest of e2. Along 2,000 random curves through samples on quaternions
   ! it leaves angles wrong by 75 tolerances of 1e-10 in place of 770, for 2 per cent more evaluations.
   real(wp), parameter :: unit_of_change = 6.0_wp
+  ! Parts of the variation that e1 and e2 are if the phase changes by about a radian
+  real(wp), parameter :: resolved(2) = [2e-3_wp, 0.1_wp]
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
   real(wp), parameter :: roundings = 64 * epsilon(1.0_wp)    ! of differences between nodes
 
@@ -55,6 +59,7 @@ contains
   ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
+    real(wp) :: first(2)                     ! e1 and e2, of the quadratures
 
     associate (frame => x%problem%frame, tolerances => x%problem%tolerances, &
                method => x%problem%method, v => x%u)
@@ -64,9 +69,9 @@ contains
       end if
       x%path_of_u = 0
       if (method%in_parts) then
-        call estimate_parts(x)
+        call estimate_parts(x, first)
       else
-        call estimate_whole(x)
+        call estimate_whole(x, first)
       end if
       call limit_angle(x)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
@@ -74,13 +79,29 @@ contains
         v = x%h * v
         call remove_isotropy(frame, x%y(:, x%result), v)
         x%error = max(x%error, norm_of_u(x))
+      else if (method%has_nodes .and. x%counts%steps == 0) then
+        if (any(first > resolved * variation(x))) &
+          x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
       end if
     end associate
   end subroutine estimate_error
 
-  ! Estimates the error by results and sums of stages.
-  subroutine estimate_whole(x)
+  ! The largest change of the coefficients from the start of the step to a node
+  real(wp) function variation(x)
     type(trajectory_t), intent(inout) :: x
+    integer :: k
+
+    variation = 0.0_wp
+    do k = 2, size(x%problem%method%c)
+      x%u = x%h * (x%f(:, k) - x%f(:, 1))
+      variation = max(variation, norm_of_u(x))
+    end do
+  end function variation
+
+  ! Estimates the error by results and sums of stages.
+  subroutine estimate_whole(x, first)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(out) :: first(2)
     real(wp) :: errors(3), error
     integer :: i, place
 
@@ -94,6 +115,7 @@ contains
         if (method%kind == kind_polynomial) error = hypot(errors(place), error)
         if (.not. error <= errors(place)) errors(place) = error
       end do
+      first = [errors(1), 0.0_wp]
       x%error = combined(method, errors(1), errors(2))
       if (method%power == 0) then
         if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
@@ -106,8 +128,9 @@ contains
   ! Estimates the error by two differences, in parts: sums of stages, and the rest. With a third
   ! result the rest is that of the differences of results; where exponents of Magnus methods are
   ! compared, it has sums of its own; on the algebra it is what dexp^-1 adds to coefficients.
-  subroutine estimate_parts(x)
+  subroutine estimate_parts(x, first)
     type(trajectory_t), intent(inout) :: x
+    real(wp), intent(out) :: first(2)
     real(wp) :: errors(2, 2)    ! (part, difference)
     real(wp) :: rest(size(x%u))
     integer :: i, place
@@ -138,6 +161,7 @@ contains
           if (i == last) call count_part(2, distance(x, method%third, x%control%work))
         end if
       end do
+      first = errors(1, :)
       associate (parts => [(combined(method, errors(i, 1), errors(i, 2)), i=1, 2)])
         x%error = merge(sum(parts), maxval(parts), method%of_time)
       end associate

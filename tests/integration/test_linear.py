@@ -222,3 +222,28 @@ def test_a_compiled_function_that_reads_its_point_is_refused(tmp_path, reads):
     np.testing.assert_array_equal(solve().y, same.y)
     kaas = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="RKMK5(4)", h=0.1)
     assert kaas.nexp == kaas.steps  # points of stages are not computed
+
+
+@pytest.mark.parametrize("method", ["auto", "Magnus8(4)", "CFM8(4)"])
+def test_first_steps_resolve_fast_coefficients(method):
+    """A small coefficient lets the first step span many periods, which its nodes don't resolve."""
+    frame, axis = SO3(), np.array([1.0, 0.5, -0.5])
+    for w, size, phase, tolerance in (
+        (210.0, 0.026, 4.0, 1e-7), (84.5, 0.1, 6.0, 1e-4), (170.26, 0.2, 3.5, 1e-7)
+    ):  # fmt: skip
+        run = cg.solve_linear(
+            lambda t, w=w, size=size, phase=phase: size * np.cos(w * t + phase) * axis, (0, 1),
+            np.eye(3), frame=frame, method=method, rtol=tolerance, atol=tolerance,
+        )  # fmt: skip
+        turned = size * (np.sin(w + phase) - np.sin(phase)) / w
+        assert np.abs(run.y[-1] - frame.flow(turned * axis, np.eye(3))).max() < 50 * tolerance
+
+
+def test_first_steps_along_polynomials_resolve_fast_coefficients():
+    frame = cg.frames.LinearAction([np.array([[-1j]])])
+    run = cg.solve_linear(
+        lambda t: [0.1516 * np.cos(63.24 * t + 3.5367)], (0, 1), [1.0 + 0j], frame=frame,
+        rtol=1e-4, atol=1e-4,
+    )  # fmt: skip
+    turned = 0.1516 * (np.sin(63.24 + 3.5367) - np.sin(3.5367)) / 63.24
+    assert abs(run.y[-1, 0] - np.exp(-1j * turned)) < 50e-4
