@@ -65,9 +65,11 @@ class SPD(Sized, ConjugationSpace):
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
         values, vectors = eigh_where_finite(y)
-        squares = values[..., None, :] ** 2 + values[..., :, None] ** 2
+        row, column = values[..., :, None], values[..., None, :]
+        larger = np.maximum(row, column)  # so that no square of a tiny one vanishes
+        row, column = row / larger, column / larger
         slope = (tangent + tangent.mT) / 2
-        solved = (vectors.mT @ slope @ vectors) / squares * values[..., None, :]
+        solved = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
         return self.group._algebra_projection(vectors @ solved @ vectors.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:

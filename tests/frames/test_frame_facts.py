@@ -109,3 +109,12 @@ def test_coefficients_accept_rounding_errors():
     assert np.abs(group.vee(rounding)).max() < 1e-14
     np.testing.assert_array_equal(group.vee(np.zeros((3, 3))), np.zeros(3))
     assert np.isnan(group.vee(np.full((3, 3), np.nan))).all()
+
+
+def test_coefficients_on_spd_of_eigenvalues_far_apart():
+    frame, generator = fr.SPD(2), np.diag([-12.0, 1.0])
+    for small in (1e-150, 1e-170, 1e-300):
+        y = np.diag([small, 1e13])
+        slope = generator @ y + y @ generator.T
+        moved = frame.field(frame.coefficients(y, slope), y)
+        np.testing.assert_allclose(np.diagonal(moved), np.diagonal(slope), rtol=1e-14)
