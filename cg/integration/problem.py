@@ -123,6 +123,12 @@ class Problem:
             return self
         return self.select(*self.data(members))
 
+    def arguments(self, member: int) -> tuple[Any, ...]:
+        """Return what functions of a member get after time and point."""
+        if not self.own_inputs:
+            return self.rhs.arguments(member)
+        return self.part(slice(member, member + 1)).rhs.arguments(0)
+
     def select(
         self,
         first: int,

@@ -42,6 +42,7 @@ from cg.integration.run.failures import dropped_parts, explain_failure
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.checks import short
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS
 from cg.support.times import apart
@@ -166,6 +167,11 @@ class Stepper:
         given["breakpoints"], given["common_steps"] = None, common_steps
         given["first_step"] = None if given["h"] is None else first  # may exceed the span here
         problem = make_problem(f, (start, start), y0, frame, given, many=many)
+        if problem.own_inputs:
+            raise ValueError(
+                "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
+                f"for an ensemble in steps, got {short(given['inputs'])}"
+            )
         h = problem.control.h
         check_resolution(h, start)
         _check_data(problem.rhs, many)

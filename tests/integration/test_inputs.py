@@ -139,6 +139,7 @@ class TestTimesOfTheirOwn:
         {"parameters": np.arange(5.0)[:, None]}, {"linear": True}, {"t_eval": [1.3]},
         {"derivatives": "forward", "parameters": np.arange(5.0)[:, None]},
         {"events": [lambda t, y, u, *p: y[0, 0]], "dense_output": True},
+        {"events": [lambda t, y, u: y[0, 0]], "derivatives": "forward"},
     ], ids=" ".join)  # fmt: skip
     @pytest.mark.parametrize("span", [(0, 2), (2, 0)])
     def test_members_are_single_solutions(self, options, span):
@@ -164,6 +165,15 @@ class TestTimesOfTheirOwn:
                 np.testing.assert_array_equal(joint.sensitivity[:, k], one.sensitivity)
             if joint.t_events is not None:
                 np.testing.assert_array_equal(joint.t_events[0][k], one.t_events[0])
+            if getattr(joint, "dt_events", None) is not None:
+                np.testing.assert_array_equal(joint.dt_events[0][k], one.dt_events[0])
+
+    def test_steppers_refuse_them(self):
+        with pytest.raises(ValueError, match="those of members with members=True"):
+            cg.Stepper(
+                lambda t, y, u: [u, 0, 1], 0.0, np.stack(5 * [np.eye(3)]), 2.0,
+                frame=cg.frames.SO3(), inputs=self.CURVES,
+            )  # fmt: skip
 
     def test_of_several_inputs(self):
         pairs = [(curve, self.CURVES[0]) for curve in self.CURVES]

@@ -66,7 +66,7 @@ class Derivatives:
             before = zip(joint.t_events, joint.y_events, strict=True)
             events["dt_events"] = [
                 [
-                    table.time_derivatives(index, *at, problem.rhs.arguments(member))
+                    table.time_derivatives(index, *at, problem.arguments(member))
                     for member, at in enumerate(zip(times, points, strict=True))
                 ]
                 for index, (times, points) in enumerate(before)
