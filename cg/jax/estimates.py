@@ -22,6 +22,7 @@ from cg.tables import MAX_ANGLE, Kind, MethodTable
 # as in fortran/steps/error_estimate.f90
 _ROUNDINGS = 64
 _UNIT_OF_CHANGE = 6.0
+_RESOLVED = 2e-3, 0.1
 
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
 
@@ -76,7 +77,13 @@ def error_estimate(
     if before is None:
         error = _error(table, errors, squares)
     else:
-        error = _error_of_time(table, errors, squares, _change_of_angle(start, stages))
+        changes = h * (stages.values[1:] - stages.values[0])
+        change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
+        sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
+        variation = jnp.where(
+            before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
+        )
+        error = _error_of_time(table, errors, squares, change, variation)
     angle = turning(rules.frame, h * stages.values[0])
     return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
 
@@ -107,16 +114,18 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
-def _change_of_angle(start: Start, stages: Stages) -> JaxArray:
-    """Return the largest angle by which the flows of the coefficients at the stages differ."""
-    changes = start.h * (stages.values[1:] - stages.values[0])
-    return jax.vmap(lambda v: turning(start.rules.frame, v))(changes).max()
-
-
 def _error_of_time(
-    table: MethodTable, errors: list[JaxArray], squares: list[JaxArray], change: JaxArray
+    table: MethodTable,
+    errors: list[JaxArray],
+    squares: list[JaxArray],
+    change: JaxArray,
+    variation: JaxArray,
 ) -> JaxArray:
-    """Return the error of a Magnus method: that of the results, or the larger of the nodes."""
+    """Return the error of a Magnus method: that of the results, or the larger of the nodes.
+
+    ``change`` is that of the angle of coefficients in the step, ``variation`` that of the
+    coefficients in a first step, in others infinite.
+    """
     norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
     *parts, last = norms
     count = max(len(parts) // 2, 1)
@@ -134,6 +143,12 @@ def _error_of_time(
         of_change = jax.lax.stop_gradient(share) * errors[3]
         of_results = jnp.where(share * norms[3] > size, of_change, of_results)
         size = jnp.maximum(size, share * norms[3])
+        fast = norms[0] > _RESOLVED[0] * variation
+        first = jnp.where(fast, norms[0], norms[2])
+        fast_error = jnp.where(fast, errors[0], errors[2])
+        unresolved = (fast | (norms[2] > _RESOLVED[1] * variation)) & (first > size)
+        of_results = jnp.where(unresolved, fast_error, of_results)
+        size = jnp.where(unresolved, first, size)
     return jnp.where(last > size, errors[-1], of_results)
 
 

@@ -65,6 +65,20 @@ def test_estimates_in_parts_are_those_of_compiled_code(name):
     np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-13)
 
 
+def test_first_steps_resolve_fast_coefficients():
+    frame, y0, tol = UnitQuaternion(), np.eye(4)[3], 1e-4
+    a = lambda t, xp=np: 0.1 * xp.cos(84.5 * t + 6.0) * xp.array([1.0, 0.5, -0.5])
+    here = diffrax.diffeqsolve(
+        cg.jax.LinearTerm(lambda t, args: a(t, jnp), frame), cg.jax.Solver("CFM8(4)"), 0.0, 1.0,
+        None, jnp.asarray(y0), stepsize_controller=cg.jax.controller(frame, tol, tol),
+    )  # fmt: skip
+    there = cg.solve_linear(a, (0, 1), y0, frame=frame, method="CFM8(4)", rtol=tol, atol=tol)
+    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
+    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-12)
+    turned = 0.1 * (np.sin(90.5) - np.sin(6.0)) / 84.5 * np.array([1.0, 0.5, -0.5])
+    assert np.abs(here.ys[-1] - frame.flow(turned, y0)).max() < 50 * tol
+
+
 @pytest.mark.parametrize(("frame", "name", "bound"), [
     (SU(2), "CFM4", 1e-6), (SU(2), "CFM8(4)", 1e-10), (CHAIN, "CFM6(4)", 1e-8)
 ], ids=repr)  # fmt: skip
