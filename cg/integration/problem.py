@@ -205,7 +205,7 @@ def _make_control(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    _warn(plan.method)
+    _warn(plan.method, pair=plan.table is plan.method)  # and not along a polynomial
     shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
     atol = check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):

@@ -399,7 +399,7 @@ class Stepper:
         self.status = "running" if self.t != self.t_bound else "finished"
 
     def dense_output(self) -> DenseOutput:
-        """Return the solution within the last step.
+        """Return the solution within the last step, before a jump at its end.
 
         It takes evaluations of ``f``.
 

@@ -239,3 +239,13 @@ class TestPolynomialFlows:
             method=method, h=0.5,
         )  # fmt: skip
         np.testing.assert_allclose(run.y, same.y, rtol=1e-12)
+
+
+def test_weights_of_a_pair_have_no_effect_and_no_warning():
+    """The error is estimated along a polynomial through the nodes, whatever its results are."""
+    method = cg.MagnusMethod(
+        ["0", "1/2", "1"], [["1/6", "2/3", "1/6"]], embedded=[["1/2", 0, "1/2"]]
+    )
+    frame = LinearAction([-1j * np.array([[0, 1], [1, 0]])])
+    run = cg.solve_linear(lambda t: [np.cos(t)], (0, 1), [1.0, 0j], frame=frame, method=method)
+    np.testing.assert_allclose(run.y[-1, 0], np.cos(np.sin(1.0)), rtol=0, atol=1e-3)
