@@ -48,13 +48,17 @@ def invariants(
         raise TypeError(f"solution must be a Solution, got {solution!r}")
     check_stored(solution, "solution")
     if callable(functions):
-        values = dict(functions(solution.y))
+        values = functions(solution.y)
     elif isinstance(functions, Mapping) and all(map(callable, functions.values())):
         values = {name: function(solution.y) for name, function in functions.items()}
     else:
         raise TypeError(
             "functions must be a function that returns a dict, or a dict of functions, got "
             f"{functions!r}"
+        )
+    if not (isinstance(values, Mapping) and values):
+        raise TypeError(
+            f"functions must be one that returns a dict, or a dict, not empty, got {values!r}"
         )
     times = np.asarray(solution.t, dtype=np.float64)
     ax = axes_for(ax)

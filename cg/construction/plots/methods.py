@@ -7,6 +7,7 @@ from typing import Any
 from cg.construction.catalogue import resolve_method
 from cg.construction.layouts.points import START, PointTree
 from cg.construction.methods.method import Method
+from cg.construction.methods.splitting import Splitting
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
 from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
@@ -35,7 +36,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     >>> sorted({text.get_text() for text in ax.texts})[:4]
     ['0', '0.551', '13/51', '17/108']
     """
-    method = resolve_method(method)
+    method = no_splitting(resolve_method(method))
     digits = check_integer("digits", digits, 1)
     given, ax = ax, axes_for(ax)
     s = method.stages
@@ -58,6 +59,13 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     _set_title(ax, method)
     _fit_cells(ax, widen=given is None)
     return ax
+
+
+def no_splitting(method: Method) -> Method:
+    """Return a method; ValueError if it is a splitting method, which has kicks and drifts."""
+    if isinstance(method, Splitting):
+        raise ValueError(f"method must be no splitting method, got {method!r}")
+    return method
 
 
 def _fit_cells(ax: Any, *, widen: bool) -> None:
@@ -112,7 +120,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     >>> ax.get_title()
     'CF4: order 4, 4 evaluations, 5 flows'
     """
-    method = resolve_method(method)
+    method = no_splitting(resolve_method(method))
     if not method.explicit:
         raise ValueError(f"method must be explicit, got {method!r}")
     ax = axes_for(ax)

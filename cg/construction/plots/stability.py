@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cg.construction.catalogue import resolve_method
 from cg.construction.methods.method import Method
 from cg.construction.methods.stability import stability_function, too_large
+from cg.construction.plots.methods import no_splitting
 from cg.plot.style import COLOURS, axes_for, verbatim
 from cg.support.checks import check_interval
 
@@ -48,7 +49,7 @@ def stability_region(
     if not isinstance(method, Method | Sequence):
         raise TypeError(f"method must be a method, a name, or a sequence of them, got {method!r}")
     names = [method] if isinstance(method, str | Method) else list(method)
-    methods = [resolve_method(name) for name in names]
+    methods = [no_splitting(resolve_method(name)) for name in names]
     if not methods:
         raise ValueError("method must be one or more methods, got none")
     box = _box(methods) if x is None or y is None else ((0.0, 0.0), (0.0, 0.0))
@@ -95,7 +96,7 @@ def order_star(
     >>> cg.plot.order_star("CF4").get_title()
     'CF4'
     """
-    one = resolve_method(method)
+    one = no_splitting(resolve_method(method))
     reach = 1.0 + one.stages
     left, right = (-reach, reach) if x is None else check_interval("x", x)
     low, high = (-reach, reach) if y is None else check_interval("y", y)
