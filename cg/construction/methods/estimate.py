@@ -148,8 +148,8 @@ def _compare(
     else:
         estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
     if estimate.ndim > 1:  # the parts of quadrature and of commutators
-        together = np.sum if isinstance(method, MagnusMethod) else np.max
-        estimate = together(estimate, axis=0)
+        total = estimate.sum(axis=0)
+        estimate = total if isinstance(method, MagnusMethod) else estimate.max(axis=0)
     return abs(result - exact), estimate
 
 
