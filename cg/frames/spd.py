@@ -66,10 +66,12 @@ class SPD(Sized, ConjugationSpace):
         # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
         values, vectors = eigh_where_finite(y)
         row, column = values[..., :, None], values[..., None, :]
-        larger = np.maximum(row, column)  # so that no square of a tiny one vanishes
-        row, column = row / larger, column / larger
         slope = (tangent + tangent.mT) / 2
-        solved = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
+        # Points of stages may be singular or not finite. No square of a tiny eigenvalue may vanish.
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            larger = np.maximum(row, column)
+            row, column = row / larger, column / larger
+            solved = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
         return self.group._algebra_projection(vectors @ solved @ vectors.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:

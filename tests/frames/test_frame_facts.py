@@ -1,5 +1,7 @@
 """Properties of single frames, and rejected arguments."""
 
+import warnings
+
 import numpy as np
 import pytest
 from refusals import refuses
@@ -118,3 +120,7 @@ def test_coefficients_on_spd_of_eigenvalues_far_apart():
         slope = generator @ y + y @ generator.T
         moved = frame.field(frame.coefficients(y, slope), y)
         np.testing.assert_allclose(np.diagonal(moved), np.diagonal(slope), rtol=1e-14)
+    for singular in (np.zeros((2, 2)), np.diag([0.0, 1.0]), np.diag([np.inf, 1.0])):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            frame._coefficients_at(singular, np.eye(2))
