@@ -81,9 +81,10 @@ def nearest_coordinates(
 
     They are zero where their flow doesn't lead nearer to the end.
     """
-    v = np.nan_to_num(coefficients(start, end - start), posinf=0.0, neginf=0.0)
-    v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0
-    v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # of points far apart
+        v = np.nan_to_num(coefficients(start, end - start), posinf=0.0, neginf=0.0)
+        v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0
+        v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
     return v
 
 
