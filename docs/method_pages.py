@@ -56,13 +56,6 @@ def proof(method: Method) -> tuple[str, str]:
             "A Munthe-Kaas method has the order of its tableau. The tableau satisfies the "
             f"conditions of rooted trees {f'to {residual:.0e}' if residual else 'exactly'}."
         )
-    if isinstance(method, cg.Splitting):
-        residual = method.largest_residual()
-        return proved(method), (
-            "The stored coefficients satisfy the conditions of special Nyström trees "
-            f"{f'to {residual:.0e}' if residual else 'exactly'}. [Splitting methods]"
-            "(../catalogue.md#splitting-methods)"
-        )
     if method.approximate:
         return "no", "The order is nominal: the coefficients satisfy its conditions approximately."
     try:

@@ -10,3 +10,4 @@ def of_kind(*kinds):
 FROZEN = of_kind(cg.Tableau, cg.CommutatorFree)
 MUNTHE_KAAS = of_kind(cg.MuntheKaas)
 MAGNUS = of_kind(cg.MagnusMethod)
+SPLITTING = of_kind(cg.Splitting)

@@ -34,7 +34,7 @@ _ROUGH = 1e-9  # far above rounding errors in double
 Word = tuple[int, ...]
 Series = dict[Word, Any]
 Degree = Callable[[Word], int]
-Row = Sequence[Fraction]
+Row = Sequence[Any]
 Values = tuple[Row, Sequence[Row], Sequence[tuple[Row, Row]]]
 """The nodes, the weights of each exponential, and those of both sides of each bracket."""
 
@@ -58,13 +58,13 @@ def as_decimal(value: Fraction) -> Decimal:
 def linear_residuals(values: Values, order: int) -> list[Decimal]:
     """Return the coefficients of all `words` less those of the solution, with 64 digits."""
     with localcontext(_DIGITS):
-        product = _product_of_exponentials(values, order)
+        product = product_of_exponentials(_each(as_decimal, values), order)
         return [product.get(word, 0) - _solution(word) for word in words(order)]
 
 
 def estimated_order(values: Values) -> int:
     """Return the order that a method seems to have in double precision, an upper bound of it."""
-    product = _product_of_exponentials(values, MAX_LINEAR_ORDER, float)
+    product = product_of_exponentials(_each(float, values), MAX_LINEAR_ORDER)
     wrong = [
         sum(word)
         for word in words(MAX_LINEAR_ORDER)
@@ -81,8 +81,9 @@ def linear_sensitivities(values: Values, units: Values, order: int) -> list[Deci
     """
     with localcontext(_DIGITS):
         sizes = _each(abs, values)
-        low = _product_of_exponentials(sizes, order, sign=1)
-        high = _product_of_exponentials(_each(sum, sizes, units), order, sign=1)
+        high = _each(as_decimal, _each(sum, sizes, units))
+        low = product_of_exponentials(_each(as_decimal, sizes), order, sign=1)
+        high = product_of_exponentials(high, order, sign=1)
         return [Decimal(high.get(word, 0) - low.get(word, 0)) for word in words(order)]
 
 
@@ -93,14 +94,12 @@ def _each(function: Callable[..., Any], *values: Any) -> Any:
     return [_each(function, *parts) for parts in zip(*values, strict=True)]
 
 
-def _product_of_exponentials(
-    values: Values, order: int, number: Callable[[Fraction], Any] = as_decimal, sign: int = -1
-) -> Series:
+def product_of_exponentials(values: Values, order: int, sign: int = -1) -> Series:
     """Return the coefficients of words through degree `order` in the result of a step.
 
     With a `sign` of 1 sums take the place of brackets, as they do in bounds.
     """
-    nodes, rows, brackets = _each(number, values)
+    nodes, rows, brackets = values
     degrees = range(1, order + 1)
     letters: list[Series] = [
         {(j,): c ** (j - 1) if j > 1 else c * 0 + 1 for j in degrees} for c in nodes
@@ -108,7 +107,7 @@ def _product_of_exponentials(
     for left, right in brackets:
         sides = combined(left, letters), combined(right, letters)
         letters.append(bracket(*sides, order, sign))
-    product: Series = {(): number(Fraction(1))}
+    product: Series = {(): nodes[0] * 0 + 1}
     for row in rows:
         product = times(exponential(combined(row, letters), order), product, order)
     return product

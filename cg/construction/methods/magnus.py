@@ -220,9 +220,18 @@ class MagnusMethod(Method):
 
         Those of brackets follow the nodes.
         """
+        return tuple(a for row in self.rows for a in row if a.value != 0)
+
+    @property
+    def rows(self) -> tuple[tuple[Coefficient, ...], ...]:
+        """The nodes, both sides of each bracket, and the weights of both results."""
         sides = [side for pair in self.brackets for side in pair]
-        rows = (self.nodes, *sides, *self.weights, *(self.embedded_weights or ()))
-        return tuple(a for row in rows for a in row if a.value != 0)
+        return self.nodes, *sides, *self.weights, *(self.embedded_weights or ())
+
+    def filled(self, numbers: Sequence[Any], zero: Any) -> list[list[Any]]:
+        """Return rows like `rows`, with numbers in place of `coefficients`."""
+        each = iter(numbers)
+        return [[next(each) if x.value else zero for x in row] for row in self.rows]
 
     @cached_property
     def layout(self) -> Layout:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from cg.construction.catalogue import resolve_method
+from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
+from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
 from cg.construction.proofs.files import certificate_of
 from cg.construction.proofs.statement import fitting
@@ -35,9 +37,11 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
             f"{certificate.name}: some conditions are only shown to be small, so that digits must "
             f"be at most {max_digits(certificate)}, got {digits}"
         )
-    texts = [coefficient.text for coefficient in packed.coefficients]
+    texts = [coefficient.text for coefficient in method.coefficients]
     box = certificate.box
     movable = packed.movable(box)
+    moves = packed.spread([float(name not in box.fixed) for name in packed.names])
+    changed = [k for k, moved in enumerate(moves) if moved]
     with precision(certificate.bits):
         if certificate.radius == 0 or not movable:
             check_rational(packed)
@@ -48,12 +52,10 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
-            zero = zero_of(packed, box, attempt, places)
-            rounded = [_rounded(zero[k], digits) for k in movable]
-        if all(rounded):
-            for k, text in zip(movable, rounded, strict=True):
-                texts[k] = text or ""
-            return texts
+            zero = packed.spread(zero_of(packed, box, attempt, places))
+            rounded = {k: _rounded(zero[k], digits) for k in changed}
+        if all(rounded.values()):
+            return [rounded.get(k) or text for k, text in enumerate(texts)]
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
 
 
@@ -101,6 +103,10 @@ def digits(
     weights
         For a commutator-free method: of each point, by stage. For a Magnus method each node that
         isn't zero comes first.
+    drifts, kicks
+        For a splitting method: strings.
+    rows
+        For a Magnus method with brackets: nodes, both sides of each bracket, weights.
 
     Raises
     ------
@@ -114,11 +120,15 @@ def digits(
     '0.1733158389077557335176411113901044187491'
     """
     method = resolve_method(method)
-    if check_flag("embedded", embedded) and not method.layout.pair:
+    if check_flag("embedded", embedded) and method.embedded is None:
         raise ValueError(f"embedded: {method.name or 'the method'} has no second weights")
     if certificate is None:
         certificate = certificate_of(method)
     texts = refined_digits(method, certificate, digits)
+    if isinstance(method, Splitting):
+        return texts[::2], texts[1::2]
+    if isinstance(method, MagnusMethod) and method.brackets:
+        return method.filled(texts, "0")
     if method.layout.rows is None:
         return method.layout.point_weights(texts)
     rows = [[str(entry) for entry in row] for row in method.layout.full_rows(texts)]

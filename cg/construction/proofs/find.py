@@ -23,7 +23,7 @@ from cg.construction.proofs.krawczyk import (
     numerical_rank,
     to_double,
 )
-from cg.construction.proofs.statement import Packed
+from cg.construction.proofs.packed import Packed, PackedWeights
 from cg.construction.proofs.zero import check_left_out, check_places, largest_residual
 
 SMALL_PLACES = 300
@@ -52,7 +52,9 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
     message = f"{packed.name}: no zero of the conditions of order {packed.orders[0]} is proved"
     if dependent:
-        relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
+        relations = np.array([])
+        if isinstance(packed, PackedWeights):
+            relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
         explained = len(relations) == dependent
         matrix = relations if explained else jacobian[:, nonzero].T
         pivots = linalg.qr(matrix, mode="r", pivoting=True)[1]
@@ -102,8 +104,8 @@ def _try(
         attempt = krawczyk(system, packed.balls(), movable)
         measures |= attempt.quantities
         if attempt.proved:
-            held = sorted(set(range(packed.layout.size)) - set(movable))
-            fixed = tuple(packed.layout.names[k] for k in held)
+            held = sorted(set(range(len(packed.names))) - set(movable))
+            fixed = tuple(packed.names[k] for k in held)
             radius = Decimal(f"{float(attempt.radius):.1e}")
             return _Proved(Box(radius, fixed, tuple(omitted)), attempt)
     return measures

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.conditions.systems import EquationSystem
 from cg.construction.proofs.certificate import CertificationError
+from cg.construction.proofs.packed import Equations
 from cg.support import flint
 
 RANK_THRESHOLD = 1e-12
@@ -74,7 +74,7 @@ def choose_movable(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> 
 
 
 def krawczyk(
-    system: EquationSystem,
+    system: Equations,
     y: Sequence[flint.arb],
     movable: Sequence[int],
     radius: flint.arb | None = None,
@@ -115,7 +115,7 @@ def krawczyk(
 
 
 def enclose_zero(
-    system: EquationSystem,
+    system: Equations,
     y: Sequence[flint.arb],
     movable: Sequence[int],
     test: KrawczykTest,

@@ -5,13 +5,11 @@ from decimal import Decimal
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Box, Certificate, CertificationError
 from cg.construction.proofs.find import find_box
-from cg.construction.proofs.statement import Packed, fitting
+from cg.construction.proofs.statement import fitting, pack
 from cg.construction.proofs.violated import check_beyond, find_beyond
 from cg.construction.proofs.zero import check_left_out, check_rational, prove_zero
 from cg.support.balls import working_precision as precision
@@ -62,23 +60,19 @@ def certify(
             f"method must not be a Munthe-Kaas method, whose order is that of its tableau, "
             f"got {method!r}"
         )
-    if isinstance(method, Splitting):
-        raise TypeError(f"method must not be a splitting method, got {method!r}")
-    if isinstance(method, MagnusMethod) and method.brackets:
-        raise TypeError(f"method must not combine brackets of fields, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(
             f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
         )
     orders = [order]
-    if method.layout.pair:
+    if method.embedded is not None:
         if not method.embedded_order:
             raise CertificationError(
                 f"{method.name or 'the method'}: the second weights satisfy no order conditions"
             )
         orders.append(method.embedded_order)
-    packed = Packed.of(method, orders)
+    packed = pack(method, orders)
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     bits = 64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64)
     try:
@@ -87,13 +81,13 @@ def certify(
                 box = find_box(packed, bits, complete)
             else:
                 check_rational(packed)
-                box = Box(Decimal(0), tuple(packed.layout.names))
+                box = Box(Decimal(0), tuple(packed.names))
             beyond = find_beyond(packed, box)
     except CertificationError as error:
         if order > method.order:
             error.args = (f"the order is {method.order}, not {order}: {error}",)
         raise
-    embedded = (orders[1], beyond[1]) if method.layout.pair else (None, None)
+    embedded = (*orders, None)[1], (*beyond, None)[1]
     return Certificate(method.name, order, embedded[0], bits, box, beyond[0], embedded[1])
 
 

@@ -8,77 +8,27 @@ checked here before anything is proved.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from fractions import Fraction
-
-import numpy as np
-from numpy.typing import NDArray
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.conditions.systems import EquationSystem
-from cg.construction.conditions.words import Condition, conditions_of
-from cg.construction.layouts.layout import Layout
-from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.proofs.certificate import Box, Certificate, CertificationError
-from cg.support import flint
-from cg.support.balls import to_ball
+from cg.construction.methods.splitting import Splitting
+from cg.construction.proofs.certificate import Certificate, CertificationError
+from cg.construction.proofs.packed import Packed, PackedWeights
+from cg.construction.proofs.packed_brackets import PackedBrackets
+from cg.construction.proofs.packed_splitting import PackedSplitting
 
 _MAX_BITS = 1 << 14
 
 
-@dataclass(frozen=True)
-class Packed:
-    """A method as a vector of coefficients, point by point, with the orders of its results."""
-
-    name: str
-    layout: Layout
-    coefficients: tuple[Coefficient, ...]
-    orders: tuple[int, ...]
-
-    @classmethod
-    def of(cls, method: Method, orders: Sequence[int]) -> Packed:
-        """Pack a method, with its second result if it is a pair."""
-        return cls(method.name, method.layout, method.coefficients, tuple(orders))
-
-    @property
-    def values(self) -> list[Fraction]:
-        """The exact values."""
-        return [coefficient.value for coefficient in self.coefficients]
-
-    @property
-    def preferences(self) -> NDArray[np.float64]:
-        """How much each coefficient is preferred to be movable: exact ones are held if possible."""
-        return np.where([c.unit == 0 for c in self.coefficients], 1e-6, 1.0)
-
-    @property
-    def conditions(self) -> list[Condition]:
-        """The independent conditions of all rows of weights."""
-        return conditions_of(self.orders, self.layout.of_time)
-
-    def system(self, left_out: Sequence[Condition] = ()) -> EquationSystem:
-        """Return the conditions as equations, without those that are left out."""
-        omitted = set(left_out)
-        kept = tuple(one for one in self.conditions if one not in omitted)
-        return EquationSystem(self.layout, kept)
-
-    def balls(self) -> list[flint.arb]:
-        """Return balls, as small as the precision allows, that hold the values."""
-        return [to_ball(v) for v in self.values]
-
-    def movable(self, box: Box) -> list[int]:
-        """Return the indices of the coefficients that aren't fixed."""
-        held = set(box.fixed)
-        return [k for k, name in enumerate(self.layout.names) if name not in held]
-
-    def enclosure(self, box: Box) -> list[flint.arb]:
-        """Return balls that hold the exact solution."""
-        y = self.balls()
-        radius = to_ball(Fraction(box.radius)).upper()
-        for k in self.movable(box):
-            y[k] = y[k] + flint.arb(0, radius)
-        return y
+def pack(method: Method, orders: Sequence[int]) -> Packed:
+    """Pack a method, with its second result if it is a pair."""
+    if isinstance(method, Splitting):
+        return PackedSplitting.of(method, orders)
+    if isinstance(method, MagnusMethod) and method.brackets:
+        return PackedBrackets(method.name, method.coefficients, tuple(orders), method)
+    return PackedWeights(method.name, method.coefficients, tuple(orders), method.layout)
 
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
@@ -91,7 +41,7 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     faults = []
     if certificate.name != method.name:
         faults.append(f"it is for {certificate.name!r}, not for {method.name!r}")
-    if pair != method.layout.pair:
+    if pair != (method.embedded is not None):
         faults.append("second weights must be proved, and those of pairs only")
     orders = certificate.orders
     if not all(type(order) is int and 1 <= order <= MAX_ORDER for order in orders):
@@ -100,18 +50,20 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
         faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
-    packed = Packed.of(method, orders)
+    packed = pack(method, orders)
     box = certificate.box
     left_out = set(box.left_out)
-    if len(left_out) != len(box.left_out) or not left_out.issubset(packed.conditions):
+    bounded = isinstance(packed, PackedWeights) or box.bound is not None
+    known = packed.conditions if bounded else []
+    if len(left_out) != len(box.left_out) or not left_out.issubset(known):
         raise CertificationError(
             "conditions that are left out must be distinct independent ones of these orders"
         )
-    names = packed.layout.names
+    names = packed.names
     held = set(box.fixed)
     if len(held) != len(box.fixed) or not held.issubset(names):
         raise CertificationError("the fixed coefficients must be distinct ones of the method")
-    if box.radius == 0 and (len(held) != packed.layout.size or left_out):
+    if box.radius == 0 and (len(held) != len(names) or left_out):
         raise CertificationError(
             "a radius of 0 needs all coefficients fixed and no condition left out"
         )

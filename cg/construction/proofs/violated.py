@@ -8,15 +8,14 @@ from collections.abc import Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
-from cg.construction.conditions.systems import EquationSystem
-from cg.construction.conditions.words import Condition, Word, condition_words, is_of_time, nodes
+from cg.construction.conditions.words import Condition, Word, nodes
 from cg.construction.proofs.certificate import (
     Box,
     Certificate,
     CertificationError,
     ViolatedCondition,
 )
-from cg.construction.proofs.statement import Packed
+from cg.construction.proofs.packed import Packed
 from cg.support.balls import exact_midpoint
 
 _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
@@ -27,8 +26,7 @@ def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
     """Return the condition of the next order that is violated most, of each row of weights."""
     violations: list[ViolatedCondition] = []
     for row, order in enumerate(packed.orders):
-        every = condition_words(order + 1, True, packed.layout.of_time)
-        words = [w for w in every if nodes(w) == order + 1]
+        words = packed.words(order + 1)
         bounds = _bounds(packed, box, words, row)
         best = max(range(len(words)), key=lambda k: bounds[k])
         if bounds[best] < _MIN_BOUND:
@@ -54,8 +52,8 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
             raise CertificationError(
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
-        if packed.layout.of_time and not is_of_time(claim.word):
-            raise CertificationError(f"{claim.tree} is no condition for linear equations")
+        if not packed.has(claim.word):
+            raise CertificationError(f"{claim.tree} is no condition of {packed.name}")
         bound = _bounds(packed, certificate.box, [claim.word], row)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(
@@ -67,6 +65,6 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
 
 def _bounds(packed: Packed, box: Box, words: Sequence[Word], row: int) -> list[Fraction]:
     """Return lower bounds of the residuals' magnitudes in the box."""
-    system = EquationSystem(packed.layout, tuple(Condition(row, word) for word in words))
+    system = packed.equations([Condition(row, word) for word in words])
     values = system.residuals(packed.enclosure(box))
     return [exact_midpoint(value.abs_lower()) for value in values]

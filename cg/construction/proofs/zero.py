@@ -14,13 +14,12 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.construction.conditions.systems import EquationSystem
 from cg.construction.conditions.words import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import follow
 from cg.construction.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
-from cg.construction.proofs.statement import Packed
+from cg.construction.proofs.packed import Packed, PackedWeights
 from cg.support import flint
 from cg.support.balls import to_ball, to_flint, to_fraction
 from cg.support.balls import working_precision as precision
@@ -35,11 +34,12 @@ def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
     """Prove that the equations have exactly one zero in a box, or raise."""
     system = packed.system(box.left_out)
     movable = packed.movable(box)
-    if len(movable) != len(system.conditions):
+    equations = len(packed.conditions) - len(box.left_out)
+    if len(movable) != equations:
         raise CertificationError(
             "there must be as many movable coefficients as equations",
             movable=len(movable),
-            equations=len(system.conditions),
+            equations=equations,
         )
     y = packed.balls()
     check_places(packed, *packed.system().linearise(y))
@@ -54,6 +54,7 @@ def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -
     if not box.left_out:
         return
     if box.bound is None:
+        assert isinstance(packed, PackedWeights)  # others leave none out
         zero = zero_of(packed, box, attempt, SHARP_PLACES)
         if not follow(packed.layout, packed.orders, zero, box.left_out):
             raise CertificationError(
@@ -81,7 +82,7 @@ def largest_residual(
     places += _GUARD_PLACES
     with precision(precise(places, bits)):
         zero = zero_of(packed, box, attempt, places)
-        values = EquationSystem(packed.layout, box.left_out).residuals(zero)
+        values = packed.equations(box.left_out).residuals(zero)
         return max_abs(values)
 
 
@@ -98,7 +99,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
     allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)
     for one, value, bound in zip(packed.conditions, values, allowed, strict=True):
-        if not abs(value) <= float(bound):
+        if not value.abs_lower() <= float(bound):
             raise CertificationError(
                 f"the condition of {label(one)} is violated by more than the last places "
                 "of the coefficients can explain",
