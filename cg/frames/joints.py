@@ -18,7 +18,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.so3 import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
-from cg.support.shared_numbers import RowForm, Stop
+from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
 Row = tuple[RowForm, int, int]  # and the axes of both bodies
 
@@ -43,7 +43,7 @@ _DIFFERENCES = {
     2: (np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0, np.array([0.0, 1.0, -2.0, 1.0, 0.0])),
 }
 _STEP, _LONG_STEP = 1e-3, 2.5e-3
-_CHANGE, _TRIALS, _ALLOWED = 8.0, 8, 1e-9
+_CHANGE, _TRIALS, _ALLOWED = 8.0, 14, 1e-9
 _NOISE = 8.0  # of differences, in rounding errors of values
 _WRONG = 1e-5  # relative error of derivatives that are given
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
@@ -128,6 +128,8 @@ class Joint:
             own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
             integers.append([int(form), *(body + 1 for body in self.bodies)])
             numbers.append([*points, *own[one], *axes[1][two], self.length or 0.0])
+        if KINDS[self.kind][-3:] == _ATTITUDE:
+            numbers[-3][-1] = 1.0
         return integers, numbers
 
 
@@ -253,13 +255,18 @@ class Linkage:
         self._reader = reader
         weakref.finalize(self, core.joints_free, self.address)
 
-    def errors(self, y: Array) -> Array:
-        """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``."""
+    def errors(self, y: Array, relative: bool = False) -> Array:
+        """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
+
+        If ``relative``, in the sizes of the terms of which they are sums.
+        """
         rows = _rows(y)
-        g, speed = np.zeros((2, len(rows), self.count))
+        found = np.zeros((4, len(rows), self.count))
         if len(rows):  # no array may be empty
-            self._core.joints_errors(self.address, rows.T, g.T, speed.T)
-        return np.concatenate([g, speed], axis=-1).reshape(*y.shape[:-1], 2 * self.count)
+            self._core.joints_errors(self.address, rows.T, *(part.T for part in found))
+        if relative:
+            found[:2] /= np.maximum(found[2:], np.finfo(float).tiny)
+        return np.concatenate(list(found[:2]), axis=-1).reshape(*y.shape[:-1], 2 * self.count)
 
     def close(self, y: Array) -> Array:
         """Return points with closed joints, NaN where there are none nearby."""
@@ -323,6 +330,7 @@ class Linkage:
             given, differences = self._slopes(point), self._differences(point)
             check_finite(given, "the derivatives of constraints")
             error = np.abs(given - differences).max()
+            error -= _NOISE * np.finfo(float).eps * np.abs(value).max() / _STEP
             if not error <= _WRONG * (1.0 + np.abs(differences).max()):
                 raise ValueError(
                     "the derivatives of constraints must be those along the fields of the "
@@ -344,32 +352,50 @@ class Linkage:
 
     def _differences(self, q: Points) -> Array:
         """Return the derivatives along fields by differences, each with a step of its own."""
-        dim = self._frame.configuration.dim
+        dim, reach = self._frame.configuration.dim, self._reach(q)
+        scale = np.minimum(reach, 1.0)  # a small system may be far away
         best, error = np.zeros((dim, len(self._value(q)))), np.full(dim, np.inf)
-        steps, todo, slope = np.full(dim, _STEP), np.arange(dim), 0.0
+        steps, todo, slope, largest = np.full(dim, _STEP), np.arange(dim), 0.0, 0.0
         for _ in range(_TRIALS):
-            each = [self._difference(q, v, 1) for v in np.diag(steps)[todo]]
+            each = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
             found = np.array([five for five, _, _ in each]) / steps[todo, None]
-            slope = max(slope, float(np.abs(found).max()))
+            largest = max(largest, float(np.abs(found).max()))
+            slope = max(slope, float((np.abs(found) * (reach / scale)[todo, None]).max()))
             wrong = np.array([w for _, w, _ in each]) / steps[todo]
-            rounding = np.array([_rounding(q, size, slope) for _, _, size in each]) / steps[todo]
+            rounding = np.array([_rounding(size, slope) for _, _, size in each]) / steps[todo]
             better = wrong + rounding < error[todo]
             best[todo[better]], error[todo[better]] = found[better], (wrong + rounding)[better]
             steps[todo] *= np.where(wrong > rounding, 1.0 / _CHANGE, _CHANGE)
-            todo = todo[np.maximum(wrong, rounding) > _ALLOWED * slope]
+            todo = todo[np.maximum(wrong, rounding) > _ALLOWED * largest]
             if not len(todo):
                 break
-        return best.T
+        return (best / scale[:, None]).T
+
+    def _reach(self, q: Points) -> Array:
+        """Return the largest position for fields of positions, one for those of attitudes."""
+        doubles = np.ascontiguousarray(q).reshape(-1).view(np.float64)
+        blocks = self._frame.compiled_blocks() or ()
+        bodies = zip(blocks, self._frame._bodies, strict=False)
+        flat = [body for block, body in bodies if block[0] == BlockKind.EUCLIDEAN]
+        length = max((float(np.abs(doubles[body.points]).max()) for body in flat), default=0.0)
+        reach = np.ones(self._frame.configuration.dim)
+        for body in flat:
+            reach[body.vectors] = length or 1.0
+        return reach
 
     def _second_derivatives(self, q: Points, velocity: Array, slope: float) -> Array:
-        """Return those by time, where velocities are constant; ``slope`` is the largest first."""
-        speed = float(np.abs(velocity).max(initial=0.0))
+        """Return those by time, where velocities are constant.
+
+        ``slope`` is the largest first derivative, times `_reach`.
+        """
+        scale = np.minimum(self._reach(q), 1.0)
+        speed = float(np.abs(velocity / scale).max(initial=0.0))
         if not speed > 0.0:
             return np.zeros(self.own)
         step, best, error = _LONG_STEP / speed, np.zeros(self.own), np.inf
         for _ in range(_TRIALS):
             found, wrong, size = self._difference(q, step * velocity, 2)
-            rounding = _rounding(q, size, slope)
+            rounding = _rounding(size, slope)
             if not (wrong + rounding) / step**2 < error:
                 break
             best, error = found / step**2, (wrong + rounding) / step**2
@@ -408,16 +434,17 @@ class Linkage:
             if depth[0] > 0.0:
                 parts.append(self._slopes(q).ravel())
             if depth[0] > 1.0:
-                slope = float(np.abs(parts[-1]).max())
+                slopes = parts[-1].reshape(self.own, -1) * self._reach(q)
+                slope = float(np.abs(slopes).max())
                 parts.append(self._second_derivatives(q, depth[1:], slope))
             return np.concatenate(parts)
 
         return evaluate
 
 
-def _rounding(q: Points, size: float, slope: float) -> float:
+def _rounding(size: float, slope: float) -> float:
     """Return the rounding error of a difference of values, and of points where they have slopes."""
-    return _NOISE * float(np.finfo(float).eps) * (size + slope * float(np.abs(q).max()))
+    return _NOISE * float(np.finfo(float).eps) * (size + slope)
 
 
 def _rows(points: Array) -> Array:

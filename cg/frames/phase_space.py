@@ -14,10 +14,11 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
-from cg.support.arrays import Array, Size, check_random
+from cg.support.arrays import Array, Size, check_random, real_array
 from cg.support.caches import cached_by_value
+from cg.support.checks import check_generator, check_real
 
-_TRIES = 20  # to close the joints of random points
+_TRIES = 200  # to close the joints of random points
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -232,10 +233,17 @@ class PhaseSpace(Product):
         tuple of ndarray
             Those of each joint, shape ``(..., number of its constraints)``, then of constraints
             of one's own if there are any. NaN where constraints depend on each other.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``y`` or ``f`` has another length.
         """
         if not self.jointed:
             return ()
-        point, force = self._points(y), np.asarray(f, dtype=np.float64)
+        point, force = self._points(y), real_array(f, "f")
+        if force.shape[-1:] != (self.rhs_dim,):
+            raise ValueError(f"f must have shape (..., {self.rhs_dim}), got {force.shape}")
         lead = np.broadcast_shapes(point.shape[:-1], force.shape[:-1])
         point = np.broadcast_to(point, (*lead, *self.point_shape))
         linkage = linkage_of(self)
@@ -261,7 +269,9 @@ class PhaseSpace(Product):
             lost = ~np.isfinite(y).all(axis=-1)
             parts = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
             y[lost] = linkage_of(self).close(self._tangential_join(parts))
-        return y
+            if np.isfinite(y).all():
+                return y
+        raise ValueError(f"joints must be closed near random points of {self.configuration!r}")
 
     def velocity(self, y: ArrayLike) -> Array:
         r"""Return the velocities :math:`\omega = J^{-1} \mu`, shape ``(..., configuration.dim)``.
@@ -299,7 +309,14 @@ class PhaseSpace(Product):
             The temperature T times Boltzmann's constant, an energy.
         rng
             The generator of random numbers.
+
+        Raises
+        ------
+        ValueError
+            If the temperature is negative or not finite, or joints are open.
         """
+        temperature = check_real("temperature", temperature)
+        check_generator("rng", rng)
         lead = np.shape(q)[: np.ndim(q) - len(self.configuration.point_shape)]
         xi = np.sqrt(temperature) * rng.standard_normal((*lead, self.configuration.dim))
         for body in self._bodies:
@@ -334,12 +351,12 @@ class PhaseSpace(Product):
         return self._with_joints(y, super().membership_error(y))
 
     def relative_error(self, y: ArrayLike) -> Array:
-        return self._with_joints(y, super().relative_error(y))
+        return self._with_joints(y, super().relative_error(y), relative=True)
 
-    def _with_joints(self, y: ArrayLike, error: Array) -> Array:
+    def _with_joints(self, y: ArrayLike, error: Array, relative: bool = False) -> Array:
         if not self.jointed:
             return error
-        errors = np.abs(linkage_of(self).errors(self._points(y))).max(axis=-1)
+        errors = np.abs(linkage_of(self).errors(self._points(y), relative)).max(axis=-1)
         return np.asarray(np.maximum(error, errors))
 
     def _project(self, y: Array) -> Array:

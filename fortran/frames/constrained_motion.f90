@@ -4,7 +4,7 @@ module constrained_motion_m
   use kinds, only: wp
   use frames_m, only: apply_flows, frame_t
   use free_motion_m, only: add_free_motion
-  use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints, &
+  use joints_m, only: axes_coincide, constraint_impulse, constraints_t, evaluate_constraints, &
                       factor_constraints, rates, solve_constraints
   use shared_numbers, only: finished, joints_not_solved, raised
   implicit none
@@ -53,23 +53,29 @@ contains
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
 
-  ! The largest value of a constraint, in roundings of the lengths that it is a difference of
-  pure real(wp) function opening(c)
+  ! The largest value of a constraint, in roundings of some sizes
+  pure real(wp) function opening(c, sizes)
     type(constraints_t), intent(in) :: c
+    real(wp), intent(in) :: sizes(:)
 
-    opening = maxval(abs(c%g) / c%size) / epsilon(1.0_wp)
+    opening = maxval(abs(c%g) / max(sizes, tiny(sizes))) / epsilon(1.0_wp)
     if (.not. all(abs(c%g) <= huge(c%g))) opening = huge(opening)
   end function opening
 
   ! Whether an iteration has closed all joints, up to rounding: of the constraints, or of what
-  ! they are computed from, where a further iteration brings nothing.
-  logical function is_closed(c, last)
-    type(constraints_t), intent(in) :: c
-    real(wp), intent(inout) :: last          ! the opening before; huge at first
-    real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
+  ! they are computed from, where a further iteration brings nothing. Points that have moved by far
+  ! more than the system's size have diverged.
+  logical function is_closed(c, start, last)
+    type(constraints_t), intent(in) :: c, start        ! start: where the iteration has begun
+    real(wp), intent(inout) :: last                    ! the opening before; huge at first
+    real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp, far = 30
 
-    associate (now => opening(c))
-      is_closed = now <= closed .or. (now <= nearly_closed .and. .not. now < last / 2)
+    associate (now => opening(c, merge(c%size, c%least, c%size > 0)), &
+               near => opening(c, max(c%size, c%least)))
+      is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
+      associate (before => maxval(max(start%size, start%least)))
+        if (before > 0 .and. maxval(c%size) > far * before) is_closed = .false.
+      end associate
       last = now
     end associate
   end function is_closed
@@ -81,7 +87,7 @@ contains
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, intent(out) :: status
     integer, parameter :: iterations = 50
-    type(constraints_t) :: c
+    type(constraints_t) :: c, start
     real(wp) :: v(frame%dimension), last
     real(wp), allocatable :: x(:)
     integer :: i, j
@@ -91,10 +97,12 @@ contains
       do i = 1, iterations
         call constraints_at(frame, y, 1, c, status)
         if (status /= finished) return
-        if (is_closed(c, last)) then
+        if (i == 1) start = c
+        if (is_closed(c, start, last)) then
           do j = 1, 2                                  ! the second time what is left by rounding
             call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
           end do
+          if (.not. axes_coincide(linkage, frame%blocks, y)) status = joints_not_solved
           return
         end if
         x = -c%g

@@ -15,11 +15,11 @@ module joints_m
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion
   use shared_numbers, only: along_body, along_space, between_axes, constraints_operation, &
-                            fixed_length, so3_block
+                            euclidean_block, fixed_length, so3_block
   use vectors_m, only: cross
   implicit none
   private
-  public :: constraints_t, linkage_t, constraint_impulse, evaluate_constraints, &
+  public :: constraints_t, linkage_t, axes_coincide, constraint_impulse, evaluate_constraints, &
             factor_constraints, make_linkage, rates, solve_constraints
 
   type :: row_t
@@ -27,7 +27,8 @@ module joints_m
     integer :: body(2) = 0
     real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
     real(wp) :: axis(3, 2) = 0.0_wp
-    real(wp) :: length = 0.0_wp
+    real(wp) :: length = 0.0_wp              ! of a row between axes: 1 if the axes shall coincide,
+                                             ! in the first of three rows, otherwise 0
     logical :: repeats = .false.             ! whether the row before has the same bodies and points
   end type row_t
 
@@ -50,6 +51,7 @@ module joints_m
     real(wp), allocatable :: g(:)            ! (rows + own)
     real(wp), allocatable :: bias(:)         ! (rows + own) second derivative at constant velocities
     real(wp), allocatable :: size(:)         ! (rows + own) lengths that g is a difference of
+    real(wp), allocatable :: least(:)        ! (rows + own) those of own rows at points of size one
     ! (3, 4, rows) derivatives along the fields of the blocks of a row, and J^-1 times these
     real(wp), allocatable :: slope(:, :, :), moved(:, :, :)
     real(wp), allocatable :: own(:, :), own_moved(:, :)      ! (forces, own) the same of own rows
@@ -149,7 +151,7 @@ contains
     do i = 1, linkage%rows
       call evaluate_row(i, linkage%row(i))
     end do
-    if (linkage%own > 0) call evaluate_own(linkage, y, omega, depth, c, failed)
+    if (linkage%own > 0) call evaluate_own(linkage, blocks, y, omega, depth, c, failed)
     if (depth == 0) return
     do i = 1, linkage%rows
       do k = 1, 4
@@ -304,22 +306,70 @@ contains
     turned = v(1) * r(:, 1) + v(2) * r(:, 2) + v(3) * r(:, 3)
   end function turned
 
-  ! Evaluates the rows of one's own.
-  subroutine evaluate_own(linkage, y, omega, depth, c, failed)
+  ! Whether axes that shall coincide do so, and aren't opposite or exchanged: three zero cosines
+  ! between different axes allow that too.
+  pure logical function axes_coincide(linkage, blocks, y)
     type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
+    real(wp) :: r(3, 3, 2), x(3), first(3, 3), second(3, 3)
+    integer :: i, j, k
+
+    axes_coincide = .true.
+    do i = 1, linkage%rows - 2
+      associate (rows => linkage%row(i:i + 2))
+        if (rows(1)%form /= between_axes .or. .not. rows(1)%length > 0) cycle
+        do j = 1, 2
+          k = rows(1)%body(j)
+          call place(blocks, linkage%attitude(k), linkage%position(k), y, x, r(:, :, j))
+        end do
+        do k = 1, 3                                    ! each row has the next axis of the second body
+          first(:, k) = turned(r(:, :, 1), rows(k)%axis(:, 1))
+          second(:, 1 + modulo(k, 3)) = turned(r(:, :, 2), rows(k)%axis(:, 2))
+        end do
+        if (any(sum(first * second, 1) < 0.5_wp)) axes_coincide = .false.
+      end associate
+    end do
+  end function axes_coincide
+
+  ! Evaluates the rows of one's own. Their size is the sum of the terms of their derivatives along
+  ! the point, with a scale of one for angles and that of the largest entry for positions.
+  subroutine evaluate_own(linkage, blocks, y, omega, depth, c, failed)
+    type(linkage_t), intent(in) :: linkage
+    type(block_t), intent(in) :: blocks(:)
     real(wp), contiguous, intent(in) :: y(:), omega(:)
     integer, intent(in) :: depth
     type(constraints_t), intent(inout) :: c
     logical, intent(out) :: failed
     real(wp) :: answer(linkage%own * (1 + min(depth, 1) * linkage%forces + depth / 2))
+    real(wp) :: scale(linkage%forces), length
+    integer :: i
 
     associate (n => linkage%own, rows => linkage%rows, m => linkage%forces)
       call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
                                 y(:linkage%before), answer, failed)
       c%g(rows + 1:) = answer(:n)
-      c%size(rows + 1:) = 1.0_wp
-      if (depth > 0) c%own = reshape(answer(n + 1:n + n * m), [m, n])
+      if (depth == 0) return
+      c%own = reshape(answer(n + 1:n + n * m), [m, n])
       if (depth > 1) c%bias(rows + 1:) = answer(n + n * m + 1:)
+      length = 0.0_wp
+      do i = 1, size(blocks)
+        associate (b => blocks(i))
+          if (b%kind == euclidean_block .and. b%vectors < m) &
+            length = max(length, maxval(abs(y(b%points + 1:b%points + b%n))))
+        end associate
+      end do
+      scale = 1.0_wp
+      do i = 1, size(blocks)
+        associate (b => blocks(i))
+          if (b%kind == euclidean_block .and. b%vectors < m) &
+            scale(b%vectors + 1:b%vectors + b%n) = length
+        end associate
+      end do
+      do i = 1, n
+        c%size(rows + i) = sum(abs(c%own(:, i)) * scale)
+        c%least(rows + i) = sum(abs(c%own(:, i)))
+      end do
     end associate
   end subroutine evaluate_own
 
@@ -330,10 +380,12 @@ contains
 
     if (allocated(c%g)) return
     associate (n => linkage%rows + linkage%own, m => linkage%forces)
-      allocate (c%g(n), c%bias(n), c%size(n), c%slope(3, 4, linkage%rows), &
+      allocate (c%g(n), c%bias(n), c%size(n), c%least(n), c%slope(3, 4, linkage%rows), &
                 c%moved(3, 4, linkage%rows), c%own(m, linkage%own), c%own_moved(m, linkage%own), &
                 c%factor(linkage%start(n) + n))
     end associate
+    c%size = 1.0_wp
+    c%least = 0.0_wp
   end subroutine reserve
 
   ! Velocities of all bodies

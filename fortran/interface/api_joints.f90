@@ -44,17 +44,18 @@ subroutine joints_free(address)
   deallocate (frame)
 end subroutine joints_free
 
-! The constraints g at points, and their derivatives by time
-subroutine joints_errors(address, n, points, y, rows, g, speed)
+! The constraints g at points and their derivatives by time, infinite where axes that shall coincide
+! are others; and the sizes of the terms of both
+subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_of_speed)
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
   use frames_m, only: frame_t
-  use joints_m, only: constraints_t, evaluate_constraints, rates
+  use joints_m, only: axes_coincide, constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, points, rows
   real(wp), intent(in) :: y(n, points)
-  real(wp), intent(inout) :: g(rows, points), speed(rows, points)
+  real(wp), intent(inout), dimension(rows, points) :: g, speed, size_of_g, size_of_speed
   type(frame_t), pointer :: frame
   type(constraints_t) :: c
   logical :: failed
@@ -66,7 +67,14 @@ subroutine joints_errors(address, n, points, y, rows, g, speed)
       call evaluate_constraints(linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
       if (failed) return
       g(:, i) = c%g
-      speed(:, i) = rates(linkage, frame%blocks, c, y(linkage%before + 1:linkage%after, i))
+      if (.not. axes_coincide(linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
+      size_of_g(:, i) = c%size
+      associate (momenta => y(linkage%before + 1:linkage%after, i))
+        speed(:, i) = rates(linkage, frame%blocks, c, momenta)
+        c%moved = abs(c%moved)
+        c%own_moved = abs(c%own_moved)
+        size_of_speed(:, i) = rates(linkage, frame%blocks, c, abs(momenta))
+      end associate
     end do
   end associate
 end subroutine joints_errors

@@ -105,7 +105,11 @@ contains
           x%counts%nexp = x%counts%nexp + 1_int64
           call evaluate_constraints(linkage, frame%blocks, frame%bodies, y, 0, ahead, failed)
           if (failed) exit
-          if (is_closed(ahead, last)) exit
+          if (linkage%own > 0) then
+            ahead%size(linkage%rows + 1:) = here%size(linkage%rows + 1:)
+            ahead%least(linkage%rows + 1:) = here%least(linkage%rows + 1:)
+          end if
+          if (is_closed(ahead, here, last)) exit
           if (.not. last < huge(last)) exit
           call solve_constraints(linkage, here, ahead%g)
           change(:, i) = -ahead%g / time

@@ -16,6 +16,7 @@ from linkages import (
 )
 from refusals import refuses
 
+import cg
 from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product, Sphere, UnitQuaternion
 from cg.frames.joints import KINDS
 from cg.frames.phase_space import linkage_of
@@ -61,7 +62,8 @@ def test_joints_stay_closed_along_their_forces(kind, bodies, configuration):
     ahead, behind = (linkage_of(frame).errors(frame.flow(x * moves, y)) for x in (h, -h))
     speed = linkage_of(frame).errors(any_momenta)[count:]
     assert np.abs(speed).max() > 0.01
-    assert np.abs((ahead - behind)[:count] / (2 * h) - speed).max() < 1e-7
+    apart = np.abs((ahead - behind)[:count] / (2 * h) - speed)
+    assert apart.max() < 1e-8 * (1 + np.abs(speed).max())
 
 
 def test_join_closes_joints_and_removes_momenta_that_open_them():
@@ -153,6 +155,69 @@ def test_constraints_that_depend_on_each_other_are_named():
     assert far.membership_error(far.join([0, 0, 7.9], np.zeros(3))) < 1e-14
     twice = PhaseSpace(Euclidean(3), joints=apart * 2)
     refuses(ValueError, "rank 1 of 2", twice.join, [0, 0, 8], np.zeros(3))
+
+
+@pytest.mark.parametrize("kind", ["fixed", "slider"])
+def test_axes_that_coincide_are_not_opposite_or_exchanged(kind):
+    frame = PhaseSpace(Power(Product(SO3(), Euclidean(3)), 2), joints=[joint(kind, 0, 1)])
+    at = frame.random_point(np.random.default_rng(0), 20)
+    turns = frame.split(at)[0].reshape(20, 2, 12)[..., :9].reshape(20, 2, 3, 3)
+    assert np.abs(turns[:, 0] - turns[:, 1]).max() < 1e-12
+    assert np.abs(at[:, :24]).max() < 100.0
+    q, p = frame.split(at[0])
+    closed = 0
+    for angle in (0.3, 1.0, 2.0, 2.5, np.pi):
+        for axis in np.eye(3):
+            moved = q.copy().reshape(2, 12)
+            moved[1, :9] = SO3().flow(angle * axis, moved[1, :9].reshape(3, 3)).ravel()
+            try:
+                turns_now = frame.split(frame.join(moved, p))[0].reshape(2, 12)[:, :9]
+            except ValueError:  # the only other outcome
+                continue
+            assert np.abs(turns_now[0] - turns_now[1]).max() < 1e-12
+            closed += 1
+    assert 3 <= closed < 15
+    # all cosines are zero, but the axes are exchanged
+    swapped = at[0].copy().reshape(-1)
+    swapped[12:21] = (turns[0, 1] @ TURN @ np.eye(3)[[1, 2, 0]] @ TURN.T).ravel()
+    assert frame.relative_error(swapped) > 1.0
+
+
+def test_joints_that_diverge_are_refused():
+    frame = PhaseSpace(
+        Power(Product(SO3(), Euclidean(3)), 2), ([1.0, 2.0, 3.0], 1.5),
+        joints=[Joint("slider", (0, [0, 0, 0.5]), (1, [0, 0, -0.5]))],
+    )  # fmt: skip
+    turn = SO3().flow(-2 * np.pi / 3 * np.ones(3) / 3**0.5, np.eye(3))
+    q = [[*np.eye(3).ravel(), 0, 0, 0], [*turn.ravel(), *([0, 0, 0.5] + turn @ [0, 0, 0.5])]]
+    refuses(ValueError, "closed nearly", frame.join, np.array(q), np.zeros(12))
+    apart = [Joint("ball", (None, [0, 0, 0]), END), Joint("ball", (None, [9, 0, 0]), END)]
+    frame = PhaseSpace(Product(SO3(), Euclidean(3)), joints=apart)
+    refuses(ValueError, "near random points", frame.random_point, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e9])
+def test_joints_are_closed_relative_to_their_size(unit):
+    body = Product(SO3(), Euclidean(3))
+    inertia = unit**2 * np.array([0.2, 0.3, 0.4]), 1.0
+    pin = [Joint("ball", (None, [0, 0, 0]), (0, [0, 0, unit]))]
+    frame = PhaseSpace(body, inertia, joints=pin)
+    y = frame.join([*np.eye(3).ravel(), 0, 0, -unit], unit**2 * np.array([0.3, 0.1, 0.2, 0, 0, 0]))
+    assert frame.relative_error(y) < 1e-14
+    open_by = y.copy()
+    open_by[9] += 1e-6 * unit
+    assert 1e-7 < frame.relative_error(open_by) < 1e-5
+
+
+def test_what_phase_spaces_with_joints_refuse():
+    frame = double_pendulum().frame
+    y = frame.random_point(np.random.default_rng(0))
+    refuses(ValueError, r"f must have shape \(..., 12\)", frame.multipliers, y, 3.0)
+    refuses(ValueError, r"f must have shape \(..., 12\)", frame.multipliers, y, [1.0, 2.0, 3.0])
+    q, rng = frame.split(y)[0], np.random.default_rng(0)
+    refuses(ValueError, "temperature must be", frame.random_momentum, q, -1.0, rng)
+    refuses(TypeError, "rng must be a generator", frame.random_momentum, q, 1.0, 0)
+    refuses(ValueError, "frame must not be a PhaseSpace", cg.export, "CF4", "c", frame=frame)
 
 
 def test_a_jointed_phase_space_is_a_value():

@@ -97,6 +97,10 @@ def export(
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     if frame is not None and not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3() or None, got {frame!r}")
+    if isinstance(frame, PhaseSpace) and mechanical is None:
+        raise ValueError(
+            f"frame must not be a PhaseSpace for methods other than splitting, got {method!r}"
+        )
     if frame is not None and format != "c":
         raise ValueError(f"frame must be None unless format is 'c', got {frame!r}")
     numbers = numbers_of(method, digits, certificate)
