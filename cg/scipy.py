@@ -12,6 +12,7 @@ from scipy.integrate._ivp.common import warn_extraneous
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
+from cg.frames.linear_action import LinearAction
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.integration.default_method import AUTO, choose_method
@@ -40,9 +41,11 @@ def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
     Returns
     -------
     type
-        A class with the options ``rtol``, ``atol``, ``max_step`` and ``first_step``. Tolerances of
-        each entry of the point become those of coordinates: of a factor other than Euclidean space
-        the smallest one.
+        A class with the options ``rtol``, ``atol``, ``max_step``, ``first_step`` and
+        ``max_angle``. Tolerances of each entry of the point become those of coordinates: of a
+        factor other than Euclidean space the smallest one. No step is longer than the time in which
+        a rotation with the velocity at its start turns by ``max_angle``, by default π/2: the host
+        looks for events by their signs at the ends of steps, and some steps would be many turns.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class FrameSolver(OdeSolver):
         atol: ArrayLike = 1e-6,
         vectorized: bool = False,
         first_step: float | None = None,
+        max_angle: float = 0.5 * math.pi,
         **extraneous: Any,
     ) -> None:
         warn_extraneous(extraneous)
@@ -104,6 +108,10 @@ class FrameSolver(OdeSolver):
             )
         if first_step is not None and not 0.0 < first_step <= abs(t_bound - t0):
             raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
+        if not max_angle > 0.0:
+            raise ValueError(f"max_angle must be positive, got {max_angle!r}")
+        self._max_angle = max_angle
+        self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
         if isinstance(method, str) and method == AUTO:
             moved = frame.for_derivatives()
@@ -117,6 +125,8 @@ class FrameSolver(OdeSolver):
         self._reached = self.y.copy()
 
     def _derivative(self, t: float, y: Points) -> Points:
+        if self._start is not None and t == self._start[0] and np.array_equal(y, self._start[1]):
+            return self._start[2]
         slope = np.asarray(self.fun(t, np.array(y).reshape(-1)))
         if slope.size != self.n:
             raise ValueError(f"fun must return {self.n} numbers, got shape {slope.shape}")
@@ -147,11 +157,23 @@ class FrameSolver(OdeSolver):
             raise ValueError(
                 f"t_bound must not lie behind t = {self.t:.17g}, got {self.t_bound:.17g}"
             )
-        message = stepper.step(None if math.isinf(self.t_bound) else self.t_bound)
+        message = stepper.step(self._bound())
+        self._start = None
         self.njev, self.nlu = stepper.njev, stepper.nlu
         self._reached = stepper.y.reshape(-1)
         self.t, self.y = stepper.t, self._reached.copy()
         return message is None, message
+
+    def _bound(self) -> float | None:
+        """Return the end of the longest step, None if there is none."""
+        bound = self.t_bound
+        if math.isfinite(self._max_angle):
+            t, y = self._stepper.t, self._stepper.y
+            self._start = t, y, self._derivative(t, y)
+            rate = _turning(self.frame, self.frame._coefficients(y, self._start[2])[0])
+            if rate * abs(bound - t) > self._max_angle:
+                bound = t + self.direction * self._max_angle / rate
+        return None if math.isinf(bound) else bound
 
     def _dense_output_impl(self) -> DenseOutput:
         return _Step(self.t_old, self.t, self._stepper.dense_output(), self.frame)
@@ -178,6 +200,19 @@ class _Step(DenseOutput):
             points = np.where(is_beyond, moved, points)
         rows: Points = points.reshape(*t.shape, -1)
         return rows.T
+
+
+def _turning(frame: Frame, v: Array) -> float:
+    """Return the largest norm of coefficients of a factor with rotations or the like."""
+    if isinstance(frame, Euclidean | LinearAction):
+        return 0.0
+    factors = getattr(frame, "factors", None)
+    if type(frame) is Power:
+        factors = (frame.factor,) * frame.n
+    if factors is None:
+        return float(np.linalg.norm(v))
+    ends = np.cumsum([factor.dim for factor in factors])
+    return max(map(_turning, factors, np.split(v, ends[:-1])))
 
 
 def _of_coordinates(frame: Frame, tolerances: Array) -> Array:

@@ -304,3 +304,38 @@ def test_the_quaternion_of_a_rocket_keeps_its_norm(monkeypatch):
     states = np.array(run.solution)
     assert states[-1, 0] == 4.0
     assert np.abs(np.linalg.norm(states[:, 7:11], axis=1) - 1.0).max() < 4e-16
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-8])
+@pytest.mark.parametrize("span", [(0.0, 60.0), (60.0, 0.0)])
+def test_events_of_the_host_are_not_stepped_over(span, tolerance):
+    """The angle t + t²/200 of a rotation that alone would allow steps of many turns."""
+    body = cg.frames.Product(cg.frames.Euclidean(2), cg.frames.UnitQuaternion())
+
+    def f(t, y):
+        x, y_, z, w = y[2:]
+        return np.array([0.0, 1.0, y_, -x, w, -z]) * np.append([1, 1], [0.5 + 0.005 * t] * 4)
+
+    def east(t, y):
+        return 1.0 - 2.0 * (y[3] ** 2 + y[4] ** 2)
+
+    angles = np.pi * (np.arange(25) + 0.5)
+    times = 100.0 * (np.sqrt(1.0 + angles / 50.0) - 1.0)
+    shift = 0.0 if span[0] == 0.0 else 60.0 + 18.0
+    half = 0.5 * shift
+    options = {
+        "events": east,
+        "rtol": tolerance,
+        "atol": tolerance,
+        "method": cg.scipy.Solver(body),
+    }
+    y0 = [0.0, 0.0, 0.0, 0.0, np.sin(half), np.cos(half)]
+    run = integrate.solve_ivp(f, span, y0, **options)
+    found = np.sort(run.t_events[0])
+    np.testing.assert_allclose(found, times, rtol=0, atol=20 * tolerance)
+    east.terminal = 3
+    run = integrate.solve_ivp(f, span, y0, **options)
+    expected = times[2] if span[0] == 0.0 else times[-3]
+    assert abs(run.t[-1] - expected) < 20 * tolerance
+    with pytest.raises(ValueError, match="max_angle must be positive"):
+        integrate.solve_ivp(f, span, y0, max_angle=0.0, **options)
