@@ -320,9 +320,12 @@ class Frame(Manifold, FieldAlgebra):
 
     _given: Frame | None = None  # the frame in place of which right-hand sides give derivatives
 
-    def for_derivatives(self) -> Frame:
-        """Return the frame for right-hand sides that return derivatives of points."""
-        frame = copy(self._moved_by_derivatives())
+    def for_derivatives(self, with_brackets: bool = False) -> Frame:
+        """Return the frame for right-hand sides that return derivatives of points.
+
+        It is that of the fastest flows, or this frame itself where its brackets are needed.
+        """
+        frame = copy(self if with_brackets else self._moved_by_derivatives())
         vars(frame)["_given"] = self
         return frame
 
