@@ -194,16 +194,21 @@ class Frame(Manifold, FieldAlgebra):
             v \leftarrow v + E(y)^+ (y_1 - y), \qquad y = \exp(\textstyle\sum_i v_i E_i) y_0 ,
 
         with the matrix :math:`E(y)` of the fields, starts from `exp_coordinates` where these are
-        defined, from zero elsewhere, and ends when the residual is rounding. The result is zero
-        where points are equal, NaN where the iteration fails for points too far apart.
+        defined, on `SPD` and `Grassmann` from those of a geodesic, from zero elsewhere. It goes a
+        part of the way where a whole step fails, and ends when the residual is rounding. The result
+        is zero where points are equal, NaN where the iteration fails for points too far apart.
         """
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         lead = start.shape[: start.ndim - len(self.point_shape)]
-        guess = self.exp_coordinates(start, end)
+        guess = self._first_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
         v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
         v = local_coordinates(self.flow, self._correct, v, start, end)
         return v.reshape(*lead, self.dim)
+
+    def _first_coordinates(self, y0: Points, y1: Points) -> Array | None:
+        """Return coefficients from which `local_coordinates` start, None for zeros."""
+        return self.exp_coordinates(y0, y1)
 
     def difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return y1 - y0 as a vector of coordinates: `local_coordinates`."""

@@ -61,6 +61,27 @@ def test_means_of_known_points():
 
 
 @pytest.mark.parametrize("frame", [
+    fr.SPD(2), fr.SPD(3), fr.Power(fr.SPD(2), 2), fr.Grassmann(3, 1), fr.Stiefel(4, 2),
+    fr.CoadjointOrbit(fr.SL(2), (0.3, 1.0, -0.5)),
+    fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
+], ids=name)  # fmt: skip
+def test_differences_of_points_that_are_not_close(frame):
+    """Where a whole step of the iteration overshoots."""
+    rng = np.random.default_rng(78)
+    y0 = np.ones(2) if frame.point_shape == (2,) else frame.random_point(rng)
+    y = frame.flow(rng.uniform(-1.0, 1.0, (20, frame.dim)), y0)
+    v = frame.difference(y0, y)
+    np.testing.assert_allclose(frame.flow(v, y0), y, rtol=0, atol=1e-13 * np.abs(y).max())
+    near = frame.flow(rng.uniform(-0.3, 0.3, (5, frame.dim)), y0)
+    assert np.isfinite(frame.mean(near)).all()
+
+
+def test_differences_of_diagonal_matrices():
+    v = fr.SPD(2).difference(np.eye(2), np.diag([2.0, 1.0]))
+    np.testing.assert_allclose(v, [0.5 * np.log(2.0), 0, 0, 0], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("frame", [
     fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
     fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
     fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
