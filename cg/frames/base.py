@@ -215,10 +215,13 @@ class Frame(Manifold, FieldAlgebra):
         return self.local_coordinates(y0, y1)
 
     def mean(self, points: ArrayLike, weights: ArrayLike | None = None) -> Points:
-        r"""Return the mean of points that are near each other, Karcher's on Riemannian manifolds.
+        r"""Return the mean of points that are near each other.
 
-        It is the point :math:`m` where :math:`\sum_i w_i v_i`, of the `difference` v_i of each
-        point from m, moves nothing.
+        It is the point :math:`m` where :math:`\sum_i w_i v_i` moves nothing, with the `difference`
+        v_i of each point from m. On rotations, unitary matrices, spheres, `Grassmann`, `SPD`,
+        `Hyperbolic` and Euclidean spaces, their products and powers, the v_i are tangents of
+        geodesics, so that it is Karcher's mean, where the sum of :math:`w_i d_i^2` of geodesic
+        distances is least. Other frames, such as `SE3` and `Stiefel`, have no metric of their own.
 
         Parameters
         ----------
@@ -249,17 +252,23 @@ class Frame(Manifold, FieldAlgebra):
             )
         w = w / w.sum()
         m = y[int(np.argmax(w))]
-        last = math.inf
+        last, part = math.inf, 1.0
         for _ in range(_MEAN_STEPS):
-            v = self.coefficients(m, self.field(w @ self.difference(m, y), m))
+            v = part * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
             size = (np.abs(v) / np.maximum(self.coordinate_sizes(m), 1.0)).max(initial=0.0)
             if not np.isfinite(size):
                 break
             m = self.flow(v, m)
-            if (size <= _MEAN_REACHED and size >= last / 2) or size == 0.0:
-                return m  # what is left is rounding
+            if size >= last or size == 0.0:
+                if size <= _MEAN_REACHED:
+                    return m  # what is left is rounding
+                part /= 2.0  # steps are too long
             last = size
         raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
+
+    def _logarithms(self, m: Points, y: Points) -> Array:
+        """Return the coefficients of the tangents at ``m`` to points, of which a mean is made."""
+        return self.difference(m, y)
 
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return coefficients whose flow takes ``y0`` near to a point ``y1`` near it.
