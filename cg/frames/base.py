@@ -168,7 +168,7 @@ class Frame(Manifold, FieldAlgebra):
         v = np.asarray(self._coefficients_at(rows, slopes))
         axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
         parts = slopes - self.field(v, rows), slopes
-        dropped, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in parts)
+        dropped, sizes = (_lengths(x, axes) for x in parts)
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -369,6 +369,14 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+
+def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:
+    """Return Euclidean norms of tangents, also where squares of entries overflow."""
+    sizes = np.abs(tangents)
+    largest = sizes.max(axis=axes, keepdims=True, initial=0.0)
+    scale = np.where((largest > 0.0) & np.isfinite(largest), largest, 1.0)
+    return np.asarray(scale.max(axis=axes) * np.sqrt(((sizes / scale) ** 2).sum(axis=axes)))
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,5 +1,7 @@
 """Coordinates of frames: sizes, nearby points, compiled blocks."""
 
+import warnings
+
 import numpy as np
 import pytest
 from frame_examples import FRAMES, name
@@ -101,6 +103,16 @@ def test_differences_of_points_that_are_not_close(frame):
 def test_differences_of_diagonal_matrices():
     v = fr.SPD(2).difference(np.eye(2), np.diag([2.0, 1.0]))
     np.testing.assert_allclose(v, [0.5 * np.log(2.0), 0, 0, 0], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e160, 1e-170])
+def test_large_derivatives_keep_their_warning(size):
+    frame, dy = fr.UnitQuaternion(), np.array([0.0, 0.0, size, size])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        v = frame.coefficients([0, 0, 0, 1], dy)
+    np.testing.assert_allclose(v, [0, 0, 2 * size], rtol=1e-15)
+    assert ["dropped: 0.707" in str(one.message) for one in caught] == [True] * (size >= 1)
 
 
 @pytest.mark.parametrize("frame", [
