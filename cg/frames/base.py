@@ -168,7 +168,7 @@ class Frame(Manifold, FieldAlgebra):
         v = np.asarray(self._coefficients_at(rows, slopes))
         axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
         parts = slopes - self.field(v, rows), slopes
-        dropped, sizes = (np.sqrt((np.abs(x) ** 2).sum(axis=axes)) for x in parts)
+        dropped, sizes = (_lengths(x, axes) for x in parts)
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -194,26 +194,34 @@ class Frame(Manifold, FieldAlgebra):
             v \leftarrow v + E(y)^+ (y_1 - y), \qquad y = \exp(\textstyle\sum_i v_i E_i) y_0 ,
 
         with the matrix :math:`E(y)` of the fields, starts from `exp_coordinates` where these are
-        defined, from zero elsewhere, and ends when the residual is rounding. The result is zero
-        where points are equal, NaN where the iteration fails for points too far apart.
+        defined, on `SPD` and `Grassmann` from those of a geodesic, from zero elsewhere. It goes a
+        part of the way where a whole step fails, and ends when the residual is rounding. The result
+        is zero where points are equal, NaN where the iteration fails for points too far apart.
         """
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         lead = start.shape[: start.ndim - len(self.point_shape)]
-        guess = self.exp_coordinates(start, end)
+        guess = self._first_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
         v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
         v = local_coordinates(self.flow, self._correct, v, start, end)
         return v.reshape(*lead, self.dim)
+
+    def _first_coordinates(self, y0: Points, y1: Points) -> Array | None:
+        """Return coefficients from which `local_coordinates` start, None for zeros."""
+        return self.exp_coordinates(y0, y1)
 
     def difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return y1 - y0 as a vector of coordinates: `local_coordinates`."""
         return self.local_coordinates(y0, y1)
 
     def mean(self, points: ArrayLike, weights: ArrayLike | None = None) -> Points:
-        r"""Return the mean of points that are near each other, Karcher's on Riemannian manifolds.
+        r"""Return the mean of points that are near each other.
 
-        It is the point :math:`m` where :math:`\sum_i w_i v_i`, of the `difference` v_i of each
-        point from m, moves nothing.
+        It is the point :math:`m` where :math:`\sum_i w_i v_i` moves nothing, with the `difference`
+        v_i of each point from m. On rotations, unitary matrices, spheres, `Grassmann`, `SPD`,
+        `Hyperbolic` and Euclidean spaces, their products and powers, the v_i are tangents of
+        geodesics, so that it is Karcher's mean, where the sum of :math:`w_i d_i^2` of geodesic
+        distances is least. Other frames, such as `SE3` and `Stiefel`, have no metric of their own.
 
         Parameters
         ----------
@@ -244,17 +252,23 @@ class Frame(Manifold, FieldAlgebra):
             )
         w = w / w.sum()
         m = y[int(np.argmax(w))]
-        last = math.inf
+        last, part = math.inf, 1.0
         for _ in range(_MEAN_STEPS):
-            v = self.coefficients(m, self.field(w @ self.difference(m, y), m))
+            v = part * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
             size = (np.abs(v) / np.maximum(self.coordinate_sizes(m), 1.0)).max(initial=0.0)
             if not np.isfinite(size):
                 break
             m = self.flow(v, m)
-            if (size <= _MEAN_REACHED and size >= last / 2) or size == 0.0:
-                return m  # what is left is rounding
+            if size >= last or size == 0.0:
+                if size <= _MEAN_REACHED:
+                    return m  # what is left is rounding
+                part /= 2.0  # steps are too long
             last = size
         raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
+
+    def _logarithms(self, m: Points, y: Points) -> Array:
+        """Return the coefficients of the tangents at ``m`` to points, of which a mean is made."""
+        return self.difference(m, y)
 
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return coefficients whose flow takes ``y0`` near to a point ``y1`` near it.
@@ -320,9 +334,12 @@ class Frame(Manifold, FieldAlgebra):
 
     _given: Frame | None = None  # the frame in place of which right-hand sides give derivatives
 
-    def for_derivatives(self) -> Frame:
-        """Return the frame for right-hand sides that return derivatives of points."""
-        frame = copy(self._moved_by_derivatives())
+    def for_derivatives(self, with_brackets: bool = False) -> Frame:
+        """Return the frame for right-hand sides that return derivatives of points.
+
+        It is that of the fastest flows, or this frame itself where its brackets are needed.
+        """
+        frame = copy(self if with_brackets else self._moved_by_derivatives())
         vars(frame)["_given"] = self
         return frame
 
@@ -352,6 +369,14 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+
+def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:
+    """Return Euclidean norms of tangents, also where squares of entries overflow."""
+    sizes = np.abs(tangents)
+    largest = sizes.max(axis=axes, keepdims=True, initial=0.0)
+    scale = np.where((largest > 0.0) & np.isfinite(largest), largest, 1.0)
+    return np.asarray(scale.max(axis=axes) * np.sqrt(((sizes / scale) ** 2).sum(axis=axes)))
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.isospectral import Orbit
+from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -86,6 +87,12 @@ class Grassmann(Sized, Orbit):
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         return self.group._algebra_projection(tangent @ y - y @ tangent)
+
+    def _first_coordinates(self, y0: Points, y1: Points) -> Array:
+        # those of the geodesic: two reflections turn by twice the principal angles
+        turn = 2.0 * (y1 - y0) @ (2.0 * y0 - np.eye(self.n))
+        finite = np.isfinite(turn).all(axis=(-2, -1), keepdims=True)
+        return self.group._algebra_projection(0.5 * rotation_log1p(np.where(finite, turn, 0.0)))
 
     def _project(self, y: Points) -> Points:
         values, vectors = np.linalg.eigh(0.5 * (y + y.mT))

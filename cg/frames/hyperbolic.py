@@ -84,6 +84,17 @@ class Hyperbolic(Sized):
             v = np.concatenate([dilation, shift / _expm1_quotient(dilation)], axis=-1)
         return np.where(np.isfinite(v).all(axis=-1, keepdims=True), v, np.nan)
 
+    def _logarithms(self, m: Array, y: Array) -> Array:
+        # The isometry that takes m to height one on the axis takes y to (a, b); the tangent of the
+        # geodesic has the direction of (2 a, a^2 + b^2 - 1).
+        change = (y - m) / m[..., -1:]
+        across, rise = change[..., :-1], change[..., -1:]
+        up = (across**2).sum(axis=-1, keepdims=True) + rise * (rise + 2.0)
+        direction = np.concatenate([2.0 * across, up], axis=-1)
+        length = np.linalg.norm(direction, axis=-1, keepdims=True)
+        angle = self.distance(m, y)[..., None] / np.where(length > 0.0, length, 1.0)
+        return self._coefficients_at(m, m[..., -1:] * angle * direction)
+
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return one for dilations, and the length of the point for translations."""
         point = self._points(y)

@@ -17,9 +17,11 @@ Correction = Callable[[Array, Points, Points, Points, Array], Array]
 # Singular values of a matrix of fields below this fraction of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
 # Corrections by the fields shrink by a factor of about |v|. Where that is slow, Newton's method
-# with the derivative of the flow takes over; where it fails too, the points are too far apart.
-_MAX_CORRECTIONS = 20
+# with the derivative of the flow takes over. Where it fails too, corrections lead to a point on the
+# way to the end, by halves; where the nearest doesn't help, the points are too far apart.
+_MAX_CORRECTIONS = 40
 _SLOW = 0.1
+_LEAST_PART = 1 / 64  # of the way
 _FAR = 1e9  # largest norm of coefficients
 # Relative residuals: convergence (some twenty roundings), and the level below which a slow
 # iteration stops.
@@ -52,24 +54,28 @@ def local_coordinates(
     guessed = (v != 0.0).any(axis=-1)
     active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
     reached, residual = y[active], distance[active]
-    exact = np.zeros(len(active), dtype=bool)
+    exact, part = np.zeros(len(active), dtype=bool), np.ones(len(active))
     for _ in range(_MAX_CORRECTIONS):
         if not len(active):
             break
-        tried = correct(v[active], start[active], reached, end[active], exact)
-        # Coefficients that diverge are reset; their residual doesn't decrease, so they stop here.
+        lead = part.reshape(-1, *(1,) * (y.ndim - 1))
+        target = np.where(lead < 1.0, reached + lead * (end[active] - reached), end[active])
+        tried = correct(v[active], start[active], reached, target, exact)
+        # Coefficients that diverge are reset; their residual doesn't decrease.
         far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
         tried[far] = v[active[far]]
         moved = flow(tried, start[active])
         size = _norms(end[active] - moved)
-        better = size < 0.5 * residual
+        rough = residual > _ROUNDING * length[active]
+        better = size < np.where(rough, 1.0 - _SLOW * part, 0.5) * residual
         v[active[better]], reached[better] = tried[better], moved[better]
         # Switch to the derivative of the flow where the fields at the end converge slowly.
-        slow = ~(size < _SLOW * residual) & (residual > _ROUNDING * length[active])
+        slow = ~(size < _SLOW * residual) & rough
         residual[better] = distance[active[better]] = size[better]
-        unfinished = better | (slow & ~exact)
+        part = np.where(better, np.minimum(2.0 * part, 1.0), np.where(exact, 0.5 * part, part))
+        unfinished = better | (slow & (part >= _LEAST_PART))
         active, reached, residual = active[unfinished], reached[unfinished], residual[unfinished]
-        exact = (exact | slow)[unfinished]
+        exact, part = (exact | slow)[unfinished], part[unfinished]
     v[distance > _MISSED * length] = np.nan
     return v
 

@@ -115,6 +115,9 @@ class Power(Frame):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         return self._join_vectors(self.factor.local_coordinates(start, end))
 
+    def _logarithms(self, m: Points, y: Points) -> Array:
+        return self._join_vectors(self.factor._logarithms(m, y))
+
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         return self._join_vectors(self.factor._nearest_coordinates(start, end))

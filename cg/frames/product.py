@@ -111,6 +111,9 @@ class Product(Frame):
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         return self._joined("local_coordinates", *map(self._split, points))
 
+    def _logarithms(self, m: Array, y: Array) -> Array:
+        return self._joined("_logarithms", *map(self._split, np.broadcast_arrays(m, y)))
+
     def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         return self._joined("_nearest_coordinates", *map(self._split, points))

@@ -93,16 +93,32 @@ class SPD(Sized, ConjugationSpace):
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the affine-invariant distance, shape ``(...)``; NaN off the manifold."""
         start, end = np.broadcast_arrays(self._points(x, "x"), self._points(y))
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            values, vectors = eigh_where_finite(start)
-            scaled = vectors / np.sqrt(values)[..., None, :]
-            # Eigenvalues of x^-1 y - I, from the difference to avoid cancellation
-            change = scaled.mT @ (end - start) @ scaled
-            ratios, _ = eigh_where_finite(0.5 * (change + change.mT))
-            return np.asarray(np.linalg.norm(np.log1p(ratios), axis=-1))
+        return np.asarray(np.linalg.norm(_log_ratios(start, end)[0], axis=-1))
+
+    def _first_coordinates(self, y0: Points, y1: Points) -> Array:
+        # those of the geodesic: half the logarithm of y1 y0^-1
+        logarithms, vectors, inverse = _log_ratios(y0, y1)
+        with np.errstate(invalid="ignore", over="ignore"):
+            generator = vectors @ (0.5 * logarithms[..., None] * inverse)
+        return self.group._algebra_projection(generator)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return matrices with normal factors, and eigenvalues of at least 1/4."""
         size = check_random(rng, size)
         factor = rng.standard_normal((*size, self.n, self.n)) / np.sqrt(self.n)
         return self.restore(factor @ factor.mT + 0.25 * np.eye(self.n))
+
+
+def _log_ratios(x: Points, y: Points) -> tuple[Array, Points, Points]:
+    """Return logarithms of the eigenvalues of y x^-1, the eigenvectors, and their inverse.
+
+    They are NaN off the manifold.
+    """
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        values, axes = eigh_where_finite(x)
+        roots = np.sqrt(values)[..., None, :]
+        scaled = axes / roots
+        # Eigenvalues of x^-1 y - I, from the difference to avoid cancellation
+        change = scaled.mT @ (y - x) @ scaled
+        ratios, turn = eigh_where_finite(0.5 * (change + change.mT))
+        return np.log1p(ratios), (axes * roots) @ turn, (scaled @ turn).mT

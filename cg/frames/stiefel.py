@@ -59,7 +59,8 @@ class Stiefel(_Columns, HomogeneousSpace):
 
     Right-hand sides that return derivatives (``rhs="derivative"``) move the columns along other
     fields, in :math:`n k^2` operations a flow in place of :math:`n^3`, and without brackets: for
-    many rows, also for subspaces, by an orthonormal basis.
+    many rows, also for subspaces, by an orthonormal basis. Derivatives of solutions, and methods
+    with brackets that are given, need the fields of this frame and take them.
 
     References
     ----------

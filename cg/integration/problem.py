@@ -312,6 +312,17 @@ def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
     return rhs == "derivative"
 
 
+def _needs_brackets(options: EnsembleOptions) -> bool:
+    """Return whether derivatives of the solution, or the method that is given, need brackets."""
+    method = options["method"]
+    if options["derivatives"] is not None:
+        return True
+    if isinstance(method, str) and method == AUTO:
+        return False
+    table = table_of(method)
+    return table.on_algebra or table.has_brackets
+
+
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
@@ -322,7 +333,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
     if _returns_derivatives(options["rhs"], options["linear"], frame):
-        frame = for_derivatives(frame)
+        frame = for_derivatives(frame, _needs_brackets(options))
     method = _choose_method(options["method"], options["linear"], frame, least)
     return plan_of(frame, method), rtol
 

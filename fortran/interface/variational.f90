@@ -160,8 +160,10 @@ contains
     associate (record => self%record)
       call c_f_pointer(self%parameters, parameters, [size(p, 1)])
       call c_f_pointer(transfer(record%scales, c_null_ptr), least, [size(p, 1)])
-      call sizes(self%plan%frame, y, widths)
-      widths = max(widths, 1.0_wp)
+      if (along_fields) then                           ! of compiled frames only
+        call sizes(self%plan%frame, y, widths)
+        widths = max(widths, 1.0_wp)
+      end if
       scales = max(abs(parameters), least)
       scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
       do j = 1, size(slope, 1)

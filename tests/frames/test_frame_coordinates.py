@@ -1,9 +1,12 @@
 """Coordinates of frames: sizes, nearby points, compiled blocks."""
 
+import warnings
+
 import numpy as np
 import pytest
 from frame_examples import FRAMES, name
 from refusals import refuses
+from scipy.optimize import minimize
 
 from cg import frames as fr
 
@@ -43,7 +46,8 @@ def test_means_of_points_are_where_differences_cancel(frame):
     for weights in (None, w):
         mean = frame.mean(y, weights)
         differences = frame.difference(mean, y)
-        left = frame.field(np.average(differences, axis=0, weights=weights), mean)
+        tangents = frame._logarithms(mean, y)
+        left = frame.field(np.average(tangents, axis=0, weights=weights), mean)
         np.testing.assert_allclose(left, 0, rtol=0, atol=1e-11)
     np.testing.assert_allclose(frame.flow(differences, mean), y, rtol=0, atol=1e-9)
     np.testing.assert_allclose(frame.mean(y[:1]), y[0], rtol=0, atol=1e-12)
@@ -58,6 +62,57 @@ def test_means_of_known_points():
     np.testing.assert_allclose(fr.SO3().mean(turns), expected, rtol=0, atol=1e-14)
     np.testing.assert_allclose(fr.Euclidean(1).mean([[1e8], [3e8]], [3, 1]), [1.5e8], rtol=1e-15)
     refuses(ValueError, "points must be near", fr.Sphere(2).mean, [[0, 0, 1.0], [0, 0, -1.0]])
+
+
+def test_mean_on_a_half_circle():
+    """The top of the geodesic between two points at equal heights."""
+    mean = fr.Hyperbolic(2).mean([[0.0, 1.0], [2.0, 1.0]])
+    np.testing.assert_allclose(mean, [1.0, np.sqrt(2.0)], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("frame", [
+    fr.Hyperbolic(2), fr.Hyperbolic(4), fr.SPD(2), fr.SPD(3), fr.Grassmann(4, 2), fr.Sphere(3),
+    fr.UnitQuaternion(), fr.Product(fr.SPD(2), fr.Hyperbolic(2)), fr.Power(fr.Hyperbolic(2), 2),
+], ids=name)  # fmt: skip
+@pytest.mark.parametrize("weights", [None, (1.0, 2.0, 0.5, 3.0, 1.0)])
+def test_means_of_riemannian_manifolds_are_karchers(frame, weights):
+    rng = np.random.default_rng(77)
+    y = frame.flow(rng.uniform(-0.5, 0.5, (5, frame.dim)), frame.random_point(rng))
+    mean, w = frame.mean(y, weights), np.ones(5) if weights is None else np.array(weights)
+    cost = lambda v: w @ frame.distance(frame.flow(v, mean), y) ** 2
+    least = frame.flow(minimize(cost, np.full(frame.dim, 0.05)).x, mean)
+    assert frame.distance(least, mean) < 1e-5
+
+
+@pytest.mark.parametrize("frame", [
+    fr.SPD(2), fr.SPD(3), fr.Power(fr.SPD(2), 2), fr.Grassmann(3, 1), fr.Stiefel(4, 2),
+    fr.CoadjointOrbit(fr.SL(2), (0.3, 1.0, -0.5)),
+    fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
+], ids=name)  # fmt: skip
+def test_differences_of_points_that_are_not_close(frame):
+    """Where a whole step of the iteration overshoots."""
+    rng = np.random.default_rng(78)
+    y0 = np.ones(2) if frame.point_shape == (2,) else frame.random_point(rng)
+    y = frame.flow(rng.uniform(-1.0, 1.0, (20, frame.dim)), y0)
+    v = frame.difference(y0, y)
+    np.testing.assert_allclose(frame.flow(v, y0), y, rtol=0, atol=1e-13 * np.abs(y).max())
+    near = frame.flow(rng.uniform(-0.3, 0.3, (5, frame.dim)), y0)
+    assert np.isfinite(frame.mean(near)).all()
+
+
+def test_differences_of_diagonal_matrices():
+    v = fr.SPD(2).difference(np.eye(2), np.diag([2.0, 1.0]))
+    np.testing.assert_allclose(v, [0.5 * np.log(2.0), 0, 0, 0], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e160, 1e-170])
+def test_large_derivatives_keep_their_warning(size):
+    frame, dy = fr.UnitQuaternion(), np.array([0.0, 0.0, size, size])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        v = frame.coefficients([0, 0, 0, 1], dy)
+    np.testing.assert_allclose(v, [0, 0, 2 * size], rtol=1e-15)
+    assert ["dropped: 0.707" in str(one.message) for one in caught] == [True] * (size >= 1)
 
 
 @pytest.mark.parametrize("frame", [

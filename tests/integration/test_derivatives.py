@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
-from cg.frames import Product, Stiefel, check
+from cg.frames import Power, Product, Stiefel, check
 from cg.frames.stiefel import LowRankStiefel
 from cg.problems.convergence import observed_order
 
@@ -84,6 +84,42 @@ def test_orders(n, k, key):
     ]
     errors = [np.linalg.norm(end - exact) for end in ends]
     assert observed_order(steps, errors) > method.order - 0.3
+
+
+@pytest.mark.parametrize("method", ["RKMK8(5,3)", "RadauIIA5"])
+def test_methods_with_brackets_move_along_the_given_fields(method):
+    problem = Family(4, 2, 8)
+    options = {"frame": problem.frame, "method": method, "rtol": 1e-8, "atol": 1e-8}
+    run = cg.solve_ivp(problem, (0, 1), problem.y0, rhs="derivative", **options)
+    f = lambda t, y: problem.frame.coefficients(y, problem(t, y))
+    expected = cg.solve_ivp(f, (0, 1), problem.y0, **options)
+    np.testing.assert_allclose(run.y[-1], expected.y[-1], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("given", [Stiefel(3, 2), Power(Stiefel(3, 1), 2)], ids=frame_name)
+@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, 0.0)])
+def test_solutions_have_derivatives(given, span):
+    """In coordinates of the given frame."""
+    rng = np.random.default_rng(6)
+    y0, (skew, metric) = given.random_point(rng), rng.standard_normal((2, 3, 3))
+
+    def derivative(t, y, p):
+        product = p[0] * np.cos(t) * skew + p[1] * metric @ y @ y.mT
+        return (product - product.mT) @ y
+
+    coefficients = lambda t, y, p: given.coefficients(y, derivative(t, y, p))
+    options = {"frame": given, "parameters": [0.4, 0.2], "rtol": 1e-9, "atol": 1e-9}
+    for kind in ("forward", "adjoint"):
+        runs = [
+            cg.solve_variational(f, span, y0, derivatives=kind, rhs=rhs, **options)
+            for rhs, f in (("derivative", derivative), ("coefficients", coefficients))
+        ]
+        assert runs[0].frame == given
+        first, second = (
+            run.jacobian()[:2] if kind == "adjoint" else (run.transition[-1], run.sensitivity[-1])
+            for run in runs
+        )
+        np.testing.assert_allclose(np.hstack(first), np.hstack(second), rtol=0, atol=1e-8)
 
 
 def test_only_the_projection_onto_tangents_counts():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SE3, SO3, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import GL, SE3, SO3, Euclidean, Hyperbolic, Product, Sphere, UnitQuaternion
 
 RNG = np.random.default_rng(4)
 W, V = RNG.normal(size=(2, 8, 9))
@@ -13,6 +13,8 @@ FRAMES = {
     "quaternion": (UnitQuaternion("space"), np.array([1.0, 0.0, 0.0, 0.0])),
     "product": (Product(Euclidean(2), SE3()), None),
     "sphere": (Sphere(2), np.array([0.6, 0.0, 0.8])),
+    "space in Python": (Hyperbolic(3), np.array([0.3, -0.2, 1.1])),
+    "product in Python": (Product(SO3(), GL(2)), np.append(np.eye(3), np.eye(2))),
 }
 
 
@@ -51,6 +53,20 @@ class TestDirections:
             field = lambda columns: [frame.field(column, whole.y[-1]) for column in columns.T]
             np.testing.assert_allclose(field(found[-1]), field(expected), rtol=0, atol=2e-5)
             assert (some.transition is None) != (some.sensitivity is None)
+
+    @pytest.mark.parametrize("rhs", ["coefficients", "derivative"])
+    def test_of_flows_in_python(self, rhs):
+        """Exponentials of a diagonal matrix, whose entries are parameters."""
+
+        def g(t, y, p):
+            matrix = np.diag(p)
+            return matrix.ravel() if rhs == "coefficients" else matrix @ y
+
+        for span in ((0, 2), (2, 0)):
+            options = {"f": g, "rhs": rhs, "derivatives_by": "parameters", "t_span": span}
+            found = solve(GL(2), np.eye(2), **options).sensitivity[-1]
+            expected = (span[1] - span[0]) * np.eye(4)[:, [0, 3]]
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
     @pytest.mark.parametrize("given", ["jac", "df_dp", "both"])
     def test_with_given_derivatives(self, given):

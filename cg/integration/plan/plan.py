@@ -168,10 +168,19 @@ def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
     return {}
 
 
-@cached_by_value
-def for_derivatives(frame: Frame) -> Frame:
+def for_derivatives(frame: Frame, with_brackets: bool) -> Frame:
     """Return `Frame.for_derivatives`, which is cached."""
+    return (_for_derivatives_with_brackets if with_brackets else _for_derivatives)(frame)
+
+
+@cached_by_value
+def _for_derivatives(frame: Frame) -> Frame:
     return frame.for_derivatives()
+
+
+@cached_by_value
+def _for_derivatives_with_brackets(frame: Frame) -> Frame:
+    return frame.for_derivatives(with_brackets=True)
 
 
 @cached_by_value
