@@ -170,7 +170,8 @@ class FrameSolver(OdeSolver):
         if math.isfinite(self._max_angle):
             t, y = self._stepper.t, self._stepper.y
             self._start = t, y, self._derivative(t, y)
-            rate = _turning(self.frame, self.frame._coefficients(y, self._start[2])[0])
+            v = self.frame._coefficients_at(y[None], self._start[2][None])[0]
+            rate = _turning(self.frame, v)
             if rate * abs(bound - t) > self._max_angle:
                 bound = t + self.direction * self._max_angle / rate
         return None if math.isinf(bound) else bound
