@@ -84,7 +84,6 @@ def masked(x):
         (lambda x=x: make_method(Layout.tableau(1), x), ValueError, "x must")
         for x in ("1", 5, None)
     ),
-    (lambda: make_method(Layout.tableau(1), [1], digits=1.5), TypeError, "digits must be"),
     *((lambda s=s: unknowns(s), TypeError, "stages must be an integer") for s in (True, 1.0)),
     (lambda: cg.digits(CG5A, 20, certificate="x"), TypeError, "must be a Certificate"),
     (lambda: cg.digits(CG5A, 20, embedded="no"), TypeError, "embedded must be True or False"),
