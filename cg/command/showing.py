@@ -109,7 +109,7 @@ def _certificate(method: Method) -> str | None:
     from cg.construction.proofs.files import certificate_beside
 
     try:
-        beside = None if method.file is None else certificate_beside(method.file, method)
+        beside = certificate_beside(method)
         if beside is not None:  # nothing of a file of the user's is believed
             check(beside, method)
     except CertificationError as error:

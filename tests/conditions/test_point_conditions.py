@@ -16,8 +16,7 @@ from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods
-from cg.construction.conditions.systems import EquationSystem
-from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.word_weights import EquationSystem, Quantity, Weights
 from cg.construction.conditions.words import condition_words, conditions_of
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import PointTree, tree_of_rows

@@ -98,7 +98,9 @@ def _try(
         }
         if rank < len(jacobian):
             continue
-        movable = choose_movable(jacobian * packed.preferences, candidates)
+        # exact coefficients are held if possible
+        preferences = np.where([c.unit == 0 for c in packed.coefficients], 1e-6, 1.0)
+        movable = choose_movable(jacobian * preferences, candidates)
         attempt = krawczyk(system, packed.balls(), movable)
         measures |= attempt.quantities
         if attempt.proved:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.proofs.certificate import CertificationError
 from cg.support import flint
 

@@ -78,7 +78,7 @@ def certify(
                 f"{method.name or 'the method'}: the second weights satisfy no order conditions"
             )
         orders.append(method.embedded_order)
-    packed = Packed.of(method, orders)
+    packed = Packed(method.name, method.layout, method.coefficients, tuple(orders))
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     bits = 64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64)
     try:

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import Condition, conditions_of
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.coefficients import Coefficient
@@ -37,21 +34,6 @@ class Packed:
     coefficients: tuple[Coefficient, ...]
     orders: tuple[int, ...]
 
-    @classmethod
-    def of(cls, method: Method, orders: Sequence[int]) -> Packed:
-        """Pack a method, with its second result if it is a pair."""
-        return cls(method.name, method.layout, method.coefficients, tuple(orders))
-
-    @property
-    def values(self) -> list[Fraction]:
-        """The exact values."""
-        return [coefficient.value for coefficient in self.coefficients]
-
-    @property
-    def preferences(self) -> NDArray[np.float64]:
-        """How much each coefficient is preferred to be movable: exact ones are held if possible."""
-        return np.where([c.unit == 0 for c in self.coefficients], 1e-6, 1.0)
-
     @property
     def conditions(self) -> list[Condition]:
         """The independent conditions of all rows of weights."""
@@ -65,7 +47,7 @@ class Packed:
 
     def balls(self) -> list[flint.arb]:
         """Return balls, as small as the precision allows, that hold the values."""
-        return [to_ball(v) for v in self.values]
+        return [to_ball(coefficient.value) for coefficient in self.coefficients]
 
     def movable(self, box: Box) -> list[int]:
         """Return the indices of the coefficients that aren't fixed."""
@@ -100,7 +82,7 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
         faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
-    packed = Packed.of(method, orders)
+    packed = Packed(method.name, method.layout, method.coefficients, orders)
     box = certificate.box
     left_out = set(box.left_out)
     if len(left_out) != len(box.left_out) or not left_out.issubset(packed.conditions):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import Condition, Word, condition_words, is_of_time, nodes
 from cg.construction.proofs.certificate import (
     Box,

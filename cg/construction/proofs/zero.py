@@ -14,7 +14,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
@@ -109,7 +109,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
 
 def check_rational(packed: Packed) -> None:
     """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
-    residuals = packed.system().residuals(list(map(to_flint, packed.values)))
+    residuals = packed.system().residuals([to_flint(one.value) for one in packed.coefficients])
     for one, residual in zip(packed.conditions, residuals, strict=True):
         if residual != 0:
             raise CertificationError(
