@@ -153,15 +153,13 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
-def to_method(
-    candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
-) -> Method:
+def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
     """Refine a candidate in real(16) and return it as a method; NotExactError if that fails.
 
     Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = candidate.system
-    movable = np.setdiff1d(system.movable_without(frozen), np.flatnonzero(candidate.x == 0))
+    movable = system.movable_without(np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), system, movable=movable)
     scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:

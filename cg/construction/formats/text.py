@@ -30,8 +30,8 @@ def real(number: str) -> str:
     return number if "." in number or "e" in number else f"{number}.0"
 
 
-def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
-    """Return the entries of a list over lines of limited length, each but the last with `end`."""
+def wrapped(entries: Iterable[str], indent: str) -> str:
+    """Return the entries of a list over lines of limited length."""
     lines: list[str] = []
     line: list[str] = []
     length = 0
@@ -42,7 +42,7 @@ def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
         line.append(entry)
         length += len(entry) + 2
     lines.append(", ".join(line))
-    return f",{end}\n".join(indent + text for text in lines)
+    return ",\n".join(indent + text for text in lines)
 
 
 def array(declared: str, entries: Sequence[str]) -> str:

@@ -153,11 +153,6 @@ class Layout:
         ]
 
     @property
-    def lengths(self) -> tuple[int, ...]:
-        """Number of unknowns of each row."""
-        return tuple(len(self.row(r)) for r in range(len(self.ends)))
-
-    @property
     def names(self) -> list[str]:
         """Names of the unknowns, with points and stages counted from 1.
 
