@@ -4,16 +4,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from cg.construction.formats.program import Program
-from cg.construction.formats.text import comment, fill
+from cg.construction.formats.text import comment, fill, template
 
 Parts = Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class Language:
-    """A template in which each ``@key@`` is a part; parts may contain keys of later ones."""
+    """Templates in which each ``@key@`` is a part; parts may contain keys of later ones."""
 
-    template: str
+    templates: tuple[str, ...]  # names, see `text.template`, of those that follow each other
     mark: str  # begins a comment
     tables: Callable[[Program, Mapping[str, list[str]]], str]  # as text
     pair: Parts  # text for methods with a second result
@@ -45,4 +45,4 @@ class Language:
             "lower": program.lower_order,
             "heading": comment(program.heading, self.mark),
         }
-        return fill(self.template, parts)
+        return fill(template(*self.templates), parts)

@@ -2,10 +2,19 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 
 from cg.support.parsing import visible
 
 _WIDTH = 96
+
+
+@cache
+def template(*names: str) -> str:
+    """Return the texts of files in the folder ``templates``, one after the other, for `fill`."""
+    folder = files("cg.construction.formats") / "templates"
+    return "".join((folder / f"{name}.in").read_text(encoding="utf-8") for name in names)
 
 
 def fill(template: str, parts: Mapping[str, object]) -> str:
