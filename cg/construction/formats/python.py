@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from cg.construction.formats.language import Language
-from cg.construction.formats.program import Program
+from cg.construction.formats.program import Language, Program
 from cg.construction.formats.text import wrapped
 
 _ON_MANIFOLD = {
