@@ -1,5 +1,6 @@
 """``show``: all data of one method."""
 
+from dataclasses import asdict
 from fractions import Fraction
 from typing import Any
 
@@ -52,7 +53,7 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
     if in_json:
         import json
 
-        data = {**summary.as_dict(), "certificate": certificate, "source": method.source}
+        data = {**asdict(summary), "certificate": certificate, "source": method.source}
         data |= {} if conditions is None else {"conditions": listed}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return

@@ -136,10 +136,7 @@ def construct(
             method = refined(settings, finished[index], requirements) if reached else None
             if method is not None:
                 return Construction(settings, method, finished[index], index + 1)
-    best = min(finished.values(), key=lambda attempt: (*_size(attempt), attempt.f, attempt.index))
+    best = min(
+        finished.values(), key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f, a.index)
+    )
     return Construction(settings, None, best, tries)
-
-
-def _size(attempt: Attempt) -> tuple[float, ...]:
-    """Return numbers by which attempts are compared before f; smaller is better."""
-    return not attempt.solved, attempt.stages, attempt.flows or 0

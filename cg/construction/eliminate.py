@@ -1,11 +1,11 @@
 """Eliminate stages: drop them, or shrink their coefficients to zero along the solution set."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from cg.construction.candidate import Candidate, correct, solved
-from cg.construction.drop import drop_stage, fixed_entries
+from cg.construction.drop import Accept, drop_stage, fixed_entries
 from cg.construction.solvers.system import Structure
 
 _LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
@@ -69,7 +69,7 @@ def eliminate(
     random: np.random.Generator,
     largest: float = 4.0,
     restarts: int = 3,
-    accept: Callable[[Candidate], bool] = lambda candidate: True,
+    accept: Accept = lambda candidate: True,
 ) -> Iterator[Candidate]:
     """Eliminate one stage after another until `stages` are left, and yield each candidate.
 
@@ -94,10 +94,7 @@ def eliminate(
 
 
 def _shrink_one(
-    candidate: Candidate,
-    random: np.random.Generator,
-    largest: float,
-    accept: Callable[[Candidate], bool],
+    candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
 ) -> Candidate | None:
     first = 0 if candidate.system.structure is Structure.GENERAL else 2
     stages = range(first, candidate.system.stages)

@@ -107,11 +107,6 @@ class Layout:
         """Whether there is a second result."""
         return len(self.results) > 1
 
-    @property
-    def uses_every_stage(self) -> bool:
-        """Whether each stage has a weight at some point."""
-        return {stage for row in self.weights for stage in row} == set(range(self.stages))
-
     @cached_property
     def size(self) -> int:
         """Number of unknowns."""

@@ -201,8 +201,12 @@ def lift(
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),
-        improve=_check_improve(improve, order),
+        improve=check_flag("improve", improve),
     )
+    if improve and order >= MAX_ORDER:
+        raise ValueError(
+            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
+        )
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     solutions: list[_Solution] = []
     best, index = np.inf, 0
@@ -284,14 +288,6 @@ class _Settings:
             error = float(np.linalg.norm(split.principal_residual(end.x)))
             key = flows * error ** (1 / self.order), 0.0
         return _Solution(key, index, split, end)
-
-
-def _check_improve(improve: bool, order: int) -> bool:
-    if check_flag("improve", improve) and order >= MAX_ORDER:
-        raise ValueError(
-            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
-        )
-    return bool(improve)
 
 
 def _check_orders(
