@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,28 +100,16 @@ class Candidate:
 
 
 def correct(
-    candidate: Candidate,
-    frozen: Sequence[int] | NDArray[np.intp] = (),
-    *,
-    ftol: float = 1e-26,
-    damping: float = 1e-6,
-    max_iterations: int = 200,
-    accurate: bool | None = None,
+    candidate: Candidate, frozen: Sequence[int] | NDArray[np.intp] = (), **options: Any
 ) -> Candidate:
     """Return to the solution set by steps of least norm, with the entries `frozen` held.
 
-    The other arguments are those of `fit_conditions`. Ask `solved` whether the end is on the set.
+    The options are those of `fit_conditions`. Ask `solved` whether the end is on the set.
     """
     system = candidate.system
-    fit = fit_conditions(
-        candidate.x,
-        system,
-        movable=system.movable_without(frozen),
-        ftol=ftol,
-        damping=damping,
-        max_iterations=max_iterations,
-        accurate=system.order >= 7 if accurate is None else accurate,
-    )
+    defaults = {"ftol": 1e-26, "damping": 1e-6, "max_iterations": 200, "accurate": system.order > 6}
+    movable = system.movable_without(frozen)
+    fit = fit_conditions(candidate.x, system, movable=movable, **(defaults | options))
     return Candidate(system, fit.x)
 
 
