@@ -116,7 +116,7 @@ def correct(
 def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
     """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17."""
     kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
-    pair = f"({system.order - 1})" if system.embedded else ""
+    pair = f"({system.order - 1})" if system.layout.pair else ""
     return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
 
 

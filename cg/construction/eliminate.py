@@ -79,9 +79,10 @@ def eliminate(
     stuck = 0
     while candidate.system.stages > stages:
         smaller = None
-        if not candidate.system.embedded:
+        pair = candidate.system.layout.pair
+        if not pair:
             smaller = drop_stage(candidate, random, largest=largest, accept=accept)
-        if smaller is None and (candidate.system.embedded or stuck == restarts):
+        if smaller is None and (pair or stuck == restarts):
             smaller = _shrink_one(candidate, random, largest, accept)
         if smaller is None:
             stuck += 1
