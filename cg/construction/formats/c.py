@@ -179,7 +179,8 @@ class _Flows:
 
 
 def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
-    numbers = {"weight": program.term_weights, "c": program.c}
+    weights = tuple(weight for move in program.moves for _, weight in move.terms)
+    numbers = {"weight": weights, "c": program.c}
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
     lines = [

@@ -55,11 +55,6 @@ class Program:
         """Title and source, a line each."""
         return f"{self.title}\n{self.source}" if self.source else self.title
 
-    @property
-    def term_weights(self) -> tuple[str, ...]:
-        """The weights of the terms of all moves."""
-        return tuple(weight for move in self.moves for _, weight in move.terms)
-
     def integer_tables(self) -> dict[str, list[str]]:
         """Return the integers of the moves by array."""
         tables = {

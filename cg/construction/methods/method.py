@@ -273,7 +273,8 @@ class Method(ABC):
         If flows commute, the method is the classical method with this tableau. Only a
         `cg.Tableau` is determined by it.
         """
-        return self.tree.flat_tableau
+        tree = self.tree
+        return tuple(map(tree.flat_row, tree.stage_points)), tree.flat_row(tree.result)
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:

@@ -178,9 +178,12 @@ def paths_of(method: Method) -> MethodPaths:
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
     final = ends[0] if ends and method.explicit else 0
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
-    third, factor = 0, MethodPaths.factor
+    third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
+        brackets = tuple(
+            tuple(tuple(a.value for a in row) for row in pair) for pair in method.brackets
+        )
     if method.third_flow is not None:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
@@ -196,13 +199,8 @@ def paths_of(method: Method) -> MethodPaths:
     return MethodPaths(
         tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
         errors, third=third, power=error_power(method), factor=factor, blocks=blocks,
-        brackets=_brackets(method),
+        brackets=brackets,
     )  # fmt: skip
-
-
-def _brackets(method: Method) -> Brackets:
-    pairs = method.brackets if isinstance(method, MagnusMethod) else ()
-    return tuple(tuple(tuple(a.value for a in row) for row in pair) for pair in pairs)
 
 
 def _collocation_paths(method: MuntheKaas) -> MethodPaths:

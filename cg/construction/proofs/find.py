@@ -7,6 +7,7 @@ Jacobian well conditioned, on which the radius of Krawczyk's test depends. Nothi
 """
 
 import math
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any, NamedTuple
 
@@ -65,17 +66,13 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
             outcome = _try(packed, left_out, jacobian)
         if isinstance(outcome, _Proved):
             if not explained:
-                return _bounded(packed, *outcome, bits)
+                # with a bound of the conditions that are left out, a power of ten
+                largest = float(largest_residual(packed, *outcome, SMALL_PLACES, bits))
+                exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
+                return replace(outcome.box, bound=Decimal((0, (1,), exponent)))
             check_left_out(packed, *outcome, bits)
             return outcome.box
     raise CertificationError(message, **outcome)
-
-
-def _bounded(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> Box:
-    """Return a box with a bound of the conditions that are left out, a power of ten."""
-    largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
-    exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
-    return Box(box.radius, box.fixed, box.left_out, Decimal((0, (1,), exponent)))
 
 
 def _try(
