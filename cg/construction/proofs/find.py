@@ -20,9 +20,9 @@ from cg.construction.proofs.dependent.orthogonality import find_relations
 from cg.construction.proofs.krawczyk import (
     KrawczykTest,
     choose_movable,
+    doubles,
     krawczyk,
     numerical_rank,
-    to_double,
 )
 from cg.construction.proofs.statement import Packed
 from cg.construction.proofs.zero import check_left_out, check_places, largest_residual
@@ -45,7 +45,7 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     """
     values, derivatives = packed.system().linearise(packed.balls())
     check_places(packed, values, derivatives)
-    jacobian = to_double(derivatives)
+    jacobian = doubles(derivatives.tolist())
     outcome = _try(packed, np.array([], dtype=np.intp), jacobian)
     if isinstance(outcome, _Proved):
         return outcome.box

@@ -19,7 +19,7 @@ from cg.construction.conditions.words import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import follow
-from cg.construction.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
+from cg.construction.proofs.krawczyk import KrawczykTest, doubles, enclose_zero, krawczyk, max_abs
 from cg.construction.proofs.statement import Packed
 from cg.support import flint
 from cg.support.balls import to_ball, to_flint, to_fraction
@@ -96,7 +96,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
     Otherwise a solution close to wrong coefficients would pass as theirs.
     """
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
-    allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)
+    allowed = TOLERANCE_FACTOR * (np.abs(doubles(jacobian.tolist())) @ units)
     for one, value, bound in zip(packed.conditions, values, allowed, strict=True):
         if not abs(value) <= float(bound):
             raise CertificationError(

@@ -35,7 +35,8 @@ from cg.construction.conditions.words import (
 from cg.construction.layouts.layout import Layout
 from cg.construction.proofs.dependent.pairings import Pairing, pairings
 from cg.construction.proofs.dependent.reduction import Reduction
-from cg.construction.proofs.dependent.spanned import Spanned, doubles, independent_rows
+from cg.construction.proofs.dependent.spanned import Spanned, independent_rows
+from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.balls import to_ball, working_precision
 
