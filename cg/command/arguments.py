@@ -33,17 +33,15 @@ def output_option(help: str) -> Callable[[F], F]:
 workers_option = count_option("--workers", "Threads; all cores by default.")
 
 
-def _same(method: Method) -> Any:
-    return method
-
-
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]
     """Type of an argument that is the name or the file of a method, and what is made of it."""
 
     name = "NAME|FILE"
 
     def __init__(
-        self, make: Callable[[Method], Any] = _same, read: Callable[[str], Any] | None = None
+        self,
+        make: Callable[[Method], Any] = lambda method: method,
+        read: Callable[[str], Any] | None = None,
     ) -> None:
         self._make, self._read = make, read or (lambda file: make(load(file)))
 

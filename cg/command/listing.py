@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import click
@@ -69,7 +70,7 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
     if only_proved:
         selected = [facts for facts in selected if proofs[facts.name] == "yes"]
     if in_json:
-        as_json([facts.as_dict() | {"proved": proofs[facts.name]} for facts in selected])
+        as_json([asdict(facts) | {"proved": proofs[facts.name]} for facts in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
         say(columns([heads, *(_row(facts, proofs[facts.name]) for facts in selected)], left=3))

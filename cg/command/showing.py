@@ -1,5 +1,6 @@
 """``show``: all data of one method."""
 
+from dataclasses import asdict
 from fractions import Fraction
 from typing import Any
 
@@ -52,7 +53,7 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
     if in_json:
         import json
 
-        data = {**summary.as_dict(), "certificate": certificate, "source": method.source}
+        data = {**asdict(summary), "certificate": certificate, "source": method.source}
         data |= {} if conditions is None else {"conditions": listed}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
@@ -109,7 +110,7 @@ def _certificate(method: Method) -> str | None:
     from cg.construction.proofs.files import certificate_beside
 
     try:
-        beside = None if method.file is None else certificate_beside(method.file, method)
+        beside = certificate_beside(method)
         if beside is not None:  # nothing of a file of the user's is believed
             check(beside, method)
     except CertificationError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,35 +100,23 @@ class Candidate:
 
 
 def correct(
-    candidate: Candidate,
-    frozen: Sequence[int] | NDArray[np.intp] = (),
-    *,
-    ftol: float = 1e-26,
-    damping: float = 1e-6,
-    max_iterations: int = 200,
-    accurate: bool | None = None,
+    candidate: Candidate, frozen: Sequence[int] | NDArray[np.intp] = (), **options: Any
 ) -> Candidate:
     """Return to the solution set by steps of least norm, with the entries `frozen` held.
 
-    The other arguments are those of `fit_conditions`. Ask `solved` whether the end is on the set.
+    The options are those of `fit_conditions`. Ask `solved` whether the end is on the set.
     """
     system = candidate.system
-    fit = fit_conditions(
-        candidate.x,
-        system,
-        movable=system.movable_without(frozen),
-        ftol=ftol,
-        damping=damping,
-        max_iterations=max_iterations,
-        accurate=system.order >= 7 if accurate is None else accurate,
-    )
+    defaults = {"ftol": 1e-26, "damping": 1e-6, "max_iterations": 200, "accurate": system.order > 6}
+    movable = system.movable_without(frozen)
+    fit = fit_conditions(candidate.x, system, movable=movable, **(defaults | options))
     return Candidate(system, fit.x)
 
 
 def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
     """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17."""
     kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
-    pair = f"({system.order - 1})" if system.embedded else ""
+    pair = f"({system.order - 1})" if system.layout.pair else ""
     return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
 
 
@@ -153,15 +142,13 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
-def to_method(
-    candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
-) -> Method:
+def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
     """Refine a candidate in real(16) and return it as a method; NotExactError if that fails.
 
     Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = candidate.system
-    movable = np.setdiff1d(system.movable_without(frozen), np.flatnonzero(candidate.x == 0))
+    movable = system.movable_without(np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), system, movable=movable)
     scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:

@@ -4,14 +4,17 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from cg.construction.attempt import Attempt, refined, run_attempt, succeeded
 from cg.construction.methods.method import Method
-from cg.construction.runs.long_run import Score
-from cg.construction.search.pipeline import Pipeline
+from cg.construction.runs.long_run import RunOptions, Score, run_pieces
+from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.solvers.system import Structure
+from cg.support import quads
+from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.executors import ExecutorLike
 from cg.support.parallel import single_threads
 
@@ -112,19 +115,17 @@ def construct(
         iterations=iterations, tree=tree, flows=flows, first_flows=first_flows,
         embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip
+    quads.core("cg.construct")
+    tries = check_integer("tries", tries, 1, MAX_COUNT)
+    options = RunOptions.checked(workers, executor, store, progress)
     bound = None if abscissae is None and minimise is None else settings.largest
-    requirements, options = (abscissae, bound, minimise), (workers, executor, store, progress)
-    return _first_success(Pipeline.checked(settings, ("tries", tries), requirements, options))
-
-
-def _first_success(pipeline: Pipeline) -> Construction:
-    """Run tries until the first one by number succeeds."""
-    settings, tries = pipeline.settings, pipeline.total
-    results = pipeline.run(
-        run_attempt,
-        Attempt.of_fields,
-        lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
-    )
+    requirements = Requirements.checked(order, abscissae, bound, minimise)
+    results = run_pieces(
+        settings, partial(run_attempt, settings), tries, options,
+        read=Attempt.of_fields,
+        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+    )  # fmt: skip
+    # the first one by number counts
     finished: dict[int, Attempt] = {}
     with closing(results):
         for index in range(tries):
@@ -132,13 +133,10 @@ def _first_success(pipeline: Pipeline) -> Construction:
                 attempt = next(results)
                 finished[attempt.index] = attempt
             reached = succeeded(settings, finished[index])
-            method = refined(settings, finished[index], pipeline.requirements) if reached else None
+            method = refined(settings, finished[index], requirements) if reached else None
             if method is not None:
                 return Construction(settings, method, finished[index], index + 1)
-    best = min(finished.values(), key=lambda attempt: (*_size(attempt), attempt.f, attempt.index))
+    best = min(
+        finished.values(), key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f, a.index)
+    )
     return Construction(settings, None, best, tries)
-
-
-def _size(attempt: Attempt) -> tuple[float, ...]:
-    """Return numbers by which attempts are compared before f; smaller is better."""
-    return not attempt.solved, attempt.stages, attempt.flows or 0

@@ -74,7 +74,7 @@ def drop_flow(
     starts = [
         Candidate(replace(candidate.system, layout=smaller), x)
         for smaller, x in merged
-        if smaller.uses_every_stage
+        if len(set(smaller.stage_of.tolist())) == smaller.stages
     ]
     return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
 

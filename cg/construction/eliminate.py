@@ -1,11 +1,11 @@
 """Eliminate stages: drop them, or shrink their coefficients to zero along the solution set."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from cg.construction.candidate import Candidate, correct, solved
-from cg.construction.drop import drop_stage, fixed_entries
+from cg.construction.drop import Accept, drop_stage, fixed_entries
 from cg.construction.solvers.system import Structure
 
 _LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
@@ -69,7 +69,7 @@ def eliminate(
     random: np.random.Generator,
     largest: float = 4.0,
     restarts: int = 3,
-    accept: Callable[[Candidate], bool] = lambda candidate: True,
+    accept: Accept = lambda candidate: True,
 ) -> Iterator[Candidate]:
     """Eliminate one stage after another until `stages` are left, and yield each candidate.
 
@@ -79,9 +79,10 @@ def eliminate(
     stuck = 0
     while candidate.system.stages > stages:
         smaller = None
-        if not candidate.system.embedded:
+        pair = candidate.system.layout.pair
+        if not pair:
             smaller = drop_stage(candidate, random, largest=largest, accept=accept)
-        if smaller is None and (candidate.system.embedded or stuck == restarts):
+        if smaller is None and (pair or stuck == restarts):
             smaller = _shrink_one(candidate, random, largest, accept)
         if smaller is None:
             stuck += 1
@@ -94,10 +95,7 @@ def eliminate(
 
 
 def _shrink_one(
-    candidate: Candidate,
-    random: np.random.Generator,
-    largest: float,
-    accept: Callable[[Candidate], bool],
+    candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
 ) -> Candidate | None:
     first = 0 if candidate.system.structure is Structure.GENERAL else 2
     stages = range(first, candidate.system.stages)

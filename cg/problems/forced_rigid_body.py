@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
-from cg.problems.checks import moments, number, vector
-from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.problems.quadratic import QuadraticProblem, balls, identity, moments, number, vector
 from cg.support import flint
 from cg.support.arrays import Array
 from cg.support.balls import to_ball

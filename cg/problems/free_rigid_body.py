@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Product, Sphere
-from cg.problems.checks import moments, vector
-from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.problems.quadratic import QuadraticProblem, balls, identity, moments, vector
 from cg.support import flint
 from cg.support.arrays import Array
 from cg.support.balls import to_ball

@@ -23,6 +23,8 @@ from cg.support.parsing import read_fraction
 
 Time = Fraction | float | int | str
 
+_STEP, _ORDER = Fraction(1, 16), 48  # step size and degree of the Taylor polynomials
+
 # (coefficient, indices of at most two unknowns that it multiplies)
 Term = tuple[Any, tuple[int, ...]]
 
@@ -85,28 +87,21 @@ class Reference:
 
 
 def reference_solution(
-    build: Callable[[], QuadraticSystem],
-    times: Sequence[Time],
-    *,
-    bits: int = 256,
-    step: Fraction = Fraction(1, 16),
-    order: int = 48,
+    build: Callable[[], QuadraticSystem], times: Sequence[Time], *, bits: int = 256
 ) -> Reference:
-    """Solve a quadratic system by Taylor series with a fixed step.
+    """Solve a quadratic system by Taylor series with a fixed step, at times as `exact_times` takes.
 
-    `build` returns the system; it is called with the working precision `bits`. The times are
-    positive or negative, in any order; a float stands for its exact binary value, a string for a
-    decimal number or a quotient. `step` and `order` are the step size and the degree of the Taylor
-    polynomials. The returned solution is a second one with two thirds of the step size and a degree
-    higher by a fifth; the difference of both gives the error estimate. ValueError if a time isn't a
-    finite number, or ``bits`` is less than 2.
+    `build` returns the system; it is called with the working precision `bits`. The returned
+    solution is a second one with two thirds of the step size and a degree higher by a fifth; the
+    difference of both gives the error estimate. ValueError if a time isn't a finite number, or
+    ``bits`` is less than 2.
     """
     exact = exact_times(times)
     bits = check_integer("bits", bits, 2)
     with working_precision(bits):
         system = build()
-        coarse = _solve(system, exact, step, order)
-        fine = _solve(system, exact, step * Fraction(2, 3), order + order // 5)
+        coarse = _solve(system, exact, _STEP, _ORDER)
+        fine = _solve(system, exact, _STEP * Fraction(2, 3), _ORDER + _ORDER // 5)
         errors = tuple(
             # upper bounds, rounded up
             max(
@@ -120,7 +115,7 @@ def reference_solution(
 
 
 def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
-    """Return times exactly; ValueError if one isn't a finite number."""
+    """Return times exactly, texts as decimals or quotients; ValueError unless they are finite."""
     try:
         return tuple(map(read_fraction, times))
     except (ValueError, OverflowError, TypeError, ZeroDivisionError) as error:

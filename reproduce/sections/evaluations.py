@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cg.construction.search.random_starts import RandomStart
+from cg.construction.search.start import RandomStart
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context, Item

@@ -14,8 +14,8 @@ from cg.construction.conditions import unknowns
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.random_search import search
-from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.result import SearchResult
+from cg.construction.search.start import RandomStart
 from cg.support.shared_numbers import Status
 
 from .. import fingerprint

@@ -16,12 +16,11 @@ from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods
-from cg.construction.conditions.systems import EquationSystem
-from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.word_weights import EquationSystem, Quantity, Weights
 from cg.construction.conditions.words import condition_words, conditions_of
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import PointTree, tree_of_rows
-from cg.construction.proofs.krawczyk import to_double
+from cg.construction.proofs.krawczyk import doubles
 from cg.construction.trees.ordered import forest
 from research.impossibility.weights import exact_weights
 
@@ -123,8 +122,10 @@ class TestBalls:
     @given(point_trees(), st.integers(1, 5))
     def test_derivatives_agree_with_the_compiled_core(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)
-        actual = to_double(
-            EquationSystem(layout, tuple(conditions_of([order]))).linearise([arb(v) for v in x])[1]
+        actual = doubles(
+            EquationSystem(layout, tuple(conditions_of([order])))
+            .linearise([arb(v) for v in x])[1]
+            .tolist()
         )
         expected = conditions.jacobian(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
@@ -152,7 +153,7 @@ class TestBalls:
         quantities += [Quantity(4, ((), ())), Quantity(5, ((),)), Quantity(5, (((),), ()))]
         weights = Weights(layout, quantities)
         at = [float(v) for v in weights.evaluate([arb(v) for v in x])]
-        jacobian = to_double(weights.jacobian())
+        jacobian = doubles(weights.jacobian().tolist())
         for k in range(layout.size):
             ahead = [arb(v) + (1e-7 if j == k else 0) for j, v in enumerate(x)]
             slopes = np.array([float(v) for v in Weights(layout, quantities).evaluate(ahead)]) - at

@@ -165,5 +165,6 @@ def test_dropped_flows_leave_no_idle_stage():
     candidate = Candidate(
         ConditionSystem(3, method.layout), np.array([float(c.value) for c in method.coefficients])
     )
-    assert candidate.system.layout.uses_every_stage
+    layout = candidate.system.layout
+    assert set(layout.stage_of.tolist()) == set(range(layout.stages))
     assert drop_flow(candidate, np.random.default_rng(0)) is None

@@ -11,6 +11,7 @@ import cg
 from cg import conditions
 from cg.construction.layouts.layout import Layout
 from cg.construction.search import start as random_start
+from cg.construction.search.shapes import start_generator
 from cg.support import quads
 
 EPS = float(np.finfo(float).eps)
@@ -144,7 +145,7 @@ def test_search_status_is_that_of_solver():
         return rows
 
     for index in range(6):
-        guess = random_start.random_start(0, index, layout.size, settings.width)
+        guess = start_generator(0, index).uniform(-settings.width, settings.width, layout.size)
         fit = cg.lmdif(residual, guess, ftol=1e-18, xtol=1e-18, maxfev=settings.maxfev)
         start = random_start.run_start(settings, index)
         assert (start.double.info, start.double.nfev) == (fit.info, fit.nfev)

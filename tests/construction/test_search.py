@@ -10,7 +10,8 @@ from cg import conditions
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows, residuals, unknowns, unpack
 from cg.construction.search.random_search import search
-from cg.construction.search.start import EXACT, random_start, run_start
+from cg.construction.search.shapes import start_generator
+from cg.construction.search.start import EXACT, run_start
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
@@ -43,13 +44,16 @@ class TestReproducible:
         assert run_start(order_four.settings, index) == order_four.starts[index]
 
     def test_guesses_are_uniform(self):
-        guess = random_start(3, 7, 1000, 0.25)
-        np.testing.assert_array_equal(guess, random_start(3, 7, 1000, 0.25))
-        np.testing.assert_allclose(random_start(3, 7, 1000, 1.0), 4 * guess)
+        def draw(seed, index, width):
+            return start_generator(seed, index).uniform(-width, width, 1000)
+
+        guess = draw(3, 7, 0.25)
+        np.testing.assert_array_equal(guess, draw(3, 7, 0.25))
+        np.testing.assert_allclose(draw(3, 7, 1.0), 4 * guess)
         assert 0.24 < np.abs(guess).max() <= 0.25
         assert abs(guess.mean()) < 0.02
-        assert not np.intersect1d(guess, random_start(3, 8, 1000, 0.25)).size
-        assert not np.intersect1d(guess, random_start(4, 7, 1000, 0.25)).size
+        assert not np.intersect1d(guess, draw(3, 8, 0.25)).size
+        assert not np.intersect1d(guess, draw(4, 7, 0.25)).size
 
 
 class TestMethods:

@@ -12,7 +12,7 @@ from cg.construction.drop import drop_flow
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, check_tree
 from cg.construction.search.shapes import draw_layout
-from cg.construction.search.start import run_start, start_layout
+from cg.construction.search.start import draw_start, run_start
 from cg.construction.solvers.system import ConditionSystem
 
 FIVE = {"order": 5, "stages": 6, "seed": 1}
@@ -122,7 +122,7 @@ def test_construct_drops_flows_of_drawn_trees(tmp_path):
 def solution(order, **shape):
     result = cg.search(order=order, seed=1, **shape)
     start = next(start for start in result.starts if start.exact)
-    layout = start_layout(result.settings, start.index)
+    layout, _ = draw_start(result.settings, start.index)
     return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
 
 

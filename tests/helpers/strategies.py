@@ -26,7 +26,8 @@ def tableaux(draw, entries=dyadics, max_stages=4):
     """Draw (a, b), as lists of Fractions, of any of the patterns."""
     stages = draw(st.integers(1, max_stages))
     rows = draw(st.sampled_from(Rows))
-    lengths = Layout.tableau(stages, rows).lengths
+    layout = Layout.tableau(stages, rows)
+    lengths = [len(layout.row(r)) for r in range(stages + 1)]
     a = [
         draw(st.lists(entries, min_size=length, max_size=length))
         + [Fraction(0)] * (stages - length)

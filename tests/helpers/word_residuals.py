@@ -1,6 +1,6 @@
 """Residuals of any words in rational arithmetic."""
 
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import Condition
 from cg.support.balls import to_flint, to_fraction
 

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from van_der_pol import PLANE, START, solve, van_der_pol
 
 import cg
-from cg.construction.methods.collocation import transformation
+from cg.construction.methods.paths import transformation
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
 from cg.problems.convergence import final_errors, observed_order
 

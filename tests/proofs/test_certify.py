@@ -57,7 +57,8 @@ def perturbed(method, row, column, change):
     a = [list(entries) for entries in a]
     a[row][column] += Fraction(change)
     values = [v for r, entries in enumerate(a) for v in entries[:r]] + list(b)
-    return make_method(Layout.tableau(method.stages), values, digits=36, name=method.name)
+    texts = [cg.support.quads.to_decimal(value, 36) for value in values]
+    return make_method(Layout.tableau(method.stages), texts, name=method.name)
 
 
 class TestProofs:

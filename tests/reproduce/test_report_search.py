@@ -10,7 +10,7 @@ from report_pages import context
 
 from cg.construction.runs.store import read_store
 from cg.construction.search.random_search import search
-from cg.construction.search.start import random_start
+from cg.construction.search.shapes import start_generator
 from cg.reproduce.blocks import Table
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Settings
@@ -43,7 +43,7 @@ def test_search_uses_its_plan(tmp_path):
     }  # fmt: skip
     assert data["settings"] | expected == data["settings"]
     assert data["paper"] == {"f_double": 1e-15, "f_quad": 1e-31}
-    assert abs(random_start(0, 1, 15, 1.0)).max() <= 1
+    assert abs(start_generator(0, 1).uniform(-1.0, 1.0, 15)).max() <= 1
 
 
 def test_median_and_quartiles():

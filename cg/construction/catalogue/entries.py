@@ -4,14 +4,14 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from cg.construction.layouts.points import MethodError
-from cg.construction.methods.abscissae import read_abscissae, wrong_abscissae
-from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.coefficients import Coefficient, read_row
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
@@ -60,9 +60,32 @@ def from_entry(entry: dict[str, Any], name: str = "") -> Method:
         raise TableauError("recipe must be a text or a table with one call")
     method = _from_entry(entry)
     if c is not None:
-        for problem in wrong_abscissae(method, read_abscissae(c, method)):
+        for problem in wrong_abscissae(method, c):
             raise TableauError(problem)
     return method
+
+
+def wrong_abscissae(method: Method, c: Sequence[Any]) -> Iterator[str]:
+    """Yield a sentence for each abscissa that isn't the sum of its row, up to rounding.
+
+    MethodError unless there is one for each stage.
+    """
+    given = read_row(c, "c", method.stages, "c_{}")
+    for i, (expected, row) in enumerate(zip(given, method.exact[0], strict=True), 1):
+        total = sum(row, Fraction(0))
+        # the uncertainties of the entries add up
+        allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
+        if abs(expected.value - total) > allowed:
+            yield (
+                f"row {i} of a sums to {_short(total)}, not to c_{i} = {expected.text}: "
+                f"off by {float(total - expected.value):.3g}"
+            )
+
+
+def _short(value: Fraction) -> str:
+    # Python may be unable to write a longer one
+    text = str(value) if value.denominator.bit_length() <= 64 else ""
+    return text if 0 < len(text) <= 12 else f"{float(value):.16g}"
 
 
 def _from_entry(entry: dict[str, Any]) -> Method:

@@ -42,10 +42,6 @@ class MethodSummary:
         """Flows of a step, in brackets those with the error estimate if it needs more."""
         return str(self.flows) + f"({self.pair_flows})" * (self.pair_flows != self.flows)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return a dict that can be written as JSON."""
-        return asdict(self)
-
 
 def compute_summary(method: Method) -> MethodSummary:
     """Compute the summary of a method; for high orders it takes seconds."""
@@ -84,7 +80,7 @@ def summary_of(method: Method) -> MethodSummary:
 
 def write_summaries(path: Any) -> None:
     """Write the summaries of all methods in the catalogue to a JSON file."""
-    entries = [compute_summary(methods.read_again(name)).as_dict() for name in methods]
+    entries = [asdict(compute_summary(methods.read_again(name))) for name in methods]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cg.construction.conditions.counts import check_order
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import Condition, condition_words
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import PointTree, check_not_sums, points_of, tree_of_rows
@@ -38,8 +39,6 @@ def tree_residuals(
     tree: PointTree, order: Any, independent: bool, bits: int | None
 ) -> tuple[Any, ...]:
     """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
-    from cg.construction.conditions.systems import EquationSystem  # imports python-flint
-
     words = condition_words(check_order(order, None), check_flag("independent", independent))
     system = EquationSystem(Layout.of_tree(tree), tuple(Condition(0, word) for word in words))
     x = [weight for point in tree.points for weight in point.weights.values()]

@@ -8,11 +8,16 @@ from os import PathLike
 from typing import Any
 
 from cg.construction.catalogue import resolve_method
-from cg.construction.catalogue.entries import check_path, errors_naming, from_entry, read_entry
+from cg.construction.catalogue.entries import (
+    check_path,
+    errors_naming,
+    from_entry,
+    read_entry,
+    wrong_abscissae,
+)
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.diagnosis.correction import Correction, corrections
 from cg.construction.diagnosis.failing import FailingCondition, first_failing
-from cg.construction.methods.abscissae import read_abscissae, wrong_abscissae
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.flat import flat_order
 from cg.construction.methods.magnus import MagnusMethod
@@ -167,7 +172,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
         with suppress(MissingQuadsError):
             changes = corrections(method)
     mistakes = (
-        *wrong_abscissae(method, [] if c is None else read_abscissae(c, method)),
+        *(() if c is None else wrong_abscissae(method, c)),
         *_equal_weights(method),
         *_wrong_coefficients(method, order, flat, changes),
     )

@@ -1,86 +1,16 @@
 """A step in C: a header file."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.formats.language import Language
-from cg.construction.formats.mechanics import STEP, parts_of
-from cg.construction.formats.program import Program, identifier
-from cg.construction.formats.text import array, comment, fill, reals
+from cg.construction.formats.program import Language, Program, identifier
+from cg.construction.formats.text import array, comment, fill, reals, template
 from cg.frames.base import Frame
 from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
 from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind
-
-_TOP = """@heading@
-
-#ifndef @NAME@_H
-#define @NAME@_H
-
-#include <math.h>
-
-/* Numbers are doubles. For another type, define these macros before including this file, e.g.
-   #define @NAME@_REAL long double
-   #define @NAME@_NUMBER(x) x##L
-   #define @NAME@_MATH(function) function##l
-   The last one is for functions of math.h, which only flows of rotations need. */
-#ifndef @NAME@_REAL
-#define @NAME@_REAL double
-#define @NAME@_NUMBER(x) x
-#define @NAME@_MATH(function) function
-#endif
-"""
-
-_HEADER = (
-    _TOP
-    + """
-/* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y to f.
-   All callbacks return 0; another value ends the step, which returns that value. */
-typedef int (*@name@_f)(@NAME@_REAL t, const @NAME@_REAL *y, @NAME@_REAL *f, void *data);
-
-/* flow(v, y, data) moves the point y along the time-1 flow of the field with coefficients v. */
-typedef int (*@name@_flow)(const @NAME@_REAL *v, @NAME@_REAL *y, void *data);
-@typedef@
-@tables@
-/* Size of the work array of a step, for points of n numbers and m fields */
-#define @NAME@_WORK(n, m) (@slots@ * (n) + @rows@ * (m))
-
-/* Advances the point y, of n numbers, by a step of size h from time t.@remark@ */
-static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data, int n, int m,
-    @NAME@_REAL t, @NAME@_REAL h, @NAME@_REAL *y, @second@@NAME@_REAL *work)
-{
-    @NAME@_REAL *fields = work + @slots@ * n, *v = fields + @stages@ * m;
-    int i, k, stage, move, done = 0, status;
-    for (i = 0; i < n; i++) work[i] = y[i];
-    for (stage = 0; stage <= @stages@; stage++) {
-        int end = stage < @stages@ ? @name@_before[stage] : @moves@;
-        for (move = done; move < end; move++) {
-            const @NAME@_REAL *from = work + @name@_origin[move] * n;
-            @NAME@_REAL *to = work + @name@_target[move] * n;
-@v@            for (k = @name@_first[move]; k < @name@_first[move + 1]; k++) {
-                const @NAME@_REAL weight = h * @name@_weight[k];
-                const @NAME@_REAL *field = fields + @name@_term_stage[k] * m;
-                for (i = 0; i < m; i++)
-                    v[i] = k == @name@_first[move] ? weight * field[i] : v[i] + weight * field[i];
-            }
-            for (i = 0; i < n; i++) to[i] = from[i];
-            status = flow(v, to, data);
-            if (status) return status;
-        }
-        done = end;
-        if (stage < @stages@) {
-            status = f(t + @name@_c[stage] * h, work + @name@_slot[stage] * n, fields + stage * m,
-                data);
-            if (status) return status;
-@derivative@        }
-    }
-    for (i = 0; i < n; i++) y[i] = work[@result@ * n + i];
-@output@    return 0;
-}
-
-@flows@#endif
-"""
-)
 
 _DEXPINV = """
 /* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
@@ -130,124 +60,67 @@ _ERROR_REMARKS = {
    pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
 
-_FLOWS = """/* Points of @frame@: numbers of a point, and of its coefficients */
-enum { @NAME@_N = @n@, @NAME@_M = @m@ };
-@parts@
-/* The flow of the frame */
-static inline int @name@_frame_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
-{
-    @NAME@_REAL q[4];
-@moves@
-    (void)q; (void)data;
-    return 0;
-}
-@dexpinvs@
-"""
-
-_FRAME_DEXPINV = """
-/* dexpinv of the frame */
-static inline int @name@_frame_dexpinv(const @NAME@_REAL *u, @NAME@_REAL *v, void *data)
-{
-@changes@    (void)u; (void)v; (void)data;
-    return 0;
-}
-"""
-
-_QUATERNION = """
-/* Writes the unit quaternion (x, y, z, w) of a rotation by the vector v to q. */
-static inline void @name@_quaternion(const @NAME@_REAL *v, @NAME@_REAL *q)
-{
-    const @NAME@_REAL half = @NAME@_MATH(sqrt)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / 2;
-    const @NAME@_REAL scale = half > 0 ? @NAME@_MATH(sin)(half) / (2 * half) : @NAME@_NUMBER(0.5);
-    int i;
-    for (i = 0; i < 3; i++) q[i] = scale * v[i];
-    q[3] = @NAME@_MATH(cos)(half);
-}
-
-/* Writes the cross product of u and v to w. */
-static inline void @name@_cross(const @NAME@_REAL *u, const @NAME@_REAL *v, @NAME@_REAL *w)
-{
-    w[0] = u[1] * v[2] - u[2] * v[1];
-    w[1] = u[2] * v[0] - u[0] * v[2];
-    w[2] = u[0] * v[1] - u[1] * v[0];
-}
-"""
-
-_TURN = """
-/* Turns the quaternion with the vector part u and the scalar part w by q: from the left where side
-   is 1, from the right where it is -1. The last lines remove rounding off length one. */
-static inline void @name@_turn(const @NAME@_REAL *q, int side, @NAME@_REAL *u, @NAME@_REAL *w)
-{
-    @NAME@_REAL a[3], scalar, square = 0;
-    int i;
-    @name@_cross(q, u, a);
-    scalar = *w * q[3] - q[0] * u[0] - q[1] * u[1] - q[2] * u[2];
-    for (i = 0; i < 3; i++) u[i] = *w * q[i] + q[3] * u[i] + (side > 0 ? a[i] : -a[i]);
-    *w = scalar;
-    for (i = 0; i < 3; i++) square = square + u[i] * u[i];
-    square = (3 - (square + scalar * scalar)) / 2;
-    for (i = 0; i < 3; i++) u[i] = square * u[i];
-    *w = square * scalar;
-}
-"""
-
-_ROTATE = """
-/* Rotates vectors, the k-th of which has entries y[k * first + i * next], by q, or back where side
-   is -1; then a step towards orthonormal vectors removes rounding. */
-static inline void @name@_rotate(const @NAME@_REAL *q, int side, int count, int first, int next,
-    @NAME@_REAL *y)
-{
-    @NAME@_REAL p[3], a[3], b[3], old[9], product;
-    int i, j, k;
-    for (k = 0; k < count; k++) {
-        for (i = 0; i < 3; i++) p[i] = y[k * first + i * next];
-        @name@_cross(q, p, a);
-        @name@_cross(q, a, b);
-        for (i = 0; i < 3; i++)
-            old[3 * k + i] = p[i] + 2 * (side > 0 ? q[3] * a[i] : -q[3] * a[i]) + 2 * b[i];
-    }
-    for (k = 0; k < count; k++) {
-        for (i = 0; i < 3; i++) p[i] = 3 * old[3 * k + i] / 2;
-        for (j = 0; j < count; j++) {
-            product = 0;
-            for (i = 0; i < 3; i++) product = product + old[3 * k + i] * old[3 * j + i];
-            for (i = 0; i < 3; i++) p[i] = p[i] - product * old[3 * j + i] / 2;
-        }
-        for (i = 0; i < 3; i++) y[k * first + i * next] = p[i];
-    }
-}
-"""
-
-_ROTATION_DEXPINV = """
-/* dexpinv of rotations, from the left where side is 1, from the right where it is -1 */
-static inline void @name@_rotation_dexpinv(const @NAME@_REAL *u, int side, @NAME@_REAL *v)
-{
-    const @NAME@_REAL square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
-    const @NAME@_REAL half = @NAME@_MATH(sqrt)(square) / 2;
-    const @NAME@_REAL factor =
-        square > 0 ? (1 - half / @NAME@_MATH(tan)(half)) / square : @NAME@_NUMBER(1.0) / 12;
-    @NAME@_REAL a[3], b[3];
-    int k;
-    @name@_cross(u, v, a);
-    @name@_cross(u, a, b);
-    for (k = 0; k < 3; k++) v[k] = v[k] + (side > 0 ? -a[k] : a[k]) / 2 + factor * b[k];
-}
-"""
-
 
 def with_flows(text: str, program: Program, frame: Frame | None) -> str:
     """Return a header with the flows of a frame, or without flows."""
-    flows = "" if frame is None else _Flows(frame).text(_FLOWS, program.name, program.on_algebra)
+    flows = ""
+    if frame is not None:
+        text_of_flows = template("frame_flow.h")
+        flows = _Flows(frame).text(text_of_flows, program.name, program.on_algebra)
     return fill(text, {"flows": flows})
 
 
 def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
     """Return the header of a step of a splitting method for mechanical systems."""
     flows, name = _Flows(frame), identifier(numbers.method.name)
-    bodies = parts_of(numbers, name, frame, flows.moves, flows.turns)
+    bodies = _parts_of(numbers, name, frame, flows.moves, flows.turns)
     heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
-    text = fill(_TOP + STEP + "\n#endif\n", {"heading": heading, **bodies})
+    text = fill(template("top.h", "splitting.h"), {"heading": heading, **bodies})
     return flows.text(text, name, False)
+
+
+def _parts_of(
+    numbers: Numbers, name: str, frame: PhaseSpace, moves: Sequence[str], turns: Sequence[str]
+) -> dict[str, str]:
+    """Return the parts of a header that depend on the method and the inertia.
+
+    Blocks of the frame move along a vector v by ``moves``, and turn by a quaternion q by ``turns``.
+    """
+    if frame.gyroscopic is not None or frame.jointed:
+        raise ValueError(
+            "frame must be a phase space without gyroscopic forces, joints and constraints, got "
+            f"{frame!r}"
+        )
+    values = [numbers.decimal(value) for value in numbers.values]
+    tables = [reals(name, "d", values[::2]), reals(name, "k", values[1::2])]
+    lines, motion = [], None
+    for k, body in enumerate(frame._bodies):
+        first, size = body.vectors.start, body.vectors.stop - body.vectors.start
+        if body.sphere:
+            raise ValueError(f"frame must be a phase space without spheres, got {frame!r}")
+        if body.top is None:
+            constants, v = body.velocity(np.eye(size)), f"v[{first} + i]"
+            lines.append(f"""for (int i = 0; i < {size}; i++) {{
+        {v} = 0;
+        for (int k = 0; k < {size}; k++)
+            {v} = {v} + time * @name@_body{k}[{size} * i + k] * p[{first} + k];
+    }}
+    {moves[k]}""")
+        else:
+            constants, motion = np.concatenate([body.top[:9], body.top[18:]]), "free_motion.h"
+            lines.append(
+                f"@name@_turn_freely(@name@_body{k}, time, p + {first}, q);\n    {turns[k]}"
+            )
+        tables.append(reals(name, f"body{k}", map(repr, constants.ravel().tolist())))
+    nodes, weights = np.polynomial.legendre.leggauss(14)
+    gauss = [reals(name, "node", map(repr, (nodes[7:] ** 2).tolist()))]
+    gauss += [reals(name, "weight", map(repr, weights[7:].tolist()))]
+    return {
+        "drift": "\n".join(f"    {line}" for line in lines),
+        "tables": "\n".join(tables),
+        "stages": str(numbers.method.stages),
+        "free_motion": fill(template(motion), {"gauss": "\n".join(gauss)}) if motion else "",
+    }
 
 
 class _Flows:
@@ -289,22 +162,25 @@ class _Flows:
     def text(self, text: str, name: str, on_algebra: bool) -> str:
         """Return a text with the flows."""
         rotations = {BlockKind.SO3, BlockKind.SPHERE}
-        parts = _QUATERNION if self._kinds - {BlockKind.EUCLIDEAN} else ""
-        parts += _TURN if BlockKind.QUATERNION in self._kinds else ""
-        parts += _ROTATE if self._kinds & rotations else ""
-        if on_algebra and self._changes:
-            parts += _ROTATION_DEXPINV
+        used = {
+            "quaternion.h": bool(self._kinds - {BlockKind.EUCLIDEAN}),
+            "turn.h": BlockKind.QUATERNION in self._kinds,
+            "rotate.h": bool(self._kinds & rotations),
+            "rotation_dexpinv.h": on_algebra and bool(self._changes),
+        }
         return fill(text, {
             "moves": "\n".join(f"    {line}" for line in self.moves),
-            "dexpinvs": _FRAME_DEXPINV if on_algebra else "",
+            "dexpinvs": template("frame_dexpinv.h") if on_algebra else "",
             "changes": "".join(f"    {line}\n" for line in self._changes),
-            "parts": parts, "n": self._size, "m": self._dim, "frame": self.frame,
+            "parts": template(*(name for name, needed in used.items() if needed)),
+            "n": self._size, "m": self._dim, "frame": self.frame,
             "name": name, "NAME": name.upper(),
         })  # fmt: skip
 
 
 def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
-    numbers = {"weight": program.term_weights, "c": program.c}
+    weights = tuple(weight for move in program.moves for _, weight in move.terms)
+    numbers = {"weight": weights, "c": program.c}
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
     lines = [
@@ -320,7 +196,7 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
 
 
 C = Language(
-    _HEADER, mark="//", tables=_tables,
+    ("top.h", "step.h"), mark="//", tables=_tables,
     pair=_PAIR,
     error={"output": _ERROR, "second": "@NAME@_REAL *error, "}, remarks=_ERROR_REMARKS,
     algebra=_ALGEBRA,

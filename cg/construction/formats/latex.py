@@ -66,28 +66,24 @@ def _entries(
     """Yield rows of a tableau, abscissae (sums of `exact`) first, None for zeros of its shape."""
     packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
-    explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
     third = getattr(method, "third_weights", None)
     if third is not None:
         rows.append(list(third))
     for i, row in enumerate(rows):
-        stage = i < method.stages
-        entries = [
-            None if stage and explicit and j >= i else Coefficient.read(entry)
-            for j, entry in enumerate(row)
-        ]
-        first = None
-        if stage:
-            numbers = [Coefficient.read(entry) for entry in row]
-            total = Fraction(sum(summed[i]))
-            bits = max(x.bit_length() for x in total.as_integer_ratio())
-            if bits > _MAX_BITS or any(set(number.text) & set(".ex") for number in numbers):
-                # decimal, as the entries
-                first = Coefficient(total, to_decimal(total), Fraction(1))
-            else:
-                first = Coefficient.read(total)
-        yield [first, *entries]
+        entries = [Coefficient.read(entry) for entry in row]
+        if i >= method.stages:
+            yield [None, *entries]
+            continue
+        total = Fraction(sum(summed[i]))
+        bits = max(x.bit_length() for x in total.as_integer_ratio())
+        if bits > _MAX_BITS or any(set(entry.text) & set(".ex") for entry in entries):
+            # decimal, as the entries
+            first = Coefficient(total, to_decimal(total), Fraction(1))
+        else:
+            first = Coefficient.read(total)
+        above = len(row) - i if method.explicit else 0
+        yield [first, *entries[: len(row) - above], *[None] * above]
 
 
 def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:

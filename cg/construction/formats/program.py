@@ -7,11 +7,13 @@ chain of flows takes a single slot.
 """
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import accumulate
 
 from cg.construction.formats.digits import Numbers
+from cg.construction.formats.text import comment, fill, template
 from cg.construction.layouts.points import START, PointTree, tree_of_flat_rows
 from cg.construction.methods.munthe_kaas import MuntheKaas
 
@@ -53,11 +55,6 @@ class Program:
         """Title and source, a line each."""
         return f"{self.title}\n{self.source}" if self.source else self.title
 
-    @property
-    def term_weights(self) -> tuple[str, ...]:
-        """The weights of the terms of all moves."""
-        return tuple(weight for move in self.moves for _, weight in move.terms)
-
     def integer_tables(self) -> dict[str, list[str]]:
         """Return the integers of the moves by array."""
         tables = {
@@ -69,6 +66,48 @@ class Program:
             "term_stage": (stage for move in self.moves for stage, _ in move.terms),
         }
         return {name: list(map(str, values)) for name, values in tables.items()}
+
+
+Parts = Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Language:
+    """Templates in which each ``@key@`` is a part; parts may contain keys of later ones."""
+
+    templates: tuple[str, ...]  # names, see `text.template`, of those that follow each other
+    mark: str  # begins a comment
+    tables: Callable[[Program, Mapping[str, list[str]]], str]  # as text
+    pair: Parts  # text for methods with a second result
+    error: Parts  # text for methods with errors in the algebra,
+    remarks: Mapping[int, str]  # and the part ``remark``, by the number of errors
+    algebra: Parts  # text for methods that work in the algebra,
+    manifold: Parts = field(default_factory=dict)  # and of others: by default empty texts
+
+    def write(self, program: Program) -> str:
+        """Return the text of a file."""
+        parts: dict[str, object] = dict.fromkeys([*self.pair, *self.error, "remark"], "")
+        if program.second is not None:
+            parts |= self.pair
+        elif program.errors:
+            parts |= {**self.error, "remark": self.remarks[len(program.errors)]}
+        on_manifold = {**dict.fromkeys(self.algebra, ""), **self.manifold}
+        parts |= self.algebra if program.on_algebra else on_manifold
+        parts |= {
+            "tables": self.tables(program, program.integer_tables()),
+            "name": program.name,
+            "NAME": program.name.upper(),
+            "slots": program.slots,
+            "stages": program.stages,
+            "moves": len(program.moves),
+            "rows": program.stages + (program.slots if program.on_algebra else 1),
+            "result": program.result,
+            "second_slot": program.second or 0,
+            "errors": len(program.errors),
+            "lower": program.lower_order,
+            "heading": comment(program.heading, self.mark),
+        }
+        return fill(template(*self.templates), parts)
 
 
 def identifier(name: str) -> str:

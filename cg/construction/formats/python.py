@@ -2,67 +2,8 @@
 
 from collections.abc import Mapping
 
-from cg.construction.formats.language import Language
-from cg.construction.formats.program import Program
+from cg.construction.formats.program import Language, Program
 from cg.construction.formats.text import wrapped
-
-_MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
-
-@heading@
-
-import numpy as np
-
-@tables@
-
-def step(@call@):
-    """Return the point after a step of size h.
-
-    Parameters
-    ----------
-    f
-        ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,), or symbols of
-        CasADi.
-    flow
-        ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
-@argument@    t : float
-        Time.
-    y
-        The point, as `flow` takes it.
-    h
-        Step size.
-    """
-    points, _ = _stages(@call@)
-    return points[RESULT]
-@output@
-
-def _stages(@call@):
-    points = [y] + [None] * (SLOTS - 1)
-@coordinates@    fields = []
-    done = 0
-    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
-        _move(@moved@, h, done, count)
-        done = count
-@evaluate@
-    _move(@moved@, h, done, len(MOVES))
-    return points, fields
-
-
-def _move(@moved@, h, begin, end):
-    for origin, target, terms in MOVES[begin:end]:
-@move@
-
-
-def _array(values):
-    return values if hasattr(values, "shape") else np.asarray(values)
-
-
-def _combined(terms, fields, h):
-    total = None
-    for stage, weight in terms:
-        term = (h * weight) * fields[stage]
-        total = term if total is None else total + term
-    return total
-'''
 
 _ON_MANIFOLD = {
     "call": "f, flow, t, y, h",
@@ -146,6 +87,6 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
 
 # the docstring comes first, since Python looks for an encoding in comments of two lines
 PYTHON = Language(
-    _MODULE, mark="#", tables=_tables, pair={"output": _PAIR},
+    ("step.py",), mark="#", tables=_tables, pair={"output": _PAIR},
     error={"output": _ERROR}, remarks=_ERROR_REMARKS, algebra=_ALGEBRA, manifold=_ON_MANIFOLD,
 )  # fmt: skip

@@ -2,10 +2,19 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 
 from cg.support.parsing import visible
 
 _WIDTH = 96
+
+
+@cache
+def template(*names: str) -> str:
+    """Return the texts of files in the folder ``templates``, one after the other, for `fill`."""
+    folder = files("cg.construction.formats") / "templates"
+    return "".join((folder / f"{name}.in").read_text(encoding="utf-8") for name in names)
 
 
 def fill(template: str, parts: Mapping[str, object]) -> str:
@@ -30,8 +39,8 @@ def real(number: str) -> str:
     return number if "." in number or "e" in number else f"{number}.0"
 
 
-def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
-    """Return the entries of a list over lines of limited length, each but the last with `end`."""
+def wrapped(entries: Iterable[str], indent: str) -> str:
+    """Return the entries of a list over lines of limited length."""
     lines: list[str] = []
     line: list[str] = []
     length = 0
@@ -42,7 +51,7 @@ def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
         line.append(entry)
         length += len(entry) + 2
     lines.append(", ".join(line))
-    return f",{end}\n".join(indent + text for text in lines)
+    return ",\n".join(indent + text for text in lines)
 
 
 def array(declared: str, entries: Sequence[str]) -> str:

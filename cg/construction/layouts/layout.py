@@ -107,11 +107,6 @@ class Layout:
         """Whether there is a second result."""
         return len(self.results) > 1
 
-    @property
-    def uses_every_stage(self) -> bool:
-        """Whether each stage has a weight at some point."""
-        return {stage for row in self.weights for stage in row} == set(range(self.stages))
-
     @cached_property
     def size(self) -> int:
         """Number of unknowns."""
@@ -151,11 +146,6 @@ class Layout:
         return [
             k for m in self.path(self.ends[r]) for k in range(self.starts[m], self.starts[m + 1])
         ]
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Number of unknowns of each row."""
-        return tuple(len(self.row(r)) for r in range(len(self.ends)))
 
     @property
     def names(self) -> list[str]:

@@ -100,11 +100,6 @@ class PointTree:
                     row[stage] += weight
         return tuple(row)
 
-    @property
-    def flat_tableau(self) -> tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]:
-        """The tableau ``(a, b)`` for commuting flows: rows of the stages, row of the result."""
-        return tuple(map(self.flat_row, self.stage_points)), self.flat_row(self.result)
-
     def flows(self, ends: Iterable[int]) -> int:
         """Return the number of different flows, those with weights, on the paths to points."""
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})

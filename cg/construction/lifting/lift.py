@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -35,6 +36,8 @@ _ITERATIONS = {7: 200, 8: 350}
 _ITERATIONS_BELOW = 150
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
+
+_Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
 
 
 class LiftError(ArithmeticError):
@@ -201,10 +204,14 @@ def lift(
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),
-        improve=_check_improve(improve, order),
+        improve=check_flag("improve", improve),
     )
+    if improve and order >= MAX_ORDER:
+        raise ValueError(
+            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
+        )
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
-    solutions: list[_Solution] = []
+    solutions: list[_Solution] = []  # the one with the smallest key is the best
     best, index = np.inf, 0
     for index in range(tries):
         split, end = settings.solve(index)
@@ -217,30 +224,15 @@ def lift(
         "name": tableau.name if name is None else name,
         "source": tableau.source if source is None else source,
     }
-    for solution in sorted(solutions, key=lambda solution: (solution.key, solution.index)):
-        if (lifted := solution.lifted(names, index + 1, len(solutions))) is not None:
-            return lifted
+    for _, start, split, end in sorted(solutions, key=itemgetter(0, 1)):
+        exact = refined(split, end.x)
+        if exact.largest_residual < _EXACT:
+            return Lifted(
+                CommutatorFree.from_layout(split.layout, exact.weights, **names),
+                start, index + 1, len(solutions),
+                split.movable.size, exact.rank, exact.largest_residual,
+            )  # fmt: skip
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """A start that led to a solution; the one with the smallest key is the best."""
-
-    key: tuple[float, float]
-    index: int
-    split: SplitRows
-    end: Fit
-
-    def lifted(self, names: dict[str, str], starts: int, hits: int) -> Lifted | None:
-        """Return the refined method, or None if it isn't exact."""
-        split, exact = self.split, refined(self.split, self.end.x)
-        if not exact.largest_residual < _EXACT:
-            return None
-        return Lifted(
-            CommutatorFree.from_layout(split.layout, exact.weights, **names),
-            self.index, starts, hits, split.movable.size, exact.rank, exact.largest_residual,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -283,15 +275,7 @@ class _Settings:
             end = improved(split, end)
             error = float(np.linalg.norm(split.principal_residual(end.x)))
             key = flows * error ** (1 / self.order), 0.0
-        return _Solution(key, index, split, end)
-
-
-def _check_improve(improve: bool, order: int) -> bool:
-    if check_flag("improve", improve) and order >= MAX_ORDER:
-        raise ValueError(
-            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
-        )
-    return bool(improve)
+        return key, index, split, end
 
 
 def _check_orders(

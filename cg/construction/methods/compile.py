@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from cg.construction.conditions import MAX_ORDER, residuals
 from cg.construction.methods.estimate import error_power
 from cg.construction.methods.interpolant import (
     extension_of,
@@ -18,9 +21,10 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.paths import MethodPaths, paths_of, polynomial_paths
 from cg.construction.methods.splitting import Splitting
-from cg.construction.methods.warnings import estimate_fault
 from cg.support.arrays import Array
 from cg.tables.table import Kind, MethodTable, Output
+
+_MIN_DIFFERENCE = 1e-6  # smallest useful one of elementary weights of both results of a pair
 
 
 def compiled(method: Method) -> MethodTable:
@@ -53,13 +57,30 @@ def table_of_paths(
         kept=columns if paths.registers is None else 1,
         kept_nodes=columns if linear and method.stages > 2 else 0,
         converges=method.satisfies(1),
-        fault=estimate_fault(method) if pair else "",
+        fault=_estimate_fault(method) if pair else "",
         numbers=paths.numbers,
         arrays=paths.arrays,
         output=_output(method, paths),
         polynomial=polynomial,
         source=method,
     )
+
+
+def _estimate_fault(method: Method) -> str:
+    """Return the reason why the error estimate of a pair is unreliable, or an empty text."""
+    order, second = method.order, method.embedded_order
+    assert second is not None
+    trees = min(order, second) + 1
+    if trees <= MAX_ORDER and not isinstance(method, MagnusMethod):
+        compute = method.residuals if isinstance(method, MuntheKaas) else partial(residuals, method)
+        results = [np.array(compute(trees, embedded=second), float) for second in (False, True)]
+        if np.abs(np.subtract(*results)).max() < _MIN_DIFFERENCE:
+            return "its results nearly coincide, so that the error estimate is next to nothing"
+    if second == 0:
+        return "its second result has order 0, so that the error estimate stays large"
+    if second == order:
+        return f"both its results have order {order}, so that the error estimate may miss the error"
+    return ""
 
 
 def kind_of(method: Method) -> Kind:

@@ -76,11 +76,10 @@ from itertools import count
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from cg.construction.methods.collocation import collocation_polynomial
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.methods.paths import MethodPaths, paths_of
+from cg.construction.methods.paths import MethodPaths, collocation_polynomial, paths_of
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import rooted
 from cg.support.arrays import Array

@@ -197,7 +197,6 @@ class MagnusMethod(Method):
         compared each is followed by the rest, that of the brackets. Without a third result it is
         the difference of the exponents, if there is one.
         """
-        stages = len(self.nodes)
         third, stages = self.third_weights, len(self.nodes)
         if not self.embedded_weights or not (self.by_exponents or third):
             return ()

@@ -149,11 +149,6 @@ class MuntheKaas(Method):
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
         return self.tableau.exact_embedded
 
-    @cached_property
-    def exact_third(self) -> tuple[Fraction, ...] | None:
-        """The third weights as Fractions, shape (s,); None without."""
-        return None if self.third_weights is None else tuple(w.value for w in self.third_weights)
-
     @property
     def embedded(self) -> MuntheKaas | None:
         """The explicit method with the second weights in place of the first; None without them."""
@@ -193,7 +188,9 @@ class MuntheKaas(Method):
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
         """Weights of the error estimates: b minus the second, and b minus the third weights."""
         b = self.tableau.exact[1]
-        others = [row for row in (self.exact_embedded, self.exact_third) if row is not None]
+        others = [] if self.exact_embedded is None else [self.exact_embedded]
+        if self.third_weights is not None:
+            others.append(tuple(w.value for w in self.third_weights))
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     @property

@@ -4,23 +4,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from cg.construction.layouts.layout import Layout, check_length
-from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.tableau import Tableau
-from cg.support.quads import to_decimal
 
 
 def make_method(
-    layout: Layout, coefficients: Sequence[Any], *, digits: int | None = None, **fields: Any
+    layout: Layout, coefficients: Sequence[Any], **fields: Any
 ) -> Tableau | CommutatorFree | MagnusMethod:
-    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes.
-
-    Coefficients are rounded to `digits` significant decimals; without it, Fractions count as exact.
-    """
+    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
     check_length(coefficients, layout.size)
-    if digits is not None:
-        coefficients = [to_decimal(Coefficient.read(x).value, digits) for x in coefficients]
     points = MagnusMethod if layout.of_time else CommutatorFree
     kind = points if layout.rows is None else Tableau
     return kind.from_layout(layout, coefficients, **fields)

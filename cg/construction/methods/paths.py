@@ -29,15 +29,15 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
 from cg.construction.layouts.points import START
-from cg.construction.methods.collocation import transformation
 from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.estimate import error_power
 from cg.construction.methods.low_storage import Registers, two_registers
 from cg.construction.methods.magnus import MagnusMethod
-from cg.construction.methods.method import Method
+from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
+from cg.support.arrays import Array
 from cg.support.caches import cached
 
 _ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
@@ -111,9 +111,7 @@ class MethodPaths:
     @cached_property
     def abscissae(self) -> NDArray[np.float64]:
         """The abscissae as a read-only array."""
-        c = np.array(self.c, np.float64)
-        c.flags.writeable = False
-        return c
+        return frozen(self.c)
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -180,9 +178,12 @@ def paths_of(method: Method) -> MethodPaths:
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
     final = ends[0] if ends and method.explicit else 0
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
-    third, factor = 0, MethodPaths.factor
+    third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
+        brackets = tuple(
+            tuple(tuple(a.value for a in row) for row in pair) for pair in method.brackets
+        )
     if method.third_flow is not None:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
@@ -198,13 +199,8 @@ def paths_of(method: Method) -> MethodPaths:
     return MethodPaths(
         tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
         errors, third=third, power=error_power(method), factor=factor, blocks=blocks,
-        brackets=_brackets(method),
+        brackets=brackets,
     )  # fmt: skip
-
-
-def _brackets(method: Method) -> Brackets:
-    pairs = method.brackets if isinstance(method, MagnusMethod) else ()
-    return tuple(tuple(tuple(a.value for a in row) for row in pair) for pair in pairs)
 
 
 def _collocation_paths(method: MuntheKaas) -> MethodPaths:
@@ -215,6 +211,24 @@ def _collocation_paths(method: MuntheKaas) -> MethodPaths:
         (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
         method.error_weights, transformation(method), blocks=1,
     )  # fmt: skip
+
+
+def collocation_polynomial(c: Array) -> Array:
+    """Return the integrals of Lagrange's polynomials at nodes, of θ, θ², …: ``(powers, nodes)``."""
+    powers = np.arange(len(c))
+    return np.asarray(np.linalg.inv(c[:, None] ** powers) / (powers + 1.0)[:, None])
+
+
+def transformation(method: MuntheKaas) -> tuple[Fraction, ...]:
+    """Return the entries of ``transformation_t`` in ``fortran/steps/newton.f90``, by columns."""
+    inverse = np.linalg.inv(method.a[1:, 1:])
+    values, vectors = np.linalg.eig(inverse)
+    real, pair = np.argmin(np.abs(values.imag)), np.argmin(values.imag)
+    basis = np.column_stack([vectors[:, real].real, vectors[:, pair].real, vectors[:, pair].imag])
+    matrices = inverse, basis, np.linalg.inv(basis), collocation_polynomial(method.c[1:])
+    eigenvalues = values[real].real, values[pair].real, -values[pair].imag
+    numbers = np.concatenate([*(matrix.ravel(order="F") for matrix in matrices), eigenvalues])
+    return tuple(map(Fraction, numbers.tolist()))
 
 
 def _splitting_paths(method: Splitting) -> MethodPaths:

@@ -38,7 +38,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
     With the flat tableau, ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
     """
-    from cg.support.flint import fmpq_mat
+    from cg.support.flint import fmpq_mat, fmpq_poly
 
     _check(method)
     a, b = method.exact
@@ -47,10 +47,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     moved = matrix - fmpq_mat([row for _ in row])
 
     def reversed_characteristic(of: fmpq_mat) -> Polynomial:
-        coefficients = list(map(to_fraction, of.charpoly().coeffs()))[::-1]
-        while coefficients[-1] == 0:
-            coefficients.pop()
-        return tuple(coefficients)
+        return tuple(map(to_fraction, fmpq_poly(of.charpoly().coeffs()[::-1]).coeffs()))
 
     return reversed_characteristic(moved), reversed_characteristic(matrix)
 
@@ -68,7 +65,9 @@ def stability_limits(method: Method) -> StabilityLimits:
     unit = max(coefficient.unit for coefficient in method.coefficients)
     n, d = _reduced(numerator, denominator)
     noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
-    back_n, back_d, sizes_n, sizes_d = _mirrored(n), _mirrored(d), _sizes(n), _sizes(d)
+    sizes_n, sizes_d = _sizes(n), _sizes(d)
+    minus = type(n)([0, -1])
+    back_n, back_d = n(minus), d(minus)
     # on the real axis D² - N² = (D - N) (D + N), factors of half the degree
     sizes = sizes_n + sizes_d
     factors = [_certain(back_d - back_n, sizes, noise), _certain(back_d + back_n, sizes, noise)]
@@ -111,11 +110,6 @@ def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly,
     n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
     common = n.gcd(d)
     return n // common, d // common
-
-
-def _mirrored(p: fmpq_poly) -> fmpq_poly:
-    """Return p(-x)."""
-    return type(p)([-c if k % 2 else c for k, c in enumerate(p.coeffs())])
 
 
 def _sizes(p: fmpq_poly) -> fmpq_poly:

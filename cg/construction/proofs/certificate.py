@@ -308,22 +308,17 @@ _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?", re.ASCII)
 
 
 def _read_decimal(text: str) -> Decimal:
-    if not _PLAIN.fullmatch(text):  # what other readers of numbers don't take
-        raise _no_decimal(text)
-    value = Decimal(text)
-    _check_decimal(value)
-    return value
+    # other readers of numbers don't take all that `Decimal` does
+    value = Decimal(text) if _PLAIN.fullmatch(text) else text
+    return _check_decimal(value)
 
 
-def _check_decimal(value: Decimal) -> None:
-    if not isinstance(value, Decimal) or not value.is_finite():
-        raise _no_decimal(value)
-    if value and not 1 / _LARGEST <= value <= _LARGEST:
-        raise _no_decimal(value)
-
-
-def _no_decimal(value: object) -> CertificationError:
-    return CertificationError(
+def _check_decimal(value: object) -> Decimal:
+    if isinstance(value, Decimal) and (
+        value.is_zero() or (value.is_finite() and 1 / _LARGEST <= value <= _LARGEST)
+    ):
+        return value
+    raise CertificationError(
         f"expected a decimal number, zero or between 1e-4000 and 1e4000, got {str(value)[:80]!r}"
     )
 

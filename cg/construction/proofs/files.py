@@ -2,7 +2,6 @@
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from os import PathLike
 from pathlib import Path
 
 from cg.construction.catalogue import find_method
@@ -30,8 +29,7 @@ def certificate_of(method: Method) -> Certificate:
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
     if find_method(name) != method:
-        beside = None if method.file is None else certificate_beside(method.file, method)
-        if beside is not None:
+        if (beside := certificate_beside(method)) is not None:
             return beside
         raise CertificationError(
             f"{name or 'the method'} isn't in the catalogue"
@@ -60,10 +58,10 @@ def proved(method: Method) -> str:
         return "no"
 
 
-def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
+def certificate_beside(method: Method) -> Certificate | None:
     """Return the certificate beside the file of a method, or None; `check` proves it."""
-    path = certificate_path(Path(file))
-    if not path.is_file():
+    path = None if method.file is None else certificate_path(method.file)
+    if path is None or not path.is_file():
         return None
     certificate = Certificate.load(path)
     fitting(certificate, method)

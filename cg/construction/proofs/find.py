@@ -7,6 +7,7 @@ Jacobian well conditioned, on which the radius of Krawczyk's test depends. Nothi
 """
 
 import math
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any, NamedTuple
 
@@ -19,9 +20,9 @@ from cg.construction.proofs.dependent.orthogonality import find_relations
 from cg.construction.proofs.krawczyk import (
     KrawczykTest,
     choose_movable,
+    doubles,
     krawczyk,
     numerical_rank,
-    to_double,
 )
 from cg.construction.proofs.packed import Packed, PackedWeights
 from cg.construction.proofs.zero import check_left_out, check_places, largest_residual
@@ -44,7 +45,7 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     """
     values, derivatives = packed.system().linearise(packed.balls())
     check_places(packed, values, derivatives)
-    jacobian = to_double(derivatives)
+    jacobian = doubles(derivatives.tolist())
     outcome = _try(packed, np.array([], dtype=np.intp), jacobian)
     if isinstance(outcome, _Proved):
         return outcome.box
@@ -67,17 +68,13 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
             outcome = _try(packed, left_out, jacobian)
         if isinstance(outcome, _Proved):
             if not explained:
-                return _bounded(packed, *outcome, bits)
+                # with a bound of the conditions that are left out, a power of ten
+                largest = float(largest_residual(packed, *outcome, SMALL_PLACES, bits))
+                exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
+                return replace(outcome.box, bound=Decimal((0, (1,), exponent)))
             check_left_out(packed, *outcome, bits)
             return outcome.box
     raise CertificationError(message, **outcome)
-
-
-def _bounded(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> Box:
-    """Return a box with a bound of the conditions that are left out, a power of ten."""
-    largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
-    exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
-    return Box(box.radius, box.fixed, box.left_out, Decimal((0, (1,), exponent)))
 
 
 def _try(
@@ -100,7 +97,9 @@ def _try(
         }
         if rank < len(jacobian):
             continue
-        movable = choose_movable(jacobian * packed.preferences, candidates)
+        # exact coefficients are held if possible
+        preferences = np.where([c.unit == 0 for c in packed.coefficients], 1e-6, 1.0)
+        movable = choose_movable(jacobian * preferences, candidates)
         attempt = krawczyk(system, packed.balls(), movable)
         measures |= attempt.quantities
         if attempt.proved:

@@ -54,10 +54,9 @@ class KrawczykTest:
         }
 
 
-def to_double(matrix: flint.arb_mat) -> NDArray[np.float64]:
-    """Return the midpoints of a matrix of balls."""
-    entries = np.array([float(entry.mid()) for entry in matrix.entries()])
-    return entries.reshape(matrix.nrows(), matrix.ncols())
+def doubles(vectors: Sequence[Sequence[flint.arb]]) -> NDArray[np.float64]:
+    """Return the midpoints of vectors of balls, such as the rows of a matrix."""
+    return np.array([[float(x) for x in vector] for vector in vectors])
 
 
 def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
@@ -150,13 +149,10 @@ def enclose_zero(
 
 def max_abs(values: Sequence[flint.arb]) -> flint.arb:
     """Return an upper bound of the magnitudes of balls, infinity if one isn't finite."""
-    largest = flint.arb(0)
-    for value in values:
-        bound = abs(value).upper()
-        if not bound.is_finite():
-            return flint.arb("inf")
-        largest = bound if bound > largest else largest
-    return largest
+    bounds = [abs(value).upper() for value in values]
+    if not all(bound.is_finite() for bound in bounds):
+        return flint.arb("inf")
+    return max(bounds, default=flint.arb(0))
 
 
 def _up(value: flint.arb) -> float:

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cg.construction.conditions.systems import EquationSystem
+from cg.construction.conditions.word_weights import EquationSystem
 from cg.construction.conditions.words import (
     Condition,
     Word,
@@ -91,19 +88,9 @@ class Packed(ABC):
         omitted = set(left_out)
         return self.equations([one for one in self.conditions if one not in omitted])
 
-    @property
-    def values(self) -> list[Fraction]:
-        """The exact values."""
-        return [coefficient.value for coefficient in self.coefficients]
-
-    @property
-    def preferences(self) -> NDArray[np.float64]:
-        """How much each coefficient is preferred to be movable: exact ones are held if possible."""
-        return np.where([c.unit == 0 for c in self.coefficients], 1e-6, 1.0)
-
     def balls(self) -> list[flint.arb]:
         """Return balls, as small as the precision allows, that hold the values."""
-        return [to_ball(v) for v in self.values]
+        return [to_ball(coefficient.value) for coefficient in self.coefficients]
 
     def movable(self, box: Box) -> list[int]:
         """Return the indices of the coefficients that aren't fixed."""

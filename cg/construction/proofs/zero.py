@@ -18,7 +18,7 @@ from cg.construction.conditions.words import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import follow
-from cg.construction.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
+from cg.construction.proofs.krawczyk import KrawczykTest, doubles, enclose_zero, krawczyk, max_abs
 from cg.construction.proofs.packed import Packed, PackedWeights
 from cg.support import flint
 from cg.support.balls import to_ball, to_flint, to_fraction
@@ -97,7 +97,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
     Otherwise a solution close to wrong coefficients would pass as theirs.
     """
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
-    allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)
+    allowed = TOLERANCE_FACTOR * (np.abs(doubles(jacobian.tolist())) @ units)
     for one, value, bound in zip(packed.conditions, values, allowed, strict=True):
         if not value.abs_lower() <= float(bound):
             raise CertificationError(
@@ -110,7 +110,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
 
 def check_rational(packed: Packed) -> None:
     """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
-    residuals = packed.system().residuals(list(map(to_flint, packed.values)))
+    residuals = packed.system().residuals([to_flint(one.value) for one in packed.coefficients])
     for one, residual in zip(packed.conditions, residuals, strict=True):
         if residual != 0:
             raise CertificationError(

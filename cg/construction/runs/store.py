@@ -86,7 +86,7 @@ class Store:
             if size and (self._file.seek(size - 1), self._file.read(1)) != (size - 1, b"\n"):
                 self._file.write(b"\n")  # after a line that a killed process left incomplete
             if not begun:
-                self._write({"settings": known, "versions": _versions()})
+                self.append({"settings": known, "versions": _versions()})
         except BaseException:
             self._file.close()
             raise
@@ -96,11 +96,8 @@ class Store:
         lines = read_store(self.path, self.run)
         return {line["index"]: line for line in lines if line.pop("run") and "index" in line}
 
-    def append(self, piece: Mapping[str, Any]) -> None:
-        """Store a finished piece, which has an ``index``."""
-        self._write(piece)
-
-    def _write(self, line: Mapping[str, Any]) -> None:
+    def append(self, line: Mapping[str, Any]) -> None:
+        """Store the settings, or a finished piece, which has an ``index``."""
         body = json.dumps({"run": self.run, **line})[:-1].encode()
         data = body + _SUM + b"%d}\n" % zlib.crc32(body)
         if self._file.write(data) != len(data):

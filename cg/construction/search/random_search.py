@@ -9,16 +9,18 @@ of trees that are drawn at random with each start.
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
 from cg.construction.conditions import Rows
-from cg.construction.runs.long_run import Score
-from cg.construction.search.pipeline import Pipeline
-from cg.construction.search.random_starts import RandomStart
+from cg.construction.runs.long_run import RunOptions, Score, run_pieces
+from cg.construction.search.requirements import Requirements
 from cg.construction.search.result import SearchResult
 from cg.construction.search.settings import Settings
-from cg.construction.search.start import run_start
+from cg.construction.search.start import RandomStart, run_start
+from cg.support import quads
+from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.executors import ExecutorLike
 
 
@@ -157,8 +159,13 @@ def search(
         width=width, maxfev=maxfev, refine_below=refine_below, refine_maxfev=refine_maxfev,
         tree=tree, flows=flows, embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip
-    requirements, options = (abscissae, bound, minimise), (workers, executor, store, progress)
-    pipeline = Pipeline.checked(settings, ("starts", starts), requirements, options)
-    results = pipeline.run(run_start, RandomStart.of_fields, lambda one: Score(one.f, one.exact))
+    quads.core("cg.search")
+    starts = check_integer("starts", starts, 1, MAX_COUNT)
+    options = RunOptions.checked(workers, executor, store, progress)
+    requirements = Requirements.checked(order, abscissae, bound, minimise)
+    results = run_pieces(
+        settings, partial(run_start, settings), starts, options,
+        read=RandomStart.of_fields, score=lambda one: Score(one.f, one.exact),
+    )  # fmt: skip
     finished = tuple(sorted(results, key=attrgetter("index")))
-    return SearchResult(settings, finished, pipeline.requirements)
+    return SearchResult(settings, finished, requirements)

@@ -14,10 +14,9 @@ from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.packed import make_method
 from cg.construction.methods.tolerance import to_floats
-from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
-from cg.construction.search.start import start_layout
+from cg.construction.search.start import RandomStart, draw_start
 from cg.construction.solvers.polish import polish_zeros
 from cg.support.parallel import single_threads
 
@@ -55,7 +54,7 @@ class SearchResult:
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
         for start in self._exact():
-            layout = start_layout(self.settings, start.index)
+            layout, _ = draw_start(self.settings, start.index)
             key = tuple(round(float(entry), 8) for entry in start.x)
             if (layout, key) in seen:
                 continue

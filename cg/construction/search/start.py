@@ -1,5 +1,9 @@
 """One random start of a search: determined by its settings and index."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -8,7 +12,6 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import count, table_rows
 from cg.construction.layouts.layout import Layout
-from cg.construction.search.random_starts import Phase, RandomStart
 from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
 from cg.construction.solvers.lmdif import fit_lmdif
@@ -27,26 +30,47 @@ _SOLVED = 1e-25
 _PROMISING = 1e-11  # with trees: sum of squares below which `finish` is tried
 
 
-def start_layout(settings: Settings, index: int) -> Layout:
-    """Return the layout of a start; if it is drawn at random, by the seed and the index alone."""
-    if settings.flows is not None:
-        return _draw(settings, index)[0]
-    return settings.tree or Layout.tableau(settings.stages, settings.rows)
+@dataclass(frozen=True)
+class Phase:
+    """The result of one call of a solver."""
+
+    f: float  # sum of squared residuals, or a bound of it
+    info: int  # a `Status` or `MinimumNormStatus`
+    nfev: int  # evaluations of residuals
 
 
-def _draw(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout of a start and its random coefficients."""
+@dataclass(frozen=True)
+class RandomStart:
+    """The result of one random start, which its number `index` and the settings determine."""
+
+    index: int
+    double: Phase
+    quad: Phase | None  # None if `double` ended above `refine_below`
+    x: tuple[str, ...]  # packed coefficients, 36 digits
+    largest_residual: float  # over all order conditions, in real(16)
+    exact: bool  # whether that is rounding error
+
+    @property
+    def f(self) -> float:
+        """Final sum of squared residuals."""
+        return (self.quad or self.double).f
+
+    @classmethod
+    def of_fields(cls, fields: Mapping[str, Any]) -> RandomStart:
+        """Return the start that `dataclasses.asdict` made fields of."""
+        double, quad, x = (fields[name] for name in ("double", "quad", "x"))
+        phases = {"double": Phase(**double), "quad": None if quad is None else Phase(**quad)}
+        return cls(**{**fields, **phases, "x": tuple(x)})
+
+
+def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the layout and the random coefficients of a start, by the seed and the index alone."""
     generator = start_generator(settings.seed, index)
     if settings.flows is None:
         layout = settings.tree or Layout.tableau(settings.stages, settings.rows)
     else:
         layout = settings.tree_for(settings.flows, generator)
     return layout, draw_guess(settings.order, layout, settings.width, generator)
-
-
-def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
-    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,)."""
-    return start_generator(seed, index).uniform(-width, width, size)
 
 
 def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
@@ -61,7 +85,7 @@ def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
 @single_threads()
 def run_start(settings: Settings, index: int) -> RandomStart:
     """Run the start of a number: guess, solve in double, refine in real(16)."""
-    layout, guess = _draw(settings, index)
+    layout, guess = draw_start(settings, index)
     system = settings.system(layout)
     if settings.algorithm == "lmdif":
         double, refined, bits = _run_lmdif(settings, layout, guess)

@@ -112,7 +112,7 @@ def polish_zeros(
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
     tree = system.layout.tree(x)
     residuals = conditions.residuals(tree, system.order, independent=True, arithmetic="exact")
-    if system.embedded:
+    if system.layout.pair:
         residuals += conditions.residuals(
             tree, system.order - 1, independent=True, embedded=True, arithmetic="exact"
         )

@@ -78,7 +78,7 @@ class ConditionSystem:
             raise TypeError(f"layout must be a Layout, got {self.layout!r}")
         if self.rows is None:
             check_tree(self.layout.tree([Fraction(1)] * self.size))
-        if self.embedded and self.order < 2:
+        if self.layout.pair and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
         try:
             structure = Structure(self.structure)
@@ -119,11 +119,6 @@ class ConditionSystem:
     def rows(self) -> Rows | None:
         """The pattern of a tableau; None for other methods."""
         return self.layout.rows
-
-    @property
-    def embedded(self) -> bool:
-        """Whether there is a second result, of order q - 1."""
-        return self.layout.pair
 
     @property
     def size(self) -> int:
@@ -168,7 +163,7 @@ class ConditionSystem:
             return len(trees)
         remaining = _REMAINING[self.structure]
         assumptions = int(self.structure) * (self.stages - 2)
-        second = sum(_REMAINING[1][: self.order - 1]) if self.embedded else 0
+        second = sum(_REMAINING[1][: self.order - 1]) if self.layout.pair else 0
         return sum(remaining[: self.order]) + second + assumptions
 
     def moving(self, movable: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
@@ -182,7 +177,7 @@ class ConditionSystem:
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""
         trees = condition_trees(self.order, independent)
-        second = condition_trees(self.order - 1, independent) if self.embedded else ()
+        second = condition_trees(self.order - 1, independent) if self.layout.pair else ()
         owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]
         owner += [ConditionOwner.SECOND_RESULT] * len(second)
         trees = (*trees, *second)

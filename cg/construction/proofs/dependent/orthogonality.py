@@ -35,7 +35,8 @@ from cg.construction.conditions.words import (
 from cg.construction.layouts.layout import Layout
 from cg.construction.proofs.dependent.pairings import Pairing, pairings
 from cg.construction.proofs.dependent.reduction import Reduction
-from cg.construction.proofs.dependent.spanned import Spanned, doubles, independent_rows
+from cg.construction.proofs.dependent.spanned import Spanned, independent_rows
+from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.balls import to_ball, working_precision
 
@@ -112,10 +113,6 @@ class _Relations:
         self._products: dict[tuple[int, int, int], _Doubles] = {}
         self.span: _Doubles = np.zeros((0, len(self.conditions)))
 
-    @cached_property
-    def _pairings(self) -> tuple[Pairing, Pairing]:
-        return pairings(self._layout, self._orders, self._y)
-
     def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice]:
         """Choose independent relations; if conditions are given, independent in these."""
         chosen: list[_Choice] = []
@@ -155,7 +152,7 @@ class _Relations:
     def _spanned(self) -> Iterator[Spanned]:
         """Yield contexts and letters that fill all places, and have more."""
         seen: set[tuple[Any, ...]] = set()
-        for which, pairing in enumerate(self._pairings):
+        for which, pairing in enumerate(pairings(self._layout, self._orders, self._y)):
             degrees = np.array([u.degree for u in pairing.contexts])
             rows = np.array([u.row for u in pairing.contexts])
             sizes = np.array([c.degree for c in pairing.columns])

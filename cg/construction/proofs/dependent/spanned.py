@@ -9,7 +9,6 @@ leads to no relation, never to a wrong one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions.words import reciprocal_density
 from cg.construction.proofs.dependent.pairings import Pairing
+from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.balls import to_flint
 
@@ -126,8 +126,3 @@ def independent_rows(rows: _Doubles) -> list[int]:
             span = np.vstack([span, rest / left])
             chosen.append(k)
     return chosen
-
-
-def doubles(vectors: Sequence[Sequence[flint.arb]]) -> _Doubles:
-    """Return the midpoints of vectors of balls."""
-    return np.array([[float(x) for x in vector] for vector in vectors])
