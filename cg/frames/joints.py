@@ -258,13 +258,15 @@ class Linkage:
     def errors(self, y: Array, relative: bool = False) -> Array:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
 
-        If ``relative``, in the sizes of the terms of which they are sums.
+        If ``relative``, in the sizes of the terms of which they are sums; of bodies that hardly
+        move in those of the constraints, in a unit of time.
         """
         rows = _rows(y)
         found = np.zeros((4, len(rows), self.count))
         if len(rows):  # no array may be empty
             self._core.joints_errors(self.address, rows.T, *(part.T for part in found))
         if relative:
+            found[3] = np.maximum(found[3], found[2])
             found[:2] /= np.maximum(found[2:], np.finfo(float).tiny)
         return np.concatenate(list(found[:2]), axis=-1).reshape(*y.shape[:-1], 2 * self.count)
 
