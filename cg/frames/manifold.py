@@ -152,7 +152,7 @@ class Manifold(ABC):
             return f"; {error}"
         if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
             return ""
-        argument = name.partition("[")[0]
+        argument = "it" if "(" in name else name.partition("[")[0]
         return f"; frame.project({argument}) is the nearest point"
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:

@@ -371,11 +371,12 @@ def _read_members(
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
+    jointed = isinstance(frame, PhaseSpace) and frame.jointed
+    if jointed and options["inertia"] is not None:  # before points are checked with that of frame
+        raise ValueError(f"inertia must be None with joints, got {short(options['inertia'])}")
     points, numbers = check_points(plan, y0, options["parameters"], many)
-    if isinstance(frame, PhaseSpace) and frame.jointed:
+    if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
-        if options["inertia"] is not None:
-            raise ValueError(f"inertia must be None with joints, got {short(options['inertia'])}")
     if many and len(points) == 1 and inputs is not None:
         points, numbers = _broadcast(points, numbers, inputs)
     if options["inertia"] is not None:
