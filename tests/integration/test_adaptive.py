@@ -242,3 +242,26 @@ def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, function):
         actual = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), events=event)
         assert (actual.status, len(actual.t_events[0])) == (status, 1)
         assert actual.y_events[0] == pytest.approx(100.0)
+
+
+def test_a_pair_may_advance_its_second_result():
+    given = cg.methods["DOP853"]
+    points = zip((p.parent for p in given.tree.points), given.point_coefficients, strict=True)
+    tree = given.tree
+    exchanged = cg.CommutatorFree(
+        points, tree.stage_points, tree.embedded_result, embedded_result=tree.result,
+        third=given.third_weights,
+    )  # fmt: skip
+    assert (exchanged.order, exchanged.embedded_order) == (5, 8)
+    f = lambda t, y: np.array([np.sin(t), np.cos(3.0 * t), 0.5 * y[0, 1]])
+    trials = [
+        Step(f, cg.frames.SO3(), method).trial(0.2, np.eye(3), 0.7, 1e-6, 1e-6)
+        for method in (given, exchanged)
+    ]
+    np.testing.assert_allclose(trials[1][0], trials[0][0], rtol=0, atol=1e-15)
+    assert trials[1][1] == pytest.approx(trials[0][1], rel=1e-6)
+    runs = [
+        cg.solve_ivp(f, (0, 5), np.eye(3), frame=cg.frames.SO3(), method=method, rtol=1e-6)
+        for method in (given, exchanged)
+    ]
+    assert abs(runs[1].nfev - runs[0].nfev) < 0.1 * runs[0].nfev

@@ -169,17 +169,17 @@ class CommutatorFree(Method):
 
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Differences of quadratures of the result from two others; empty without third weights.
+        """Differences of quadratures of the result that advances from two others.
 
-        They are those of results where flows commute.
+        They are those of results where flows commute. Empty without third weights.
         """
         if self.third_weights is None or self.tree.embedded_result is None:
             return ()
-        sums = self.tree.flat_row(self.tree.result)
-        others = (
-            self.tree.flat_row(self.tree.embedded_result),
-            [w.value for w in self.third_weights],
-        )
+        results = self.tree.result, self.tree.embedded_result
+        sums, other = map(self.tree.flat_row, results)
+        if (self.embedded_order or 0) > self.order:
+            sums, other = other, sums
+        others = other, [w.value for w in self.third_weights]
         return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
 
     @property
