@@ -368,7 +368,8 @@ def step_by_step(case: Case) -> None:
     code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
     plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
     run = case.run(code)
-    stops = (*case.path.task.breakpoints, *case.path.task.knots)
+    grid = np.linspace(*case.path.task.span, int(case.program.steps) + 1)
+    stops = (*case.path.task.breakpoints, *case.path.task.knots, *grid)
     met = any(abs(t - stop) < 1e-9 * case.length for t in case.path.jumps for stop in stops)
     # a stepper keeps the interpolant of a step at whose end the solution jumps
     same(plain, run["s"], EVENTS if met else (*EVENTS, *CALLS, "nrejected"), code)
