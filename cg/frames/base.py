@@ -244,7 +244,7 @@ class Frame(Manifold, FieldAlgebra):
         y = self._points(points, "points")
         if y.ndim != 1 + len(self.point_shape) or not len(y):
             shape = ", ".join(map(str, self.point_shape))
-            raise ValueError(f"points must have the shape (n, {shape}), got {y.shape}")
+            raise ValueError(f"points must have shape (n, {shape}) with n > 0, got {y.shape}")
         w = np.ones(len(y)) if weights is None else real_array(weights, "weights")
         if w.shape != (len(y),) or not (np.isfinite(w).all() and w.sum() > 0.0):
             raise ValueError(

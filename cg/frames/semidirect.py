@@ -110,7 +110,7 @@ class Semidirect(MatrixGroup):
         finite = np.isfinite(vector).all(axis=-1, keepdims=True)
         _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
         columns = np.linalg.solve(average, difference[..., :n, n:])
-        flat = columns.mT.reshape(*difference.shape[:-2], -1)
+        flat = columns.mT.reshape(*difference.shape[:-2], n * self.copies)
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -128,7 +128,7 @@ class Semidirect(MatrixGroup):
             columns = self.group._quotient(linear, columns)
         else:
             columns = columns - self.group.algebra(v) @ y[..., :n, n:]
-        return np.concatenate([v, columns.mT.reshape(*v.shape[:-1], -1)], axis=-1)
+        return np.concatenate([v, columns.mT.reshape(*v.shape[:-1], n * self.copies)], axis=-1)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` with its linear part restored and the constant rows exact."""

@@ -57,7 +57,7 @@ def rotations_of(
             )
         if at is not None and y.sol is not None:
             times, points = at, np.asarray(y.sol(at))
-        rotations = _of_frame(frame, points)
+        rotations = rotations_on(frame, points)
         if rotations is None:
             raise ValueError(f"{name} must be a solution with rotations, got one on {frame!r}")
     elif is_rotation(y):
@@ -75,19 +75,19 @@ def rotations_of(
             raise ValueError(
                 f"{name} must hold points of {frame!r}; the farthest is {distance:.3g} away"
             )
-        rotations = _of_frame(frame, points)
+        rotations = rotations_on(frame, points)
     if rotations is None or rotations.single or len(rotations) == 0:
         raise ValueError(f"{name} must hold rotations at one or more times, got {y!r}")
     return rotations, times
 
 
-def _of_frame(frame: Frame, y: Any) -> Rotation | None:
+def rotations_on(frame: Frame, y: Any) -> Rotation | None:
     """Return the rotations of points of a frame, or None if it has none."""
     if isinstance(frame, UnitQuaternion) or (isinstance(frame, SO) and frame.n == 3):
         return frame.as_rotation(y)
     if isinstance(frame, SE3):
         return SO(3).as_rotation(y[..., :3, :3])
     if isinstance(frame, Product):
-        parts = map(_of_frame, frame.factors, frame.split(y))
+        parts = map(rotations_on, frame.factors, frame.split(y))
         return next((part for part in parts if part is not None), None)
     return None

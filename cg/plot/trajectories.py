@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.plot.drawn_rotations import POINTS, drawn_rotations, rotations_of
+from cg.plot.drawn_rotations import POINTS, drawn_rotations, rotations_of, rotations_on
 from cg.plot.style import COLOURS, axes_for, check_label, check_stored
 from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
@@ -100,42 +100,45 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
 
 
 def _paths(
-    y: Any, convert: Callable[[Any], NDArray[np.float64]] | None = None
+    y: Any, convert: Callable[[Any, Any], NDArray[np.float64]] | None = None
 ) -> list[NDArray[np.float64]]:
     """Return the paths of vectors of a solution, of each member, or of an array."""
     check_stored(y, "y")
-    frame, dense = getattr(y, "frame", None), getattr(y, "sol", None)
+    frame = getattr(y, "frame", None)
+    if isinstance(frame, Frame) and np.ndim(y.y) > 1 + len(frame.point_shape):
+        return [path for k in range(len(y.status)) for path in _paths(y[k], convert)]
     if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
         y = np.array([state.full().squeeze() for state in y])
-    points = np.asarray(getattr(y, "y", y))
-    members = isinstance(frame, Frame) and points.ndim > 1 + len(frame.point_shape)
-    if dense is not None and not members:
-        points = np.asarray(dense(np.linspace(y.t[0], y.t[-1], POINTS)))
-    found = []
-    for path in np.moveaxis(points, 1, 0) if members else [points]:
-        check_finite(
-            path[np.isfinite(path).reshape(len(path), -1).all(1)] if members else path, "y"
-        )
-        found.append((convert or _vectors)(path))
-    return found
+    if getattr(y, "sol", None) is not None:
+        points = np.asarray(y.sol(np.linspace(y.t[0], y.t[-1], POINTS)))
+    else:
+        points = np.asarray(getattr(y, "y", y))
+    check_finite(points, "y")
+    return [(convert or _vectors)(points, frame)]
 
 
-def _vectors(points: Any) -> NDArray[np.float64]:
+def _vectors(points: Any, frame: Any) -> NDArray[np.float64]:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
     if points.ndim == 2 and points.shape[1:] == (3,) and len(points):
         return real_array(points, "y")
-    if points.shape[1:] in ((3, 3), (4,)) and len(points):
-        return rotations_of(points)[0].apply([0.0, 0.0, 1.0])
-    raise ValueError(
-        f"y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got {points.shape}"
-    )
+    rotations = None
+    if isinstance(frame, Frame):
+        rotations = rotations_on(frame, points)
+    elif points.shape[1:] in ((3, 3), (4,)) and len(points):
+        rotations = rotations_of(points)[0]
+    if rotations is None:
+        raise ValueError(
+            f"y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got {points.shape}"
+            + (f" on {frame!r}" if isinstance(frame, Frame) else "")
+        )
+    return rotations.apply([0.0, 0.0, 1.0])
 
 
-def _bloch_vectors(states: Any) -> NDArray[np.float64]:
+def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
     """Return the Bloch vectors of states or propagators, shape ``(n, 3)``."""
     shape = states.shape[1:]
     if np.isrealobj(states) and shape not in ((2,), (2, 2)):
-        return _vectors(states)
+        return _vectors(states, frame)
     if shape not in ((2,), (2, 2), (4,)) or not len(states):
         raise ValueError(
             "y must hold states of shape (n, 2), (n, 2, 2) or, complex, (n, 4), or vectors, got "
@@ -143,9 +146,18 @@ def _bloch_vectors(states: Any) -> NDArray[np.float64]:
         )
     if shape == (4,):
         states = states.reshape(-1, 2, 2)
-    is_density = states.ndim == 3 and np.allclose(np.trace(states, axis1=1, axis2=2), 1.0)
-    if not (is_density and np.allclose(states, states.conj().swapaxes(1, 2))):
-        kets = states if states.ndim == 2 else states[:, :, 0]
+    kets = states
+    if states.ndim == 3:
+        adjoint, kets = states.conj().mT, states[:, :, 0]
+        traces = np.trace(states, axis1=1, axis2=2)
+        if np.allclose(states, adjoint) and np.allclose(traces, 1.0):
+            kets = None
+        elif not np.allclose(adjoint @ states, np.eye(2)):
+            raise ValueError(
+                "y must hold density matrices, Hermitian with trace one, or unitary matrices, got "
+                f"one of trace {traces[np.argmax(np.abs(traces - 1.0))]:.6g}"
+            )
+    if kets is not None:
         states = kets[:, :, None] * kets[:, None, :].conj()
     upper = 2 * states[:, 0, 1].conj()
     return np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)

@@ -189,3 +189,13 @@ def test_projection_is_advised_where_there_is_one(frame, y, projects):
     with pytest.raises(ValueError, match="y0 must be a point of") as error:
         frame.check_point(y, name="y0")
     assert str(error.value).endswith("; frame.project(y0) is the nearest point") == projects
+
+
+@pytest.mark.parametrize(
+    "frame", [SE3(), Semidirect(SO3(), 2), Semidirect(SO(4), 1), Semidirect(GL(2), 1)], ids=repr
+)
+def test_no_points_have_no_coordinates(frame):
+    y = frame.random_point(np.random.default_rng(0), 0)
+    for function in (frame.coefficients, frame.exp_coordinates, frame.difference):
+        assert function(y, y).shape == (0, frame.dim)
+    refuses(ValueError, "with n > 0", frame.mean, y)

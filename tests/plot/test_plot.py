@@ -228,3 +228,50 @@ class TestAttitude:
         np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
         assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
         assert ax.get_yscale() == "log"
+
+
+class TestPaths:
+    def path(self, y, draw=cg.plot.trajectory_on_sphere, line=0):
+        return np.array(draw(y).get_lines()[line].get_data_3d()).T
+
+    @pytest.mark.parametrize("draw", [cg.plot.trajectory_on_sphere, cg.plot.bloch])
+    @pytest.mark.parametrize("dense", [True, False])
+    def test_quaternions_are_read_as_their_frame_says(self, draw, dense):
+        quaternions = cg.frames.UnitQuaternion
+        for frame in (quaternions(), quaternions(scalar_first=True), cg.frames.SO3("space")):
+            run = cg.solve_ivp(
+                lambda t, y: [1.0, 0.3, 0.0], (0, 1), frame.random_point(np.random.default_rng(0)),
+                frame=frame, dense_output=dense,
+            )  # fmt: skip
+            expected = frame.as_rotation(run.y[[0, -1]]).apply([0.0, 0.0, 1.0])
+            assert np.abs(self.path(run, draw)[[0, -1]] - expected).max() < 1e-12
+
+    def test_points_of_other_frames_are_no_rotations(self):
+        sphere = cg.frames.Sphere(3)
+        run = cg.solve_ivp(lambda t, y: [1.0, 0, 0, 0, 0, 0], (0, 1), [1.0, 0, 0, 0], frame=sphere)
+        refuses(ValueError, r"\(n, 4\) of rotations, got \(\d+, 4\) on Sphere", self.path, run)
+
+    def test_members_are_drawn_between_their_steps_and_up_to_their_ends(self):
+        def f(t, y, p):
+            return [0.2, 0.0, 1.0 + y[0] if p[0] < 2 or t < 5 else np.nan]
+
+        with pytest.warns(UserWarning, match="Failure of 1 of 2"):
+            runs = cg.solve_ensemble(
+            f, (0, 10), [1.0, 0, 0], frame=cg.frames.Sphere(2), parameters=[[1.0], [3.0]],
+            rtol=1e-6, dense_output=True,
+        )  # fmt: skip
+        assert runs.status.tolist() == [0, -1]
+        for draw in (cg.plot.trajectory_on_sphere, cg.plot.bloch):
+            for k in range(2):
+                path = self.path(runs, draw, k)
+                exact = runs[k].sol(np.linspace(0, runs[k].t[-1], 300))
+                distances = np.linalg.norm(path[:, None] - exact, axis=-1)
+                assert distances.min(0).max() < 0.02
+                assert distances.min(1).max() < 0.1
+        assert runs[1].t[-1] < 5.01
+
+    def test_matrices_are_densities_or_unitary(self):
+        densities = np.array([[[0.5, -0.5j], [0.5j, 0.5]]] * 3)
+        assert np.abs(self.path(densities, cg.plot.bloch)[0] - [0.0, 1.0, 0.0]).max() < 1e-12
+        densities[2] *= 0.9
+        refuses(ValueError, "got one of trace 0.9", cg.plot.bloch, densities)
