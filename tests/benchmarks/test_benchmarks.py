@@ -17,7 +17,7 @@ def _importable():
     sys.path.remove(str(ROOT))
 
 
-@pytest.mark.parametrize("projected", [True, False])
+@pytest.mark.parametrize("projected", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_projected_dop853_solves_all_cases(projected):
     from benchmarks.cases import cases
     from benchmarks.projected import integrate

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from jax_setup import diffrax, jax
 from refusals import refuses
+from slow_cases import slow
 
 import cg
 from cg.frames import SE3, SO3, Sphere
@@ -35,7 +36,9 @@ def batch(number, *arguments, **options):
     return jax.jit(jax.vmap(lambda key: solve(key, *arguments, **options)))(keys)
 
 
-@pytest.mark.parametrize(("g", "noises", "order"), [(single, 1, 1.0), (isotropic, 3, 0.5)])
+@pytest.mark.parametrize(("g", "noises", "order"), [
+    (single, 1, 1.0), *slow((isotropic, 3, 0.5))
+])  # fmt: skip
 def test_strong_orders(g, noises, order):
     exact = batch(200, 256, g, noises)
     errors = []

@@ -9,14 +9,14 @@ from tests.model.compare import check
 from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
 
-COUNT = 25  # programs in one test
+COUNT = 10  # programs in one test
 
 
-@pytest.mark.parametrize("part", range(16))
+@pytest.mark.parametrize("part", range(40))
 def test_programs(part):
     outcomes = run(0, range(COUNT * part, COUNT * (part + 1)), shrink=False)
     assert not outcomes["failed"], "printed above"
-    assert outcomes["compared"] > 0.7 * COUNT
+    assert outcomes["compared"] >= 0.5 * COUNT
 
 
 def test_output_does_not_change_which_events_are_found():
