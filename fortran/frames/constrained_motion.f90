@@ -63,32 +63,30 @@ contains
   end function opening
 
   ! Whether an iteration has closed all joints, up to rounding: of the constraints, or of what
-  ! they are computed from, where a further iteration brings nothing. Points that have moved by far
-  ! more than the system's size have diverged.
-  logical function is_closed(c, start, last)
-    type(constraints_t), intent(in) :: c, start        ! start: where the iteration has begun
-    real(wp), intent(inout) :: last                    ! the opening before; huge at first
-    real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp, far = 30
+  ! they are computed from, where a further iteration brings nothing.
+  logical function is_closed(c, last)
+    type(constraints_t), intent(in) :: c
+    real(wp), intent(inout) :: last          ! the opening before; huge at first
+    real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
 
     associate (now => opening(c, merge(c%size, c%least, c%size > 0)), &
                near => opening(c, max(c%size, c%least)))
       is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
-      associate (before => maxval(max(start%size, start%least)))
-        if (before > 0 .and. maxval(c%size) > far * before) is_closed = .false.
-      end associate
       last = now
     end associate
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the
-  ! momenta that would open them.
+  ! momenta that would open them. Points that have moved by far more than the size of the system have
+  ! diverged.
   subroutine close_joints(frame, y, status)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, intent(out) :: status
     integer, parameter :: iterations = 50
-    type(constraints_t) :: c, start
-    real(wp) :: v(frame%dimension), last
+    real(wp), parameter :: far = 30
+    type(constraints_t) :: c
+    real(wp) :: v(frame%dimension), last, size_before
     real(wp), allocatable :: x(:)
     integer :: i, j
 
@@ -97,11 +95,12 @@ contains
       do i = 1, iterations
         call constraints_at(frame, y, 1, c, status)
         if (status /= finished) return
-        if (i == 1) start = c
-        if (is_closed(c, start, last)) then
+        if (i == 1) size_before = maxval(max(c%size, c%least))
+        if (is_closed(c, last)) then
           do j = 1, 2                                  ! the second time what is left by rounding
             call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
           end do
+          if (size_before > 0 .and. maxval(c%size) > far * size_before) status = joints_not_solved
           if (.not. axes_coincide(linkage, frame%blocks, y)) status = joints_not_solved
           return
         end if

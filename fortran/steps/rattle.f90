@@ -109,7 +109,7 @@ contains
             ahead%size(linkage%rows + 1:) = here%size(linkage%rows + 1:)
             ahead%least(linkage%rows + 1:) = here%least(linkage%rows + 1:)
           end if
-          if (is_closed(ahead, here, last)) exit
+          if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit
           call solve_constraints(linkage, here, ahead%g)
           change(:, i) = -ahead%g / time

@@ -362,3 +362,15 @@ def test_starts_with_redundant_constraints_are_refused():
     y0[3] = 1.0
     message = "rank 1 of 2 at y0"
     refuses(ValueError, message, cg.solve_ivp, lambda t, y: np.zeros(6), (0, 1), y0, frame=frame)
+
+
+@pytest.mark.parametrize("method", ["RATTLE", "RATTLE4", "DOP853"])
+def test_free_bodies_may_move_by_many_lengths_in_a_step(method):
+    joint = Joint("ball", (0, [0, 0, 0.05]), (1, [0, 0, -0.05]))
+    frame = PhaseSpace(BODIES, joints=[joint])
+    at = np.array([[*np.eye(3).ravel(), 0, 0, z] for z in (-0.05, 0.05)])
+    y0 = frame.join(at.ravel(), np.tile([0.0, 0.0, 0.0, 1e4, 0.0, 0.0], 2))
+    options = {} if method == "DOP853" else {"h": 0.1}
+    run = cg.solve_ivp(lambda t, y: np.zeros(12), (0, 1), y0, frame=frame, method=method, **options)
+    places = frame.split(run.y[-1])[0].reshape(2, 12)[:, 9:]
+    np.testing.assert_allclose(places, [[1e4, 0, -0.05], [1e4, 0, 0.05]], rtol=0, atol=1e-8)
