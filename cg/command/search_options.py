@@ -53,9 +53,27 @@ class _Value(click.ParamType):  # type: ignore[type-arg]
         return (name, number) if equals else self.fail(f"{value!r} isn't NAME=VALUE", param)
 
 
+class _Bound(click.ParamType):  # type: ignore[type-arg]
+    """A bound on all magnitudes, or a name and its interval, of which an end may be left out."""
+
+    name = "X|NAME=LOWER:UPPER"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        name, equals, interval = value.rpartition("=")
+        try:
+            ends = [float(end) if end else None for end in interval.split(":")]
+        except ValueError:
+            ends = []
+        if len(ends) != 1 + bool(equals):
+            self.fail(f"{value!r} isn't a number or NAME=LOWER:UPPER", param)
+        return (name, ends) if equals else ends[0]
+
+
 _SPECIAL: dict[str, dict[str, Any]] = {
     "abscissae": {"type": float, "nargs": 2, "metavar": "LOWER UPPER"},
     "algorithm": {"type": click.Choice(ALGORITHMS), "help": "How starts are solved."},
+    "bound": {"type": _Bound(), "multiple": True},
+    "nonnegative": {"type": str, "multiple": True, "metavar": "NAME"},
     "hold": {"type": _Value(), "multiple": True,
              "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
     "minimise": {"type": click.Choice(OBJECTIVES)},
@@ -127,4 +145,10 @@ def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
         if tree is None:
             raise click.UsageError("Missing option '--stages', or '--tree'.")
         stages = tree.stages
-    return {**options, "stages": stages, "hold": dict(options["hold"]) or None}
+    arguments = {**options, "stages": stages, "hold": dict(options["hold"]) or None}
+    if "bound" in options:
+        numbers = [one for one in options["bound"] if isinstance(one, float)]
+        if numbers and len(options["bound"]) > 1:
+            raise click.UsageError("--bound: give one number, or intervals by name.")
+        arguments["bound"] = numbers[0] if numbers else dict(options["bound"]) or None
+    return arguments

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -18,7 +18,6 @@ from cg.construction.candidate import (
     solved,
     to_method,
 )
-from cg.construction.conditions import count
 from cg.construction.drop import drop_flow, fixed_entries, solve_start
 from cg.construction.eliminate import eliminate, walk
 from cg.construction.layouts.layout import Layout
@@ -59,7 +58,7 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
     else:
         spread = max(0, settings.first_stages - settings.stages)
         stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-        layout = Layout.tableau(stages)
+        layout = Layout.tableau(stages, pair=settings.embedded)
     guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
     if settings.flows is not None:
@@ -85,15 +84,15 @@ def random_candidate(
     x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
     x[fixed_entries(system)] = random.uniform(*_FIXED)
     if system.structure is Structure.MIDDLE:
-        _to_the_middle(x, system.stages)
+        _to_the_middle(x, system.layout.row(system.stages), system.stages)
     return Candidate(system, x)
 
 
-def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:
+def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) -> None:
     """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
-    b = x[-stages:]
+    b = x[weights]
     b[2:] += (1 - b.sum()) / (stages - 2)
-    ends = np.cumsum(b)
+    x[weights], ends = b, np.cumsum(b)
     for row in range(2, stages):
         entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
         x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
@@ -133,13 +132,13 @@ def acceptable(settings: Settings, candidate: Candidate) -> bool:
         return False
     if settings.embedded and candidate.estimate < _MIN_ESTIMATE:
         return False
-    return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
+    return not settings.full_rank or candidate.rank == candidate.system.equations
 
 
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
     x = np.array(attempt.x, dtype=np.float64)
-    layout = attempt.tree or Layout.tableau(attempt.stages)
+    layout = attempt.tree or Layout.tableau(attempt.stages, pair=settings.embedded)
     candidate = requirements.improve(Candidate(settings.system(layout), x))
     if candidate is None:
         return None

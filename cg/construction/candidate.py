@@ -87,8 +87,8 @@ class Candidate:
     def estimate(self) -> float:
         """Norm of the order-q residuals of the second result: the size of the estimate."""
         layout = self.system.layout
-        if not layout.pair or layout.rows is not None:
-            raise ValueError("candidate must be a pair of points")
+        if not layout.pair:
+            raise ValueError("candidate must be a pair")
         second = replace(layout, results=layout.results[1:])
         values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
         return float(np.linalg.norm(values[count(self.system.order - 1) :]))

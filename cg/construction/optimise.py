@@ -23,6 +23,21 @@ _MAX_STEP = 1.0
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``."""
+
+    rows: NDArray[np.float64]  # shape (m, size)
+    lower: NDArray[np.float64] | float
+    upper: NDArray[np.float64] | float
+
+    def beyond(self, x: NDArray[np.float64], weight: float = 1.0) -> Terms:
+        """Return by how much sums are beyond their bounds, times a weight, and derivatives."""
+        sums = self.rows @ x
+        beyond = np.maximum(sums - self.upper, 0) + np.minimum(sums - self.lower, 0)
+        return weight * beyond, weight * self.rows * (beyond != 0)[:, None]
+
+
 @dataclass(frozen=True)
 class Goals:
     """Weights of the terms of the objective, a sum of squares.
@@ -39,6 +54,8 @@ class Goals:
         Interval that the abscissae should lie in.
     bound, bound_weight
         Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
+    limits, limits_weight
+        Bounds on sums of coefficients, and weight of the amounts beyond them.
 
     Examples
     --------
@@ -54,9 +71,12 @@ class Goals:
     interval: tuple[float, float] = (0.0, 1.0)
     bound: float = 1.5
     bound_weight: float = 0.0
+    limits: Limits | None = None
+    limits_weight: float = 30.0
 
     def __post_init__(self) -> None:
-        for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
+        weights = ("principal_error", "coefficients", "abscissae", "bound_weight", "limits_weight")
+        for name in (*weights, "bound"):
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
         object.__setattr__(self, "interval", check_interval("interval", self.interval))
 
@@ -167,14 +187,13 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
             (goals.coefficients * np.sign(x) * np.abs(x) ** 3, goals.coefficients * np.diag(slope))
         )
     if goals.bound_weight:
-        beyond = np.maximum(np.abs(x) - goals.bound, 0)
-        sign = np.where(beyond > 0, np.sign(x), 0.0)
-        parts.append((goals.bound_weight * beyond, goals.bound_weight * np.diag(sign)))
+        limits = Limits(np.eye(x.size), -goals.bound, goals.bound)
+        parts.append(limits.beyond(x, goals.bound_weight))
     if goals.abscissae:
-        lower, upper = goals.interval
-        c, sums = candidate.abscissae, candidate.row_sums
-        beyond = np.maximum(c - upper, 0) + np.minimum(c - lower, 0)
-        parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
+        limits = Limits(candidate.row_sums, *goals.interval)
+        parts.append(limits.beyond(x, goals.abscissae))
+    if goals.limits is not None:
+        parts.append(goals.limits.beyond(x, goals.limits_weight))
     if not parts:
         raise ValueError("goals must have at least one weight that isn't zero")
     jac, held = np.concatenate([j for _, j in parts]), candidate.system.held

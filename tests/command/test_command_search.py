@@ -54,15 +54,18 @@ def test_arguments(arguments_of, tmp_path):
     passed = arguments_of(
         "search --order 4 --stages 3 --rows diagonal --algorithm lmdif --width 0.5 --maxfev 70 "
         "--refine-below 1e-12 --workers 1 --force --quiet --processes --abscissae 0 1 --bound 2 "
-        "--minimise principal_error --hold c[2]=1/2 --hold b[2]=0"
+        "--minimise principal_error --hold c[2]=1/2 --hold b[2]=0 --nonnegative a"
     )
     expected = {
         "rows": Rows.DIAGONAL, "algorithm": "lmdif", "width": 0.5, "maxfev": 70,
         "refine_below": 1e-12, "workers": 1, "force": True, "progress": False,
         "executor": "processes", "abscissae": (0, 1), "bound": 2, "minimise": "principal_error",
+        "nonnegative": ("a",),
         "hold": {"c[2]": "1/2", "b[2]": "0"}, "order": 4, "stages": 3,
     }  # fmt: skip
     assert {key: passed[key] for key in expected} == expected
+    passed = arguments_of("search --order 4 --stages 5 --bound b[2]=0: --bound c=-1:1")
+    assert passed["bound"] == {"b[2]": [0, None], "c": [-1, 1]}
     passed = arguments_of("construct --order 6 --stages 13 --structure stage-order-two --full-rank")
     assert (passed["structure"], passed["full_rank"]) == (Structure.STAGE_ORDER_TWO, True)
     file = tmp_path / "mine.toml"
@@ -88,7 +91,7 @@ def test_results(run_command, tmp_path):
     assert note == "each minimum is a local one: more --starts may lead to smaller ones\n"
     command = "search --order 3 --stages 3 --starts 4 --seed 1 --bound 0.1"
     exact = cg.search(3, 3, 4, 1).exact_starts
-    message = f"no method: {exact} found, but none with coefficients of at most 0.1\n"
+    message = f"no method: {exact} found, but none with coefficients in [-0.1, 0.1]\n"
     assert run_command(*command.split())[:2] == (1, message)
     command = "search --order 4 --stages 4 --starts 1 --force"
     assert run_command(*command.split())[:2] == (1, "no method found\n")
@@ -107,7 +110,7 @@ def test_results(run_command, tmp_path):
     ("search --order 4 --stages 5 --width x", "'x' is not a valid number."),
     ("search --order 4 --tree CF4 --embedded", "--embedded must be False, as tree has no"),
     ("search --order 4 --stages 5 --width -1", "--width must be"),
-    ("search --order 4 --stages 5 --embedded", "--embedded needs flows; "),
+    ("search --order 4 --stages 5 --bound 1 --bound b=0:", "--bound: give one number"),
     ("search --order 4 --stages 5 --hold x", "'x' isn't NAME=VALUE"),
     ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
     ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),

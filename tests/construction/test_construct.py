@@ -104,6 +104,11 @@ class TestToTableau:
         second = residuals(pair.a, pair.b_embedded, order)
         assert np.linalg.norm(second) > 1e-3
 
+    @pytest.mark.parametrize(("order", "stages", "first"), [(3, 4, 4), (4, 6, 6), (4, 6, 8)])
+    def test_pairs_are_constructed(self, order, stages, first):
+        pair = cg.construct(order, stages, 1, embedded=True, first_stages=first).method
+        assert (pair.order, pair.embedded_order, pair.stages) == (order, order - 1, stages)
+
     def test_inexact_candidate_is_no_method(self):
         far = Candidate(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
         with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):

@@ -21,12 +21,14 @@ def never(x):
 BOTH = {
     "order": [0, 99], "stages": [0, HUGE], "seed": [-1], "workers": [0], "progress": ["yes"],
     "executor": ["fast", 3, ThreadPoolExecutor], "tree": ["x", ((-1,),), (3, (-1,))],
-    "flows": [5, True], "embedded": [True], "first_same_as_last": [True],
+    "flows": [5, True], "embedded": [1], "first_same_as_last": [True],
 }  # fmt: skip
 SEARCH = {
     "starts": [0, HUGE], "maxfev": [0, HUGE], "refine_maxfev": [0, HUGE], "algorithm": ["newton"],
     "rows": ["lower"], "width": [-0.5, NAN, 1e308], "refine_below": [-1],
-    "abscissae": [(1, 0), 1.0, (0, np.inf), "01"], "bound": [0], "minimise": ["flows"],
+    "abscissae": [(1, 0), 1.0, (0, np.inf), "01"], "minimise": ["flows"],
+    "bound": [0, {"x": (0, 1)}, {"b": (1, 0)}, {"b": 1}, {3: (0, 1)}, {"c": ("0", 1)}],
+    "nonnegative": [3, "", [2]],
 }  # fmt: skip
 CONSTRUCT = {"tries": [0, HUGE], "iterations": [HUGE], "largest": [0], "first_stages": [2]}
 LIFT = {
@@ -61,6 +63,9 @@ GOOD = {"order": 5, "stages": 6, "seed": 1, "force": True}
     *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
     *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
            | {"order": MAX_ORDER}),
+    *cases(cg.search, GOOD | {"starts": 1}, {}, {"embedded": True, "algorithm": "lmdif"}, {"flows": 9, "bound": {"b": (0, 1)}},
+           {"force": False, "stages": 9, "nonnegative": "b"},
+           {"force": False, "stages": 9, "bound": {"b": (0, None)}, "nonnegative": ()}),
     *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),
     *cases(cg.lift, {"tableau": CLASSICAL}, LIFT, {"chains": [1, 1, 1, 2], "flows": 5}),
     *cases(cg.lmdif, {"f": never, "x0": [-1.2, 1.0]}, LMDIF),

@@ -177,6 +177,37 @@ class TestRequirements:
         selected = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
         assert set(order_three.methods[:4]) <= set(selected)
 
+    def test_intervals_by_name(self):
+        bound = {"c": (0, 1), "b[2]": (0.1, None), "a[3,1]": (None, 0.3)}
+        result = search(4, 6, 20, 1, workers=1, bound=bound)
+        assert 0 < len(result.methods) < result.exact_starts
+        for method in result.methods:
+            assert method.order == 4
+            assert 0 <= min(method.c) <= max(method.c) <= 1
+            assert method.b[1] >= 0.1
+            assert method.a[2, 0] <= 0.3
+        assert "b_2 in [0.1, inf]" in str(result)
+
+    def test_weights_of_one_sign_exist_up_to_order_two(self):
+        for shape in ({}, {"embedded": True}, {"rows": "diagonal"}):
+            methods = search(2, 3, 20, 1, workers=1, nonnegative="b", **shape).methods
+            assert methods
+            assert min(method.b.min() for method in methods) >= 0
+        assert not search(3, 5, 20, 1, workers=1, nonnegative="b", force=True).methods
+
+
+@pytest.mark.parametrize(("order", "stages", "rows"), [
+    (2, 2, "explicit"), (3, 4, "explicit"), (4, 6, "explicit"), (3, 3, "diagonal"), (3, 3, "full"),
+])  # fmt: skip
+def test_pairs_of_tableaux(order, stages, rows):
+    methods = search(order, stages, 10, 1, workers=1, rows=rows, embedded=True).methods
+    assert methods
+    for method in methods:
+        assert (method.order, method.embedded_order) == (order, order - 1)
+        assert method.b_embedded[-1] == 0
+        assert np.abs(residuals(method.a, method.b_embedded, order - 1)).max() < 1e-12
+        assert np.abs(residuals(method.a, method.b_embedded, order)).max() > 1e-4
+
 
 def largest(method):
     return max(abs(float(coefficient.value)) for coefficient in method.coefficients)

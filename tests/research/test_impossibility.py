@@ -213,3 +213,25 @@ def test_weights_of_one_sign():
     for method in cg.methods.values():
         if isinstance(method, cg.Tableau) and method.order >= 3:
             assert method.b.min() < 0
+
+
+def test_weights_of_one_sign_contradict_order_three():
+    """Σ β (c_k - middle)² = -Σ b³/12 over the flows to the result, whatever the method."""
+    seen = 0
+    for method in map(cg.methods.__getitem__, cg.methods):
+        if method.name == "CG6a" or method.order < 3:
+            continue
+        if not isinstance(method, cg.Tableau | cg.CommutatorFree):
+            continue
+        tree = method.tree
+        nodes = [sum(tree.flat_row(at)) for at in tree.stage_points]
+        time = left = right = 0
+        for point in map(tree.points.__getitem__, tree.path(tree.result)):
+            length = sum(point.weights.values())
+            middle = time + length / 2
+            left += sum(w * (nodes[k] - middle) ** 2 for k, w in point.weights.items())
+            right -= length**3 / 12
+            time += length
+        assert abs(left - right) < 1e-33 * len(tree.points), method.name
+        seen += 1
+    assert seen > 50

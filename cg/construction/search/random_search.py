@@ -46,7 +46,8 @@ def search(
     embedded: bool = False,
     first_same_as_last: bool = False,
     abscissae: Sequence[float] | None = None,
-    bound: float | None = None,
+    bound: float | Mapping[str, Sequence[float | None]] | None = None,
+    nonnegative: str | Sequence[str] = (),
     minimise: str | None = None,
     hold: Mapping[str, Any] | None = None,
 ) -> SearchResult:
@@ -112,20 +113,26 @@ def search(
     flows
         Number of flows, at least that of stages, of trees drawn at random with each start.
     embedded
-        With `flows`, search for pairs: one more flow, from the result, leads to a second result
-        of order q - 1. Its last weight is held as well. With `tree`, the tree decides.
+        Search for pairs, whose second result has order q - 1. A tableau has a second row of
+        weights for it, the last one zero. With `flows`, one more flow leads from the result to it,
+        whose last weight is held while solving. With `tree`, the tree decides.
     first_same_as_last
         With `flows`, whether the last stage is at the result, where the next step begins.
     abscissae
         Interval that all abscissae of the methods must lie in.
     bound
-        Bound on the magnitudes of the coefficients of the methods.
+        Bound on the magnitudes of the coefficients of the methods. Or intervals by name, such as
+        ``{"b[2]": (0, 0.5), "a": (-1, 1), "c[3]": (None, 1)}``: names are those of `hold`, and a,
+        b, b_embedded, c, w for all of a kind.
+    nonnegative
+        Name, or names, of what must not be negative, as in `bound`. From order three on no method
+        has ``b`` without a negative weight.
     minimise
         One of ``"principal_error"``, ``"largest_coefficient"``. Move each method along its solution
         set to reduce this, and sort the methods by it. Each minimum is a local one: more starts may
-        lead to smaller ones. With `abscissae` or `bound`, methods beyond these are moved as well,
-        to 1 % inside the bounds, and left out if that fails. None of the three changes the starts,
-        or what a store has.
+        lead to smaller ones. Methods beyond the bounds of `abscissae`, `bound` and `nonnegative`
+        are moved as well, to 1 % inside, and left out if that fails. None of the four changes the
+        starts, or what a store has.
     hold
         Values of coefficients and abscissae that are prescribed, such as ``{"a[2,1]": "1/2",
         "b[3]": 0, "c[4]": 1}``, of methods with a `tree` weights ``w[3,1]`` of point 3 and stage 1.
@@ -162,7 +169,8 @@ def search(
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     options = RunOptions.checked(workers, executor, store, progress)
-    requirements = Requirements.checked(order, abscissae, bound, minimise)
+    requirements = Requirements.checked(order, abscissae, bound, minimise, nonnegative)
+    requirements.check(settings.order, settings.layout, force)
     results = run_pieces(
         settings, partial(run_start, settings), starts, options,
         read=RandomStart.of_fields, score=lambda one: Score(one.f, one.exact),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,71 +10,109 @@ import numpy as np
 
 from cg.construction.candidate import Candidate
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.optimise import Goals, optimise
+from cg.construction.layouts.layout import Layout
+from cg.construction.optimise import Goals, Limits, optimise
+from cg.construction.solvers.held import plain_name
 from cg.support.checks import check_interval, check_real
 
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
-_WEIGHT = 30.0  # weight of violated bounds, beside a principal error of weight 1
 _MARGIN = 0.01  # by which penalties start before the bounds, relative
 _ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
+_ALL = "coefficients"  # the group of all coefficients
+
+Bounds = tuple[tuple[str, float, float], ...]
+"""Names of coefficients, abscissae, or groups of them, and the intervals they must lie in."""
 
 
 @dataclass(frozen=True)
 class Requirements:
     """What the methods of a search must satisfy, and what is minimised; see `cg.search`."""
 
-    abscissae: tuple[float, float] | None = None
-    bound: float | None = None
+    bounds: Bounds = ()
     minimise: str | None = None
 
     @classmethod
-    def checked(cls, order: int, abscissae: Any, bound: Any, minimise: Any) -> Requirements:
+    def checked(
+        cls,
+        order: int,
+        abscissae: Any = None,
+        bound: Any = None,
+        minimise: Any = None,
+        nonnegative: Any = (),
+    ) -> Requirements:
         """Return the requirements of the arguments of `cg.search`, after checking them."""
-        if abscissae is not None:
-            abscissae = check_interval("abscissae", abscissae)
-        if bound is not None:
-            bound = check_real("bound", bound, positive=True)
+        bounds = [] if abscissae is None else [("c", *check_interval("abscissae", abscissae))]
+        if isinstance(bound, Mapping):
+            bounds += [_named(name, interval) for name, interval in bound.items()]
+        elif bound is not None:
+            size = check_real("bound", bound, positive=True)
+            bounds.append((_ALL, -size, size))
+        names = (nonnegative,) if isinstance(nonnegative, str) else nonnegative
+        if not isinstance(names, tuple | list):
+            raise TypeError(f"nonnegative must be names such as 'b', got {nonnegative!r}")
+        bounds += [(plain_name("nonnegative", name), 0.0, np.inf) for name in names]
         if minimise is not None and (not isinstance(minimise, str) or minimise not in OBJECTIVES):
             raise ValueError(f"minimise must be one of {', '.join(OBJECTIVES)}, got {minimise!r}")
         if minimise == "principal_error" and order >= MAX_ORDER:
             raise ValueError(f"minimise: order must be below {MAX_ORDER}, got {order}")
-        return cls(abscissae, bound, minimise)
+        return cls(tuple(bounds), minimise)
+
+    def check(self, order: int, layout: Layout | None, force: bool) -> None:
+        """Raise ValueError if a layout has no such names, or if no method satisfies the bounds.
+
+        Of trees that are drawn, without a layout, only groups have names.
+        """
+        if layout is not None:
+            self.limits(layout)
+        elif unknown := {name for name, _, _ in self.bounds} - {_ALL, "c", "w"}:
+            raise ValueError(f"bound: drawn trees only have c and w, got {min(unknown)}")
+        positive = {name for name, lower, _ in self.bounds if lower >= 0}
+        if order >= 3 and positive & {_ALL, "b", "w"} and not force:
+            raise ValueError(
+                f"nonnegative: no method of order {order} has weights of its result that are all "
+                ">= 0: see the page 'Methods that do not exist' of the documentation; pass "
+                "force=True to try nevertheless"
+            )
 
     def __str__(self) -> str:
-        parts = (
-            [] if self.abscissae is None else ["abscissae from {} to {}".format(*self.abscissae)]
-        )
-        parts += [] if self.bound is None else [f"coefficients of at most {self.bound}"]
+        parts = [f"{name} in [{lower:g}, {upper:g}]" for name, lower, upper in self.bounds]
         parts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
         return " and ".join(parts)
 
-    @property
-    def goals(self) -> Goals:
-        """The objective of the optimisation."""
-        lower, upper = self.abscissae or (0.0, 1.0)
-        margin = _MARGIN * (upper - lower)
-        return Goals(
-            principal_error=float(self.minimise == "principal_error"),
-            coefficients=float(self.minimise == "largest_coefficient"),
-            abscissae=0.0 if self.abscissae is None else _WEIGHT,
-            interval=(lower + margin, upper - margin),
-            bound=(self.bound or 1.0) * (1 - _MARGIN),
-            bound_weight=0.0 if self.bound is None else _WEIGHT,
-        )
+    def limits(self, layout: Layout, margin: float = 0.0) -> Limits:
+        """Return the bounds on the unknowns of a layout, moved inside by a relative margin."""
+        rows, lower, upper = [], [], []
+        sums = {name: [k] for k, name in enumerate(layout.names)}
+        sums |= {f"c_{stage + 1}": layout.row(stage) for stage in range(layout.stages)}
+        for name, least, most in self.bounds:
+            found = [
+                row for key, row in sums.items()
+                if name in (key, key.rpartition("_")[0]) or (name == _ALL and key[:2] != "c_")
+            ]  # fmt: skip
+            if not found:
+                raise ValueError(f"bound: there is no {name}; names are {', '.join(sums)}")
+            inside = margin * min((most - least) / 2, max(1.0, abs(least)), max(1.0, abs(most)))
+            for row in found:
+                rows.append(np.isin(np.arange(layout.size), row).astype(float))
+                lower.append(least + inside)
+                upper.append(most - inside)
+        return Limits(np.reshape(rows, (-1, layout.size)), np.array(lower), np.array(upper))
 
     def satisfied(self, candidate: Candidate) -> bool:
         """Return whether a candidate is within the bounds."""
-        lower, upper = self.abscissae or (-np.inf, np.inf)
-        c = candidate.abscissae
-        largest = np.inf if self.bound is None else self.bound * (1 + _ROUNDING)
-        inside = bool(((lower - _ROUNDING <= c) & (c <= upper + _ROUNDING)).all())
-        return inside and candidate.largest <= largest
+        beyond, _ = self.limits(candidate.system.layout).beyond(candidate.x)
+        return bool((np.abs(beyond) <= _ROUNDING).all())
 
     def improve(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate on the solution set that satisfies them; None if none was reached."""
         if self.minimise or not self.satisfied(candidate):
-            candidate = optimise(candidate, self.goals)
+            goals = Goals(
+                principal_error=float(self.minimise == "principal_error"),
+                coefficients=float(self.minimise == "largest_coefficient"),
+                limits=self.limits(candidate.system.layout, _MARGIN),
+            )
+            candidate = optimise(candidate, goals)
         return candidate if self.satisfied(candidate) else None
 
     def key(self, candidate: Candidate) -> float:
@@ -81,3 +120,19 @@ class Requirements:
         if self.minimise == "principal_error":
             return candidate.principal_error
         return round(candidate.largest, 8)
+
+
+def _named(name: Any, interval: Any) -> tuple[str, float, float]:
+    """Return a name and the ends of its interval, infinite where they are None."""
+    name = plain_name("bound", name)
+    if not (isinstance(interval, tuple | list) and len(interval) == 2):
+        raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
+    most = np.finfo(float).max
+    lower, upper = check_interval(
+        f"bound: {name}",
+        [
+            -most if interval[0] is None else interval[0],
+            most if interval[1] is None else interval[1],
+        ],
+    )
+    return name, lower if lower > -most else -np.inf, upper if upper < most else np.inf

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.construction.conditions import Rows, check_rows, count, unknowns
+from cg.construction.conditions import Rows, check_rows
 from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START
@@ -83,7 +83,7 @@ _MIDDLE = {
 }
 
 
-def default_start(order: int, structure: Structure) -> StartSettings:
+def default_start(order: int, structure: Structure, embedded: bool) -> StartSettings:
     """Return the default settings for tableaux.
 
     Above order seven they are those of order seven, with as many stages as there are equations for.
@@ -95,7 +95,7 @@ def default_start(order: int, structure: Structure) -> StartSettings:
     last = known[max(known)]
     stages = last.stages
     while True:
-        system = ConditionSystem.tableau(order, stages, structure=structure)
+        system = ConditionSystem.tableau(order, stages, embedded=embedded, structure=structure)
         if system.movable.size > system.equations:
             return replace(last, stages=stages)
         stages += 1
@@ -106,11 +106,13 @@ def tree_start(order: int) -> StartSettings:
     return StartSettings(1, 0.4, 300 if order < 7 else 1500, 1e-14)
 
 
-def likely_structure(order: int, stages: int) -> Structure:
+def likely_structure(order: int, stages: int, embedded: bool) -> Structure:
     """Return GENERAL up to order five if it has enough unknowns, else MIDDLE if that has enough."""
-    general = ConditionSystem.tableau(order, stages)
+    general = ConditionSystem.tableau(order, stages, embedded=embedded)
     if (order >= 4 and stages >= 3) and (order >= 6 or general.movable.size < general.equations):
-        middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
+        middle = ConditionSystem.tableau(
+            order, stages, embedded=embedded, structure=Structure.MIDDLE
+        )
         if middle.movable.size >= middle.equations:
             return Structure.MIDDLE
     return Structure.GENERAL
@@ -200,15 +202,22 @@ class Settings:
             )
 
     @property
+    def layout(self) -> Layout | None:
+        """The layout of all methods; None if trees are drawn."""
+        if self.of_points:
+            return self.tree
+        return Layout.tableau(self.stages, self.rows, self.embedded)
+
+    @property
     def of_points(self) -> bool:
         """Whether they describe methods of points, not tableaux."""
         return not (self.tree is None and self.flows is None and self.first_flows is None)
 
-    def check_tableau(self) -> None:
-        """Raise TypeError or ValueError if an argument is only for methods of points."""
-        for name in ("embedded", "first_same_as_last"):
-            if check_flag(name, getattr(self, name)):
-                raise ValueError(f"{name} needs flows; it is for commutator-free methods")
+    def check_tableau(self) -> bool:
+        """Return `embedded`; ValueError if an argument is only for methods of points."""
+        if check_flag("first_same_as_last", self.first_same_as_last):
+            raise ValueError("first_same_as_last needs flows; it is for commutator-free methods")
+        return check_flag("embedded", self.embedded)
 
     def check_layout(self, force: bool) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
@@ -259,7 +268,7 @@ class Settings:
         lmdif = self.algorithm == "lmdif"
         if lmdif and self.hold:
             raise ValueError("algorithm must be 'minimum-norm' with hold, got 'lmdif'")
-        self.check_held(layout if self.of_points else Layout.tableau(self.stages, rows), force)
+        self.check_held(replace(self, rows=rows, tree=layout).layout, force)
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
         if width is None:
             best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(self.order, _WIDTH_ABOVE)
@@ -286,20 +295,23 @@ class Settings:
         """Return the layout of a given tree, the number of flows, and that of unknowns."""
         order, stages = self.order, self.stages
         if not self.of_points:
-            self.check_tableau()
-            size, conditions = unknowns(stages, rows), count(order, independent=True)
-            if not force and size < conditions:
+            system = ConditionSystem.tableau(order, stages, rows, self.check_tableau())
+            size = system.movable.size
+            if not force and size < system.equations:
                 raise ValueError(
                     f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
-                    f"{conditions} independent conditions of order {order}; pass force=True to "
-                    "try nevertheless"
+                    f"{system.equations} independent conditions of order {order}; pass force=True "
+                    "to try nevertheless"
                 )
-            return None, None, size
-        layout, flows = self.check_layout(force)
-        if rows is not Rows.EXPLICIT:
-            raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
+            layout, flows = None, None
+        else:
+            layout, flows = self.check_layout(force)
+            if rows is not Rows.EXPLICIT:
+                raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
         if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
+        if flows is None:
+            return None, None, size
         return layout, flows, most_unknowns(stages, flows) if layout is None else layout.size
 
     def _checked_construction(self, force: bool) -> Settings:
@@ -310,12 +322,12 @@ class Settings:
             start, shape = tree_start(order), self._check_tree(force)
         else:
             structure = self._check_structure(force)
-            start = default_start(order, structure)
+            start = default_start(order, structure, self.embedded)
             first_stages = self.first_stages
             if first_stages is None:
                 first_stages = stages if self.hold else max(stages, start.stages)
             first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
-            shape = {"structure": structure, "first_stages": first_stages, "embedded": False}
+            shape = {"structure": structure, "first_stages": first_stages}
         steps = shape["first_stages"] - stages, shape.get("first_flows") != shape.get("flows")
         if self.hold and any(steps):
             raise ValueError("hold: stages and flows can't be dropped")
@@ -334,13 +346,13 @@ class Settings:
 
     def _check_structure(self, force: bool) -> Structure:
         """Return the simplifying assumptions of a tableau."""
-        self.check_tableau()
+        embedded = self.check_tableau()
         order, stages, full_rank = self.order, self.stages, self.full_rank
         structure = self.structure
         if structure is None:
             general = full_rank or self.hold
-            structure = Structure.GENERAL if general else likely_structure(order, stages)
-        system = ConditionSystem.tableau(order, stages, structure=structure)
+            structure = Structure.GENERAL if general else likely_structure(order, stages, embedded)
+        system = ConditionSystem.tableau(order, stages, embedded=embedded, structure=structure)
         structure = system.structure
         if full_rank and structure:
             raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")

@@ -144,6 +144,7 @@ def draw_guess(
 ) -> NDArray[np.float64]:
     """Return random coefficients, uniform in [-width, width] except for fixed ones of trees."""
     guess = random.uniform(-width, width, layout.size)
+    guess[layout.fixed] = 0.0
     for k in fixed_weights(order, layout):
         guess[k] = random.uniform(*(_FIXED_LAST if k else _FIXED_FIRST))
     return guess

@@ -66,10 +66,7 @@ class RandomStart:
 def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float64]]:
     """Return the layout and the random coefficients of a start, by the seed and the index alone."""
     generator = start_generator(settings.seed, index)
-    if settings.flows is None:
-        layout = settings.tree or Layout.tableau(settings.stages, settings.rows)
-    else:
-        layout = settings.tree_for(settings.flows, generator)
+    layout = settings.layout or settings.tree_for(settings.flows or 0, generator)
     return layout, draw_guess(settings.order, layout, settings.width, generator)
 
 

@@ -24,6 +24,13 @@ Hold = tuple[tuple[str, str], ...]
 """Names and rational values as text, as settings store them."""
 
 
+def plain_name(label: str, name: Any) -> str:
+    """Return a name like ``a_2,1``, which may be given as ``a[2,1]``."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"{label} must have names like 'a[2,1]', got {name!r}")
+    return name.replace(" ", "").replace("[", "_").rstrip("]")
+
+
 def read_hold(hold: Any) -> Hold:
     """Return names like ``a_2,1``, which may be given as ``a[2,1]``, and their values."""
     if not isinstance(hold, Mapping) or not all(isinstance(name, str) for name in hold):
@@ -34,7 +41,7 @@ def read_hold(hold: Any) -> Hold:
             value = str(Coefficient.read(number).value)
         except ValueError as error:
             raise ValueError(f"hold: {name}: {error}") from None
-        key = name.replace(" ", "").replace("[", "_").rstrip("]")
+        key = plain_name("hold", name)
         if values.setdefault(key, value) != value:
             raise ValueError(f"hold: {name} has two values, {values[key]} and {value}")
     return tuple(sorted(values.items()))
