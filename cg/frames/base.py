@@ -184,6 +184,7 @@ class Frame(Manifold, FieldAlgebra):
         self._points(y1, "y1")
         return None
 
+    @np.errstate(over="ignore", invalid="ignore")  # of points far apart
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a point ``y1`` near it.
 

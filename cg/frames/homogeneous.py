@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.frames.local_coordinates import near
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.arrays import Array, Points
 
@@ -87,7 +88,7 @@ class HomogeneousSpace(Frame):
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         # The logarithm of the product of group elements composes the two flows exactly.
-        further = self.group.exponential(self._coefficients_at(y, end - y))
+        further = self.group.exponential(near(self._coefficients_at(y, end - y)))
         return self.group.logarithm(further @ self.group.exponential(v))
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -105,6 +106,7 @@ class HomogeneousSpace(Frame):
         vector, point = self._arguments(v, y)
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))

@@ -80,6 +80,7 @@ def local_coordinates(
     return v
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def nearest_coordinates(
     flow: Flow, coefficients: Callable[[Points, Points], Array], start: Points, end: Points
 ) -> Array:
@@ -87,10 +88,15 @@ def nearest_coordinates(
 
     They are zero where their flow doesn't lead nearer to the end.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # of points far apart
-        v = np.nan_to_num(coefficients(start, end - start), posinf=0.0, neginf=0.0)
-        v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0
-        v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
+    v = near(coefficients(start, end - start))
+    v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
+    return v
+
+
+def near(v: Array) -> Array:
+    """Return coefficients, zero where they aren't finite or too large for a flow."""
+    v = np.nan_to_num(v, posinf=0.0, neginf=0.0)
+    v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0
     return v
 
 

@@ -261,6 +261,7 @@ class MatrixGroup(Frame):
         vector, point = self._arguments(v, y)
         return self._multiply(self.algebra(vector), point)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return ``y @ exponential(v)`` (body) or ``exponential(v) @ y`` (space)."""
         vector, point = self._arguments(v, y)

@@ -63,7 +63,8 @@ GOOD = {"order": 5, "stages": 6, "seed": 1, "force": True}
     *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
     *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
            | {"order": MAX_ORDER}),
-    *cases(cg.search, GOOD | {"starts": 1}, {}, {"embedded": True, "algorithm": "lmdif"}, {"flows": 9, "bound": {"b": (0, 1)}},
+    *cases(cg.search, GOOD | {"starts": 1}, {}, {"embedded": True, "algorithm": "lmdif"},
+           {"flows": 9, "bound": {"b": (0, 1)}},
            {"force": False, "stages": 9, "nonnegative": "b"},
            {"force": False, "stages": 9, "bound": {"b": (0, None)}, "nonnegative": ()}),
     *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),

@@ -178,3 +178,16 @@ def test_local_coordinates_keep_large_logarithms(frame):
         largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (coordinates, known)
     )
     assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()
+
+
+@every_frame
+def test_flows_and_coordinates_that_overflow_do_not_warn(frame):
+    rng = np.random.default_rng(3)
+    for size in 10.0 ** np.array([1.0, 1.3, 2.0, 2.5, 2.8, 3.0]):
+        y0, v = frame.random_point(rng), size * rng.uniform(-1, 1, frame.dim)
+        try:
+            y1 = frame.flow(v, y0)
+        except OverflowError:
+            continue
+        if np.isfinite(y1).all():
+            frame.local_coordinates(y0, y1)
