@@ -1,8 +1,9 @@
-"""Write the table of docs/low_storage.md anew: ``python research/low_storage.py [FILE]``.
+"""Write the tables of docs/low_storage.md anew: ``python research/low_storage.py [FILE]``.
 
 Methods in print satisfy their conditions to their digits only. Each is moved to the closest
 solution of the classical conditions alone, by corrections of least norm in A and B whose
-residuals are exact; the conditions on manifolds are evaluated there.
+residuals are exact; the conditions on manifolds are evaluated there. The second table has pairs on
+a gradient flow on SU(3).
 """
 
 import sys
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import cg
 from cg.construction.conditions import residuals
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_residuals
@@ -26,6 +28,16 @@ from cg.reproduce.markdown import replace_between, table
 
 METHODS = Path(__file__).parent / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
+PAIRS, END_OF_PAIRS = "<!-- pairs -->\n", "<!-- end of pairs -->\n"
+STORED = {
+    "BS3(2)": (3, 4),
+    "CF3(2)r": (3, 2),
+    "CF4(3)": (3, 5),
+    "CF4(3)r": (3, 2),
+    "CF5(4)": (3, 7),
+}
+"""Points and coefficients that a step of a pair stores at once, its start included."""
+TOLERANCES = 1e-3, 1e-5, 1e-7
 GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
 STEP = Fraction(1, 10**30)  # step of differences
 ENOUGH = Fraction(1, 10**60)
@@ -153,10 +165,40 @@ def table_of(rows: Sequence[Row]) -> str:
     return table(header, cells) + "\n"
 
 
+def table_of_pairs() -> str:
+    """Return the table of pairs: numbers stored, evaluations and errors on SU(3).
+
+    With random S, ``y' = -P(y S) y``, P the part in the algebra: the flow of the action Re tr(y S).
+    """
+    frame, rng = cg.frames.SU(3), np.random.default_rng(1)
+    s = rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3))
+    start = frame.random_point(rng)
+
+    def f(_: float, y: NDArray[np.complex128]) -> NDArray[np.float64]:
+        m = y @ s
+        m = (m.conj().T - m) / 2
+        return frame.coefficients(y, (m - np.trace(m) / 3 * np.eye(3)) @ y)
+
+    def solve(method: str, tolerance: float) -> Any:
+        options = {"frame": frame, "method": method, "rtol": tolerance, "atol": tolerance}
+        return cg.solve_ivp(f, (0.0, 3.0), start, **options)
+
+    end = solve("CF7(6)", 1e-13).y[-1]
+    cells = []
+    for name, (points, fields) in STORED.items():
+        runs = [solve(name, tolerance) for tolerance in TOLERANCES]
+        errors = [f"{np.abs(run.y[-1] - end).max():.1e}" for run in runs]
+        counts = [f"{run.nfev}: {error}" for run, error in zip(runs, errors, strict=True)]
+        cells.append([f"`{name}`", str(18 * points + 8 * fields), *counts])
+    header = "pair", "numbers a link", *(f"tolerance {one:.0e}" for one in TOLERANCES)
+    return table(header, cells) + "\n"
+
+
 def main(path: str = "docs/low_storage.md") -> None:
-    """Replace the table of the page."""
+    """Replace the tables of the page."""
     rows = [row_of(entry) for entry in entries()]
     replace_between(Path(path), BEGIN, END, table_of(rows))
+    replace_between(Path(path), PAIRS, END_OF_PAIRS, table_of_pairs())
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
 from cg.construction.solvers.system import ConditionSystem, Structure
 
-_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs; equal stages give both results one order
 _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 
@@ -130,7 +129,7 @@ def acceptable(settings: Settings, candidate: Candidate) -> bool:
     """Return whether a candidate is on the solution set, and as the settings require."""
     if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
-    if settings.embedded and candidate.estimate < _MIN_ESTIMATE:
+    if candidate.blind:
         return False
     return not settings.full_rank or candidate.rank == candidate.system.equations
 

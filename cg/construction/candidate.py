@@ -28,6 +28,9 @@ RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest count as zero."""
 
 
+_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
+
+
 class NotExactError(RuntimeError):
     """Refinement in real(16) did not end at a zero of all order conditions."""
 
@@ -92,6 +95,11 @@ class Candidate:
         second = replace(layout, results=layout.results[1:])
         values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
         return float(np.linalg.norm(values[count(self.system.order - 1) :]))
+
+    @property
+    def blind(self) -> bool:
+        """Whether it is a pair whose results have one order; equal stages lead to it."""
+        return self.system.layout.pair and self.estimate < _MIN_ESTIMATE
 
     def without(self, stage: int) -> Candidate:
         """Return the candidate without a stage (from 0) whose column is zero."""

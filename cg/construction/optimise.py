@@ -197,4 +197,4 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
     if not parts:
         raise ValueError("goals must have at least one weight that isn't zero")
     jac, held = np.concatenate([j for _, j in parts]), candidate.system.held
-    return np.concatenate([v for v, _ in parts]), jac if held is None else held.derivatives(jac)
+    return np.concatenate([v for v, _ in parts]), jac if held is None else held.derivatives(jac, x)

@@ -54,7 +54,7 @@ class TestList:
         assert rows[1][2:6] == ["yes", "6", "7", "14"]
         options = ("--pair", "--kind", "commutator-free", "--json")
         lower = json.loads(run("list", "--min-order", "4", "--max-order", "5", *options)[1])
-        assert [m["name"] for m in lower] == ["CF4(3)", "CF5(4)", "DP5(4)"]
+        assert [m["name"] for m in lower] == ["CF4(3)", "CF4(3)r", "CF5(4)", "DP5(4)"]
         assert [m["flows"] for m in lower] != [m["pair_flows"] for m in lower]
         options = ("--pair", "--order", "5", "--kind", "Crouch-Grossman")
         (row,) = run("list", *options)[1].splitlines()[1:]

@@ -43,6 +43,7 @@ def search(
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
+    registers: bool = False,
     embedded: bool = False,
     first_same_as_last: bool = False,
     abscissae: Sequence[float] | None = None,
@@ -112,6 +113,10 @@ def search(
         double, which keeps the solver away from degenerate limits.
     flows
         Number of flows, at least that of stages, of trees drawn at random with each start.
+    registers
+        Search for commutator-free methods with two registers, `cg.CommutatorFree` methods of the
+        form of the page on low-storage methods. Up to order three the last stage of a pair is at
+        the result.
     embedded
         Search for pairs, whose second result has order q - 1. A tableau has a second row of
         weights for it, the last one zero. With `flows`, one more flow leads from the result to it,
@@ -164,7 +169,8 @@ def search(
     settings = Settings.checked(
         "search", force, order, stages, seed, hold=hold, algorithm=algorithm, rows=rows,
         width=width, maxfev=maxfev, refine_below=refine_below, refine_maxfev=refine_maxfev,
-        tree=tree, flows=flows, embedded=embedded, first_same_as_last=first_same_as_last,
+        tree=tree, flows=flows, registers=registers, embedded=embedded,
+        first_same_as_last=first_same_as_last,
     )  # fmt: skip
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)

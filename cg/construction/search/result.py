@@ -93,7 +93,7 @@ class SearchResult:
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         candidate = Candidate(system, np.array(start.x, dtype=np.float64))
         improved = requirements.improve(candidate)
-        if improved is None:
+        if improved is None or improved.blind:
             return None
         if improved is candidate:
             # the last of the 36 digits are beyond the accuracy of real(16)

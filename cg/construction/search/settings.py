@@ -14,6 +14,7 @@ from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START
 from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns, start_generator
 from cg.construction.solvers.held import Hold, read_hold
+from cg.construction.solvers.register_weights import register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.trees.ordered import forest
 from cg.construction.trees.rooted import rooted_trees_through
@@ -47,6 +48,7 @@ _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
 _BOUND_ABOVE = 1000
 
 _TREE_WIDTH = 0.4
+_REGISTER_WIDTH = 0.7
 _TREE_BOUND = 600
 
 
@@ -83,7 +85,7 @@ _MIDDLE = {
 }
 
 
-def default_start(order: int, structure: Structure, embedded: bool) -> StartSettings:
+def default_start(order: int, structure: Structure, embedded: bool = False) -> StartSettings:
     """Return the default settings for tableaux.
 
     Above order seven they are those of order seven, with as many stages as there are equations for.
@@ -133,6 +135,7 @@ class Settings:
     first_same_as_last: bool = False
     hold: Hold = ()
     # for searches
+    registers: bool = False
     algorithm: str = ALGORITHMS[0]
     rows: Rows = Rows.EXPLICIT
     maxfev: int = 0
@@ -150,7 +153,7 @@ class Settings:
 
     def system(self, layout: Layout) -> ConditionSystem:
         """Return the conditions on methods of a layout."""
-        return ConditionSystem(self.order, layout, self.structure, self.hold)
+        return ConditionSystem(self.order, layout, self.structure, self.hold, self.registers)
 
     @classmethod
     def checked(
@@ -264,14 +267,42 @@ class Settings:
             names = ", ".join(ALGORITHMS)
             raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
         rows = check_rows(self.rows)
+        if check_flag("registers", self.registers):
+            return replace(self, tree=self._check_registers(force))._with_defaults(rows, force)
+        return self._with_defaults(rows, force)
+
+    def _check_registers(self, force: bool) -> Layout:
+        """Return the chain of a two-register method."""
+        for name in ("tree", "flows", "first_same_as_last", "hold"):
+            if getattr(self, name):
+                raise ValueError(f"registers must be False with {name}")
+        pair = check_flag("embedded", self.embedded)
+        layout = register_chain(check_integer("stages", self.stages, 1 + pair), self.order, pair)
+        system = self.system(layout)
+        conditions = len(rooted_trees_through(self.order))
+        if layout.pair:
+            conditions += len(rooted_trees_through(self.order - 1))
+        if not force and system.movable.size < conditions:
+            raise ValueError(
+                f"stages = {self.stages} gives two registers "
+                f"{system.movable.size} unknowns for "
+                f"{conditions} conditions of order {self.order}; pass force=True to try "
+                "nevertheless"
+            )
+        return layout
+
+    def _with_defaults(self, rows: Rows, force: bool) -> Settings:
+        """Return the settings of a search with defaults for None."""
         layout, flows, size = self._check_shape(rows, force)
         lmdif = self.algorithm == "lmdif"
-        if lmdif and self.hold:
-            raise ValueError("algorithm must be 'minimum-norm' with hold, got 'lmdif'")
+        if lmdif and (self.hold or self.registers):
+            other = "hold" if self.hold else "registers"
+            raise ValueError(f"algorithm must be 'minimum-norm' with {other}, got 'lmdif'")
         self.check_held(replace(self, rows=rows, tree=layout).layout, force)
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
         if width is None:
             best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(self.order, _WIDTH_ABOVE)
+            best = _REGISTER_WIDTH if self.registers else best
             width = 1.0 if lmdif else best
         if maxfev is None:
             bound = _TREE_BOUND if self.of_points else _BEST_BOUNDS.get(self.order, _BOUND_ABOVE)

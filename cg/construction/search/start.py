@@ -17,6 +17,7 @@ from cg.construction.search.shapes import draw_guess, fixed_weights, start_gener
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
+from cg.construction.solvers.register_weights import RegisterWeights
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
@@ -67,7 +68,8 @@ def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float
     """Return the layout and the random coefficients of a start, by the seed and the index alone."""
     generator = start_generator(settings.seed, index)
     layout = settings.layout or settings.tree_for(settings.flows or 0, generator)
-    return layout, draw_guess(settings.order, layout, settings.width, generator)
+    guess = draw_guess(settings.order, layout, settings.width, generator)
+    return layout, RegisterWeights(layout).guess(guess) if settings.registers else guess
 
 
 def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:

@@ -114,8 +114,8 @@ class Held:
         x[self.pivots] = rows[:, -1] - rows[:, :-1] @ x
         return np.asarray(x)
 
-    def derivatives(self, jac: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return derivatives, shape (m, size), with respect to the free unknowns; 0 for pivots."""
+    def derivatives(self, jac: NDArray[np.float64], x: Any = None) -> NDArray[np.float64]:
+        """Return derivatives at x, shape (m, size), by the free unknowns; 0 for pivots."""
         return np.asarray(jac - jac[:, self.pivots] @ self._floats[:, :-1])
 
     def texts(self, x: Sequence[Fraction]) -> list[str]:

@@ -23,6 +23,7 @@ from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import check_tree
 from cg.construction.solvers.held import Held, Hold
+from cg.construction.solvers.register_weights import RegisterWeights
 from cg.construction.trees.ordered import OrderedTree, forest
 from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner, StageEquation
@@ -63,13 +64,15 @@ class ConditionSystem:
     """The conditions of order q on a layout; a second result of a pair has order q - 1.
 
     A `structure` is for explicit tableaux of order 4 or more. In all vectors, values that `hold`
-    gives replace those of its unknowns; derivatives are those along vectors that keep them.
+    gives, or that two `registers` imply, replace those of their unknowns; derivatives are those
+    along vectors that keep them.
     """
 
     order: int
     layout: Layout
     structure: Structure = Structure.GENERAL
     hold: Hold = ()
+    registers: bool = False
 
     def __post_init__(self) -> None:
         order = check_order(self.order)  # the compiled core checks neither order nor layout
@@ -137,8 +140,10 @@ class ConditionSystem:
         return fixed
 
     @cached_property
-    def held(self) -> Held | None:
-        """What is held beside zeros; None without `hold`."""
+    def held(self) -> Held | RegisterWeights | None:
+        """What is held beside zeros; None without `hold` and `registers`."""
+        if self.registers:
+            return RegisterWeights(self.layout)
         return Held.of(self.hold, self.layout, self.zeros) if self.hold else None
 
     @cached_property
@@ -199,7 +204,7 @@ class ConditionSystem:
         """Return the derivatives of `residual`, shape (m, size)."""
         trees, owner = self.conditions(independent)
         jac = core_calls.jacobian(self.order, self.layout, self.complete(x), trees, owner)
-        return jac if self.held is None else self.held.derivatives(jac)
+        return jac if self.held is None else self.held.derivatives(jac, x)
 
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals, computed in real(16) and rounded to double."""
