@@ -127,4 +127,7 @@ def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
         if tree is None:
             raise click.UsageError("Missing option '--stages', or '--tree'.")
         stages = tree.stages
-    return {**options, "stages": stages, "hold": dict(options["hold"]) or None}
+    hold = dict(options["hold"])
+    if len(hold) < len(set(options["hold"])):
+        raise click.UsageError("--hold gives two values of one name")
+    return {**options, "stages": stages, "hold": hold or None}
