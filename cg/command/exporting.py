@@ -36,7 +36,10 @@ def _evaluated(node: ast.expr) -> Any:
     if not isinstance(node, ast.Call):
         if isinstance(node, ast.Tuple | ast.List):
             return tuple(map(_evaluated, node.elts))
-        return ast.literal_eval(node)
+        try:
+            return ast.literal_eval(node)
+        except ValueError:  # whose message has an address in memory
+            raise ValueError(f"{ast.unparse(node)!r} is no number, text or call") from None
     name = node.func.id if isinstance(node.func, ast.Name) else ""
     if name not in frames.__all__:
         raise ValueError(f"cg.frames has no {ast.unparse(node.func)!r}")

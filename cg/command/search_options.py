@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args
@@ -145,10 +145,18 @@ def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
         if tree is None:
             raise click.UsageError("Missing option '--stages', or '--tree'.")
         stages = tree.stages
-    arguments = {**options, "stages": stages, "hold": dict(options["hold"]) or None}
+    arguments = {**options, "stages": stages, "hold": _named("hold", options["hold"])}
     if "bound" in options:
         numbers = [one for one in options["bound"] if isinstance(one, float)]
         if numbers and len(options["bound"]) > 1:
             raise click.UsageError("--bound: give one number, or intervals by name.")
-        arguments["bound"] = numbers[0] if numbers else dict(options["bound"]) or None
+        arguments["bound"] = numbers[0] if numbers else _named("bound", options["bound"])
     return arguments
+
+
+def _named(option: str, given: Sequence[tuple[str, Any]]) -> dict[str, Any] | None:
+    """Return a mapping of names, None without any."""
+    named = dict(given)
+    if any(named[name] != value for name, value in given):
+        raise click.UsageError(f"--{option} gives two values of one name")
+    return named or None

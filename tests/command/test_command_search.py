@@ -112,6 +112,7 @@ def test_results(run_command, tmp_path):
     ("search --order 4 --stages 5 --width -1", "--width must be"),
     ("search --order 4 --stages 5 --bound 1 --bound b=0:", "--bound: give one number"),
     ("search --order 4 --stages 5 --hold x", "'x' isn't NAME=VALUE"),
+    ("search --order 4 --stages 5 --hold b[2]=0 --hold b[2]=1", "--hold gives two values"),
     ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
     ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),
 ])  # fmt: skip

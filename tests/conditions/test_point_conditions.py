@@ -6,6 +6,7 @@ from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
+import pytest
 from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -19,12 +20,33 @@ from cg.construction.catalogue import methods
 from cg.construction.conditions.word_weights import EquationSystem, Quantity, Weights
 from cg.construction.conditions.words import condition_words, conditions_of
 from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import PointTree, tree_of_rows
+from cg.construction.layouts.points import MethodError, Point, PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import doubles
 from cg.construction.trees.ordered import forest
 from research.impossibility.weights import exact_weights
 
 exactly = partial(conditions.residuals, arithmetic="exact")
+
+
+@pytest.mark.parametrize("arithmetic", ["double", "exact"])
+def test_residuals_refuse_what_has_other_conditions(arithmetic):
+    for name in ("Magnus8(4)", "CFM6(4)", "RKMK4", "Leapfrog"):
+        with pytest.raises(TypeError, match="a has other conditions, see its method residuals"):
+            conditions.residuals(methods[name], 3, arithmetic=arithmetic)
+    with pytest.raises(TypeError, match="a must be a method unless b and order are given"):
+        conditions.residuals("CG3", 3, arithmetic=arithmetic)
+
+
+@pytest.mark.parametrize("arithmetic", ["double", "exact"])
+@pytest.mark.parametrize(("parent", "stage", "at", "end"), [
+    (-1, 7, -1, 0), (-1, -1, -1, 0), (0, 0, -1, 0), (-2, 0, -1, 0), (-1, 0, 1, 0), (-1, 0, -1, 5),
+])  # fmt: skip
+def test_residuals_refuse_places_that_there_are_not(parent, stage, at, end, arithmetic):
+    tree = PointTree((Point(parent, {stage: Fraction(1)}),), (at,), end)
+    layout = Layout((parent,), ((stage,),), (at,), (end,))
+    for arguments in ((tree, 2), (layout, [1.0], 2)):
+        with pytest.raises(MethodError, match="points must lead from earlier ones"):
+            conditions.residuals(*arguments, arithmetic=arithmetic)
 
 
 def by_definition(tree, t):

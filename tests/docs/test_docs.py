@@ -150,3 +150,24 @@ def test_pages_show_the_pictures_that_are_drawn():
     pages = [page.read_text(encoding="utf-8") for page in MARKDOWN]
     shown = re.findall(r"\((?:\.\./)?pictures/(\w+)\.png\)", "".join(pages))
     assert set(shown) == set(drawn)
+
+
+@pytest.mark.parametrize("page", ["implicit", "searches"])
+def test_tables_have_the_numbers_of_the_methods(page):
+    """Columns of largest coefficients and principal errors, to the digits that are given."""
+    head, found = [], 0
+    for line in (DOCS / f"{page}.md").read_text("utf-8").splitlines():
+        cells = [cell.strip(" `") for cell in line.strip("|").split("|")] * line.startswith("|")
+        head = (head or cells) if cells else []
+        name = cells[0].split(",")[0] if cells else ""
+        if not {"principal error", "largest coefficient"} <= set(head) or name not in cg.methods:
+            continue
+        found += 1
+        text = dict(zip(head, cells, strict=True))
+        number = text["principal error"].replace("·10⁻", "e-")
+        number = number.translate(str.maketrans("²³⁴", "234"))
+        assert float(number) == pytest.approx(cg.methods[name].principal_error, rel=0.05)
+        if name != "CG6(5)":  # whose largest one is a second weight
+            largest = max(abs(float(one.value)) for one in cg.methods[name].coefficients)
+            assert float(text["largest coefficient"]) == pytest.approx(largest, abs=0.006)
+    assert found >= 5

@@ -37,6 +37,11 @@ def test_code_of_problems_page():
     assert run("docs/problems.md")["error"] < 1e-8
 
 
+def test_code_of_pages_on_lifting_and_low_storage():
+    assert run("docs/lifting.md")["lifted"].flows == 4
+    assert run("docs/low_storage.md")["williamson"].order == 3
+
+
 def test_code_of_munthe_kaas_page():
     assert run("docs/rkmk.md")["heun"].order == 2
 

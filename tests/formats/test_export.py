@@ -130,9 +130,6 @@ def check_c(names, folder):
     agree(output_of(folder / "program", folder=folder), names)
 
 
-"""What a step of size 1/8 of a method of order four with four stages multiplies by, y' = y."""
-
-
 Q, R, S, E = cg.frames.UnitQuaternion, cg.frames.SO3, cg.frames.Sphere(2), cg.frames.Euclidean(3)
 FRAMES = [
     R(), R("space"), Q(), Q("space"), Q(scalar_first=True), S, E, cg.frames.Power(S, 2),
@@ -205,6 +202,14 @@ int main(void)
     assert frame.membership_error(np.reshape(actual, start.shape)) < off * max(
         1.0, np.abs(expected).max()
     )
+
+
+@pytest.mark.parametrize(("method", "frame"), [
+    (cg.Tableau([[], ["1/2"]], [0, 1], source="@flows@ @NAME@ */"), R()),
+    (cg.Splitting([0, 1, 0], ["1/2", "1/2"], source="@flows@ @moves@ */"), BODIES[0]),
+], ids=["flows", "drifts"])  # fmt: skip
+def test_sources_are_no_part_of_templates(method, frame):
+    assert cg.export(method, "c", frame=frame).splitlines()[1] == f"// {method.source}"
 
 
 def test_frames_without_flows_in_c():

@@ -124,7 +124,8 @@ def residuals(
     """Return ``Φ(t) - 1/γ(t)`` for all conditions through an order.
 
     ``residuals(method, order)`` are those of a method, ``residuals(a, b, order)`` those of
-    coefficients.
+    coefficients. Munthe-Kaas, Magnus and splitting methods have other conditions, which their
+    methods ``residuals`` evaluate.
 
     Parameters
     ----------
@@ -171,11 +172,15 @@ def residuals(
     """
     if not isinstance(arithmetic, str) or arithmetic not in ("double", "exact", "balls"):
         raise ValueError(f"arithmetic must be double, exact or balls, got {arithmetic!r}")
+    if not getattr(a, "of_trees", True):
+        raise TypeError(f"a has other conditions, see its method residuals: got {a!r}")
     tree = None
     if isinstance(getattr(a, "tree", None), PointTree):
         order, tree = b if order is None else order, result_tree(a, embedded)
     elif check_flag("embedded", embedded):
         raise ValueError(f"embedded must be False for coefficients, got {embedded!r}")
+    elif order is None:
+        raise TypeError(f"a must be a method unless b and order are given, got {a!r}")
     if arithmetic != "double":
         tree = exact_tree(a, b) if tree is None else tree
         return tree_residuals(tree, order, independent, bits if arithmetic == "balls" else None)

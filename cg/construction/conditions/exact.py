@@ -40,7 +40,9 @@ def tree_residuals(
 ) -> tuple[Any, ...]:
     """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
     words = condition_words(check_order(order, None), check_flag("independent", independent))
-    system = EquationSystem(Layout.of_tree(tree), tuple(Condition(0, word) for word in words))
+    layout = Layout.of_tree(tree)
+    layout.check_places()
+    system = EquationSystem(layout, tuple(Condition(0, word) for word in words))
     x = [weight for point in tree.points for weight in point.weights.values()]
     x.append(Fraction(0))  # from which numbers are made if there are no weights
     if bits is None:

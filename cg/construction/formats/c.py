@@ -61,13 +61,11 @@ _ERROR_REMARKS = {
 }
 
 
-def with_flows(text: str, program: Program, frame: Frame | None) -> str:
-    """Return a header with the flows of a frame, or without flows."""
-    flows = ""
-    if frame is not None:
-        text_of_flows = template("frame_flow.h")
-        flows = _Flows(frame).text(text_of_flows, program.name, program.on_algebra)
-    return fill(text, {"flows": flows})
+def flows_of(program: Program, frame: Frame | None) -> str:
+    """Return the part of a header that has the flows of a frame; empty without a frame."""
+    if frame is None:
+        return ""
+    return _Flows(frame).text(template("frame_flow.h"), program.name, program.on_algebra)
 
 
 def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
@@ -75,8 +73,8 @@ def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
     flows, name = _Flows(frame), identifier(numbers.method.name)
     bodies = _parts_of(numbers, name, frame, flows.moves, flows.turns)
     heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
-    text = fill(template("top.h", "splitting.h"), {"heading": heading, **bodies})
-    return flows.text(text, name, False)
+    text = fill(template("top.h", "splitting.h"), bodies)
+    return fill(flows.text(text, name, False), {"heading": heading})
 
 
 def _parts_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
-from cg.construction.formats.c import C, with_flows, with_free_motion
+from cg.construction.formats.c import C, flows_of, with_free_motion
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
 from cg.construction.formats.program import make_program
@@ -113,7 +113,7 @@ def export(
     if mechanical is not None:
         return with_free_motion(numbers, summary(method), mechanical)
     program = make_program(numbers, summary(method))
-    return with_flows(_CODE[format].write(program), program, frame)
+    return _CODE[format].write(program, flows_of(program, frame))
 
 
 def summary(method: Method) -> str:

@@ -84,8 +84,8 @@ class Language:
     algebra: Parts  # text for methods that work in the algebra,
     manifold: Parts = field(default_factory=dict)  # and of others: by default empty texts
 
-    def write(self, program: Program) -> str:
-        """Return the text of a file."""
+    def write(self, program: Program, flows: str) -> str:
+        """Return the text of a file, with the text of the flows of a frame."""
         parts: dict[str, object] = dict.fromkeys([*self.pair, *self.error, "remark"], "")
         if program.second is not None:
             parts |= self.pair
@@ -105,7 +105,8 @@ class Language:
             "second_slot": program.second or 0,
             "errors": len(program.errors),
             "lower": program.lower_order,
-            "heading": comment(program.heading, self.mark),
+            "flows": flows,
+            "heading": comment(program.heading, self.mark),  # the last one, as users write it
         }
         return fill(template(*self.templates), parts)
 

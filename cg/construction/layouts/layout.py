@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts.points import START, Point, PointTree, tree_of_rows
+from cg.construction.layouts.points import START, MethodError, Point, PointTree, tree_of_rows
 from cg.support.checks import check_integer
 
 T = TypeVar("T")
@@ -233,9 +233,21 @@ class Layout:
         branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
         return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})
 
+    def check_places(self) -> None:
+        """Raise MethodError if a point or stage is named that there isn't, or a later parent."""
+        points, used = len(self.parents), self.stage_of.tolist()
+        late = any(not START <= parent < m for m, parent in enumerate(self.parents))
+        beyond = any(not START <= at < points for at in self.ends)
+        if late or beyond or points != len(self.weights) or set(used) - set(range(self.stages)):
+            raise MethodError(
+                f"points must lead from earlier ones along fields of stages 0 to {self.stages - 1},"
+                f" and stages and results be among them, got {self!r}"
+            )
+
     @cached_property
     def code(self) -> NDArray[np.intc]:
         """The layout as integers for the compiled core; see ``read_layout`` there."""
+        self.check_places()
         second = self.results[1] + 1 if self.pair else 0
         numbers = [
             self.stages,

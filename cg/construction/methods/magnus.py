@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -103,6 +103,7 @@ class MagnusMethod(Method):
     brackets: tuple[tuple[tuple[Coefficient, ...], ...], ...]
     third_weights: tuple[Coefficient, ...] | None
     third_factor: Coefficient
+    of_trees: ClassVar[bool] = False
 
     def __init__(
         self,

@@ -64,6 +64,7 @@ class Method(ABC):
     file: Path | None = None
     nominal_order: int | None = None
     nominal_residual: Coefficient | None = None
+    of_trees: ClassVar[bool] = True  # whether its order conditions are those of ordered trees
     stored: ClassVar[bool] = False  # whether its table is, as those of the catalogue are
     _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
 

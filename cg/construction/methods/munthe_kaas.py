@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,7 @@ class MuntheKaas(Method):
     source: str
     tableau: Tableau
     third_weights: tuple[Coefficient, ...] | None
+    of_trees: ClassVar[bool] = False
     nominal_order: int | None
     nominal_residual: Coefficient | None
 

@@ -86,6 +86,7 @@ class Splitting(Method):
     source: str
     drift_coefficients: tuple[Coefficient, ...]
     kick_coefficients: tuple[Coefficient, ...]
+    of_trees: ClassVar[bool] = False
     _COUNTED: ClassVar = ("kick", "drift")
     embedded = exact_embedded = None  # there is no second result
 
