@@ -141,13 +141,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         )
         if dt0 is not None:
             return t0 + dt0, state
-        t0, t1, y0, start, args = jax.lax.stop_gradient((t0, t1, y0, start, args))
         direction = jnp.sign(terms.contr(t0, t1)).astype(start.dtype)
 
         def f(t: JaxArray, y: JaxArray) -> JaxArray:
             return direction * func(terms, t, y, args)
 
-        return t0 + self._first(f, (t0, t1), y0, direction * start, error_order), state
+        # f may depend on what derivatives are asked for in other ways than by its arguments
+        first = self._first(f, (t0, t1), y0, direction * start, error_order)
+        first = jax.lax.stop_gradient(first)
+        return jnp.where(first < t1 - t0, t0 + first, t1), state
 
     def _first(
         self,
@@ -241,7 +243,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
 
 def _spacing(t: JaxArray) -> JaxArray:
     """Return the distance from |t| to the next larger number."""
-    size = jnp.abs(t)
+    size = jnp.abs(jax.lax.stop_gradient(t))  # JAX has no derivatives of nextafter
     return jnp.nextafter(size, jnp.inf) - size
 
 
