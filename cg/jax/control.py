@@ -124,9 +124,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         The state has the last error, whether the step before was rejected, the suspicion of a
         discontinuity, which rejections raise, and the number of failures in succession.
         """
-        if error_order is None:
+        if error_order is None or (dt0 is None and isinstance(terms, diffrax.MultiTerm)):
             raise ValueError(
-                "solver must be a pair for steps to be chosen; methods without an error estimate "
+                "solver must be a pair for steps to be chosen, and terms without noise; others "
                 "take diffrax.ConstantStepSize()"
             )
         frame = rules_in(terms).frame
@@ -140,7 +140,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             t0, ~jnp.isfinite(start).all(), "f must return finite numbers at t0 and y0, got others"
         )
         if dt0 is not None:
-            return t0 + dt0, state
+            return t0 + (dt0 if self.max_step is None else jnp.minimum(dt0, self.max_step)), state
         direction = jnp.sign(terms.contr(t0, t1)).astype(start.dtype)
 
         def f(t: JaxArray, y: JaxArray) -> JaxArray:

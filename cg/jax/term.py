@@ -154,8 +154,9 @@ class NoiseTerm(diffrax.ControlTerm):
     Raises
     ------
     ValueError
-        When it is used: if ``g`` returns another shape, the terms have two frames, or the method
-        is of order one or for linear equations, whose steps have Itô's or another limit.
+        When it is used: if ``g`` returns another shape, or the path has one, the terms have two
+        frames, or the method is of order one or for linear equations, whose steps have Itô's or
+        another limit.
 
     Examples
     --------
@@ -273,6 +274,8 @@ def increments(
         drift, *noises = (term.vf(t, y, args) for term in terms.terms)
         total = drift * controls[0]
         for g, change in zip(noises, controls[1:], strict=True):
+            if jnp.shape(change) != g.shape[1:]:
+                raise ValueError(f"path must have shape {g.shape[1:]}, got {jnp.shape(change)}")
             total = total + g @ jnp.asarray(change, g.dtype)
         return total
 
