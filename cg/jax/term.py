@@ -140,7 +140,8 @@ class NoiseTerm(diffrax.ControlTerm):
     ``diffrax.MultiTerm(FrameTerm(f, frame), NoiseTerm(g, path, frame))`` with a `Solver` and steps
     of a fixed size; each step follows the flows of the method with ``f h + g ΔW`` in place of
     ``h f``. The strong order is ½, and 1 for one noise or where the noise fields commute; the weak
-    order is 1.
+    order is 1. Points between the ends of steps leave out the noise there, with errors of order ½:
+    ``diffrax.StepTo(ts)`` ends steps at the times of output.
 
     Parameters
     ----------

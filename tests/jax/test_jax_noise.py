@@ -69,6 +69,12 @@ def test_points_stay_on_the_manifold(frame):
     assert np.asarray(frame.membership_error(np.asarray(y))).max() < 1e-13
 
 
+def test_output_between_steps_warns():
+    options = {"saveat": diffrax.SaveAt(ts=[0.3])}
+    with pytest.warns(UserWarning, match=r"With noise .* diffrax\.StepTo"):
+        solve(jax.random.key(0), 4, isotropic, 3, name="CF3", **options)
+
+
 def test_methods_and_terms_that_do_not_fit_are_refused():
     key = jax.random.key(0)
     for name, word in (("LieEuler", "order two"), ("CFM4", "nonlinear")):
