@@ -60,10 +60,9 @@ def local_coordinates(
             break
         lead = part.reshape(-1, *(1,) * (y.ndim - 1))
         target = np.where(lead < 1.0, reached + lead * (end[active] - reached), end[active])
-        with np.errstate(over="ignore", invalid="ignore"):
-            tried = correct(v[active], start[active], reached, target, exact)
-            far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
+        tried = correct(v[active], start[active], reached, target, exact)
         # Coefficients that diverge are reset; their residual doesn't decrease.
+        far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
         tried[far] = v[active[far]]
         moved = flow(tried, start[active])
         size = _norms(end[active] - moved)
