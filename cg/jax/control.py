@@ -124,9 +124,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         The state has the last error, whether the step before was rejected, the suspicion of a
         discontinuity, which rejections raise, and the number of failures in succession.
         """
-        if error_order is None:
+        if error_order is None or (dt0 is None and isinstance(terms, diffrax.MultiTerm)):
             raise ValueError(
-                "solver must be a pair for steps to be chosen; methods without an error estimate "
+                "solver must be a pair for steps to be chosen, and terms without noise; others "
                 "take diffrax.ConstantStepSize()"
             )
         frame = rules_in(terms).frame
@@ -140,14 +140,16 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             t0, ~jnp.isfinite(start).all(), "f must return finite numbers at t0 and y0, got others"
         )
         if dt0 is not None:
-            return t0 + dt0, state
-        t0, t1, y0, start, args = jax.lax.stop_gradient((t0, t1, y0, start, args))
+            return t0 + (dt0 if self.max_step is None else jnp.minimum(dt0, self.max_step)), state
         direction = jnp.sign(terms.contr(t0, t1)).astype(start.dtype)
 
         def f(t: JaxArray, y: JaxArray) -> JaxArray:
             return direction * func(terms, t, y, args)
 
-        return t0 + self._first(f, (t0, t1), y0, direction * start, error_order), state
+        # f may depend on what derivatives are asked for in other ways than by its arguments
+        first = self._first(f, (t0, t1), y0, direction * start, error_order)
+        first = jax.lax.stop_gradient(first)
+        return jnp.where(first < t1 - t0, t0 + first, t1), state
 
     def _first(
         self,
@@ -241,7 +243,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
 
 def _spacing(t: JaxArray) -> JaxArray:
     """Return the distance from |t| to the next larger number."""
-    size = jnp.abs(t)
+    size = jnp.abs(jax.lax.stop_gradient(t))  # JAX has no derivatives of nextafter
     return jnp.nextafter(size, jnp.inf) - size
 
 

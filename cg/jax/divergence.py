@@ -8,10 +8,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from cg.frames import FieldFrame, Frame, MatrixFrame, Power, Product
+from cg.frames import Frame, Power, Product
+from cg.frames.user import UserFrame
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import real_dtype
+from cg.jax.rules import read_point, real_dtype
+from cg.jax.term import FrameTerm
 
 
 def divergence(
@@ -44,17 +46,16 @@ def divergence(
     >>> float(rate(0.0, north, None))
     -2.0
     """
-    if not callable(f):
-        raise TypeError(f"f must be a function, got {f!r}")
-    rules = rules_of(frame)
+    term, rules = FrameTerm(f, frame), rules_of(frame)
     if own := _own(frame):
         raise ValueError(f"frame must have a known invariant volume, got fields of the user: {own}")
 
     def evaluate(t: Any, y: Any, args: Any) -> JaxArray:
+        y = read_point(frame, y)
         zero = jnp.zeros(frame.dim, real_dtype(y))
 
         def along(v: JaxArray) -> JaxArray:
-            return jnp.asarray(f(t, rules.flow(v, y), args))
+            return term.vf(t, rules.flow(v, y), args)
 
         if key is None:
             return jnp.trace(jax.jacfwd(along)(zero))
@@ -66,7 +67,7 @@ def divergence(
 
 def _own(frame: Frame) -> Frame | None:
     """Return the first factor whose fields are those of the user, None without one."""
-    if isinstance(frame, FieldFrame | MatrixFrame):
+    if isinstance(frame, UserFrame):
         return frame
     if isinstance(frame, Power):
         return _own(frame.factor)

@@ -140,7 +140,8 @@ class NoiseTerm(diffrax.ControlTerm):
     ``diffrax.MultiTerm(FrameTerm(f, frame), NoiseTerm(g, path, frame))`` with a `Solver` and steps
     of a fixed size; each step follows the flows of the method with ``f h + g ΔW`` in place of
     ``h f``. The strong order is ½, and 1 for one noise or where the noise fields commute; the weak
-    order is 1.
+    order is 1. Points between the ends of steps leave out the noise there, with errors of order ½:
+    ``diffrax.StepTo(ts)`` ends steps at the times of output.
 
     Parameters
     ----------
@@ -154,8 +155,9 @@ class NoiseTerm(diffrax.ControlTerm):
     Raises
     ------
     ValueError
-        When it is used: if ``g`` returns another shape, the terms have two frames, or the method
-        is of order one or for linear equations, whose steps have Itô's or another limit.
+        When it is used: if ``g`` returns another shape, or the path has one, the terms have two
+        frames, or the method is of order one or for linear equations, whose steps have Itô's or
+        another limit.
 
     Examples
     --------
@@ -273,6 +275,8 @@ def increments(
         drift, *noises = (term.vf(t, y, args) for term in terms.terms)
         total = drift * controls[0]
         for g, change in zip(noises, controls[1:], strict=True):
+            if jnp.shape(change) != g.shape[1:]:
+                raise ValueError(f"path must have shape {g.shape[1:]}, got {jnp.shape(change)}")
             total = total + g @ jnp.asarray(change, g.dtype)
         return total
 

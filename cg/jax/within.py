@@ -67,7 +67,8 @@ class Within(diffrax.AbstractLocalInterpolation):
         if not self.within.scheme.accurate:
             warnings.warn(
                 'dense="steps" has errors of second order in the step between the ends of steps; '
-                "output and events there need a solver without it",
+                "output and events there need a solver without it. With noise all solvers have "
+                "errors of order ½ there: end steps at such times, with diffrax.StepTo",
                 stacklevel=2,
             )
         if t1 is not None:

@@ -46,12 +46,12 @@ def point(frame):
     return frame.random_point(np.random.default_rng(7))
 
 
-def solve(term, solver, y0, *, h=None, end=1.0, rtol=1e-6, max_steps=4096, **options):
+def solve(term, solver, y0, *, h=None, begin=0.0, end=1.0, rtol=1e-6, max_steps=4096, **options):
     """Return the solution of diffrax, with fixed steps or those of `cg.jax.controller`."""
     if h is None:
         options.setdefault("stepsize_controller", cg.jax.controller(term.frame, rtol, rtol))
     return diffrax.diffeqsolve(
-        term, solver, 0.0, end, h, y0, max_steps=max_steps, **{"args": 1.0, **options}
+        term, solver, begin, end, h, y0, max_steps=max_steps, **{"args": 1.0, **options}
     )
 
 

@@ -55,8 +55,19 @@ def test_estimates_have_the_divergence_as_mean(frame):
 
 
 def test_fields_of_the_user_are_refused():
-    own = cg.frames.MatrixFrame([[[0.0, -1.0], [1.0, 0.0]]])
-    with pytest.raises(ValueError, match="invariant volume"):
-        cg.jax.divergence(lambda t, y, a: y, Product(Euclidean(1), own))
+    for kind in (cg.frames.MatrixFrame, cg.frames.LinearAction):
+        own = kind([[[1.0, -1.0], [1.0, 0.0]]])
+        with pytest.raises(ValueError, match="invariant volume"):
+            cg.jax.divergence(lambda t, y, a: y, Product(Euclidean(1), own))
     with pytest.raises(TypeError, match="f must"):
         cg.jax.divergence(3, SO3())
+
+
+def test_functions_and_points_are_checked():
+    north = np.array([0, 0, 1])
+    with pytest.raises(ValueError, match=r"f must return 3 real numbers"):
+        cg.jax.divergence(lambda t, y, args: y[:2], Sphere(2))(0.0, north, None)
+    with pytest.raises(ValueError, match="y must have shape"):
+        cg.jax.divergence(lambda t, y, args: y, Sphere(2))(0.0, north[:2], None)
+    rate = cg.jax.divergence(lambda t, y, args: jnp.cross(y, north), Sphere(2))
+    assert rate(0.0, north, None) == -2.0

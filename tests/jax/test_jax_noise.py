@@ -22,13 +22,16 @@ def isotropic(t, y, args):
 
 
 def solve(key, steps, g, noises, frame=None, *, name="CF4", args=1.0, drift=None, **options):
+    """Take so many steps, or with None let an error estimate choose them."""
     frame = frame or SO3()
     path = diffrax.VirtualBrownianTree(0.0, 1.0, tol=2.0**-10, shape=(noises,), key=key)
     drift = drift or (lambda t, y, args: jnp.linspace(0.1, 0.5, frame.dim))
     terms = diffrax.MultiTerm(cg.jax.FrameTerm(drift, frame), cg.jax.NoiseTerm(g, path, frame))
     solver = cg.jax.Solver(name, dense="steps")
-    y0 = STARTS[frame]
-    return diffrax.diffeqsolve(terms, solver, 0.0, 1.0, 1 / steps, y0, args, **options).ys[-1]
+    y0, h = STARTS[frame], steps and 1 / steps
+    if h is None:
+        options["stepsize_controller"] = cg.jax.controller(frame, 1e-3, 1e-3)
+    return diffrax.diffeqsolve(terms, solver, 0.0, 1.0, h, y0, args, **options).ys[-1]
 
 
 def batch(number, *arguments, **options):
@@ -66,11 +69,19 @@ def test_points_stay_on_the_manifold(frame):
     assert np.asarray(frame.membership_error(np.asarray(y))).max() < 1e-13
 
 
+def test_output_between_steps_warns():
+    options = {"saveat": diffrax.SaveAt(ts=[0.3])}
+    with pytest.warns(UserWarning, match=r"With noise .* diffrax\.StepTo"):
+        solve(jax.random.key(0), 4, isotropic, 3, name="CF3", **options)
+
+
 def test_methods_and_terms_that_do_not_fit_are_refused():
     key = jax.random.key(0)
     for name, word in (("LieEuler", "order two"), ("CFM4", "nonlinear")):
         refuses(ValueError, word, solve, key, 8, isotropic, 3, name=name)
     refuses(ValueError, "g must", solve, key, 8, lambda t, y, args: jnp.ones(3), 3)
+    refuses(ValueError, r"path must have shape \(3,\)", solve, key, 8, isotropic, 2)
+    refuses(ValueError, "terms without noise", solve, key, None, isotropic, 3, name="CF5(4)")
     controller = diffrax.PIDController(1e-3, 1e-3)
     with pytest.raises(RuntimeError, match="error estimates"):
         solve(key, 8, isotropic, 3, name="CF5(4)", stepsize_controller=controller)

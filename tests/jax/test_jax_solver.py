@@ -156,9 +156,14 @@ class TestErrors:
         frame = fr.Euclidean(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: 0.0 * y + 1.0, frame)
         steps = cg.jax.controller(frame, 1e-3, 1e-3, max_step=0.125)
-        solution = solve(ours, cg.jax.Solver("BS3(2)"), np.zeros(1), stepsize_controller=steps)
-        assert solution.stats["num_steps"] >= 8
-        assert float(solution.ys[-1, 0]) == pytest.approx(1.0, abs=1e-15)
+        for first in (None, 0.5):
+            solution = solve(
+                ours, cg.jax.Solver("BS3(2)", dense="steps"), np.zeros(1), h=first, max_steps=16,
+                stepsize_controller=steps, saveat=diffrax.SaveAt(steps=True),
+            )  # fmt: skip
+            count = int(solution.stats["num_steps"])
+            assert np.diff(solution.ts[:count], prepend=0.0).max() < 0.125 + 1e-15
+            assert float(solution.ys[count - 1, 0]) == pytest.approx(1.0, abs=1e-15)
 
 
 class TestOutput:

@@ -112,6 +112,35 @@ class TestTransforms:
             bound = 1e-8 * abs(actual)
             assert abs(derivative(given.__getitem__, bound) - actual) < bound
 
+    @pytest.mark.parametrize(("begin", "end"), [(0.25, 1.0), (1.0, 0.25)])
+    def test_ends_of_the_span(self, begin, end):
+        frame = fr.Euclidean(1)
+
+        def last(begin, end):
+            return solve(
+                cg.jax.FrameTerm(lambda t, y, args: t * y, frame),
+                cg.jax.Solver("BS3(2)", dense="steps"), np.ones(1), begin=begin, end=end,
+                adjoint=diffrax.ForwardMode(),
+            ).ys[-1, 0]  # fmt: skip
+
+        value, slopes = last(begin, end), jax.jacfwd(last, (0, 1))(begin, end)
+        np.testing.assert_allclose(slopes, [-begin * value, end * value], rtol=1e-4)
+
+    def test_first_steps(self):
+        """Their sizes are held fixed; one to the end of the span moves with it."""
+        frame = fr.UnitQuaternion()
+
+        def first(rate, end):
+            ours = cg.jax.FrameTerm(lambda t, y, args: rate * jnp.ones(3), frame)
+            steps, func = cg.jax.controller(frame, 1e-3, 1e-3), cg.jax.Solver("CF5(4)").func
+            times = jnp.zeros(()), jnp.asarray(end)
+            return steps.init(ours, *times, jnp.eye(4)[3], None, None, func, 4.0)[0]
+
+        for end, moves in ((1e-3, 1.0), (10.0, 0.0)):
+            assert (first(0.5, end) == end) == bool(moves)
+            for transform in (jax.jacfwd, jax.jacrev):
+                assert transform(first, (0, 1))(0.5, end) == (0.0, moves)
+
     def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
             f = body(jnp)
