@@ -41,7 +41,7 @@ def test_angles_of_special_unitary_matrices_add_up_to_zero(n, turns, convention)
         y1 = y0 @ x if convention == "body" else x @ y0
         v = frame.exp_coordinates(y0, y1)
         assert off(frame, v, y0, y1) < 1e-13
-        np.testing.assert_allclose(np.linalg.norm(v), shortest_length(angles), rtol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(v), shortest_length(angles), rtol=1e-13)
     y = np.exp(2j * np.pi * turns / n) * np.eye(n)
     assert off(frame, frame.exp_coordinates(np.eye(n), y), np.eye(n), y) < 1e-13
 
@@ -75,7 +75,7 @@ def test_coordinates_of_motions_without_a_real_logarithm():
     y[:2] = [[-1.0, 0.0, 1.0, 2.0], [0.0, 2.0, 3.0, 4.0]]
     coordinates = frame.exp_coordinates(np.eye(4), np.stack([y, frame.exponential(np.ones(8))]))
     assert np.isnan(coordinates[0]).all()
-    np.testing.assert_allclose(coordinates[1], np.ones(8), rtol=1e-13)
+    np.testing.assert_allclose(coordinates[1], np.ones(8), rtol=1e-14)
     assert np.isnan(frame.logarithm(y)).all()
 
 

@@ -29,7 +29,7 @@ def test_local_coordinates_broadcast_and_check_shapes(frame):
     assert together.shape == back.shape == (3, frame.dim)
     for k in range(3):
         alone = frame.local_coordinates(y0, y1[k])
-        np.testing.assert_allclose(together[k], alone, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(together[k], alone, rtol=0, atol=5e-15)
     refuses(ValueError, "y0 must", frame.local_coordinates, np.append(y0, 1.0), y0)
     refuses(ValueError, "y1 must", frame.local_coordinates, y0, np.append(y0, 1.0))
 
@@ -48,9 +48,9 @@ def test_means_of_points_are_where_differences_cancel(frame):
         differences = frame.difference(mean, y)
         tangents = frame._logarithms(mean, y)
         left = frame.field(np.average(tangents, axis=0, weights=weights), mean)
-        np.testing.assert_allclose(left, 0, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(frame.flow(differences, mean), y, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(frame.mean(y[:1]), y[0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(left, 0, rtol=0, atol=5e-14)
+    np.testing.assert_allclose(frame.flow(differences, mean), y, rtol=0, atol=4e-14)
+    np.testing.assert_allclose(frame.mean(y[:1]), y[0], rtol=0, atol=2e-14)
     refuses(ValueError, "points must", frame.mean, y[0])
     refuses(ValueError, "weights must", frame.mean, y, -w)
 

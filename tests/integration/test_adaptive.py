@@ -129,7 +129,7 @@ def test_first_step_follows_the_time_scale(scale):
 def test_the_first_step_is_at_most_a_hundred_guesses():
     """The guess moves the point by a hundredth of its size, which is far below the tolerance."""
     solution = cg.solve_ivp(lambda t, y: [2.0], (0, 1), [1e-9], frame=Euclidean(1), atol=1e-6)
-    assert solution.t[1] == pytest.approx(100 * 0.01 * 1e-9 / 2.0, rel=1e-12)
+    assert solution.t[1] == pytest.approx(100 * 0.01 * 1e-9 / 2.0, abs=1e-23)
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
@@ -175,14 +175,14 @@ def test_tolerances_of_each_coordinate_by_the_formulas():
     for atol in ([1e-4, 1.0, 1e-5, 1e-3, 1e-6], [0.0] * 5):
         solution = cg.solve_ivp(f, (0, 2), y0, atol=atol, **options)
         expected = choose_steps(f, (0, 2), y0, atol=np.array(atol), **options)
-        np.testing.assert_allclose(solution.t, expected.times, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(solution.t, expected.times, rtol=0, atol=4e-12)
 
 
 def test_the_largest_and_the_smallest_change_of_the_size():
     """The factor is 5 for zero errors, and at least 1/5, or 1/4 after a NaN."""
     still = {"frame": Euclidean(1), "method": PAIRS["CG2(3)"], "first_step": 1e-3}
     solution = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
-    np.testing.assert_allclose(np.diff(solution.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)
+    np.testing.assert_allclose(np.diff(solution.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-14)
     cases = ((lambda t, y: [1e9 * np.cos(1e3 * t)], 0.2), (lambda t, y: [1e308], 0.25))
     for f, factor in cases:
         times = []
@@ -227,11 +227,11 @@ def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, function):
     solution = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
     assert (solution.status, solution.success) == (-1, False)
     assert "step size fell below" in solution.message
-    assert solution.t[-1] == pytest.approx(1.0, abs=1e-2)
+    assert solution.t[-1] == pytest.approx(1.0, abs=1e-4)
     assert len(solution.t) == solution.steps + 1 > 20
     assert np.isfinite(solution.y).all()
     early = solution.t < 0.9
-    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=0.05)
+    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=1e-3)
     np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
     times = np.linspace(0, 2, 8)
     chosen = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
@@ -241,7 +241,7 @@ def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, function):
         event = cg.Event(lambda t, y: y[0] - 100.0, terminal=terminal)
         actual = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), events=event)
         assert (actual.status, len(actual.t_events[0])) == (status, 1)
-        assert actual.y_events[0] == pytest.approx(100.0)
+        assert actual.y_events[0] == pytest.approx(100.0, rel=2e-13)
 
 
 def test_a_pair_may_advance_its_second_result():
@@ -259,7 +259,7 @@ def test_a_pair_may_advance_its_second_result():
         for method in (given, exchanged)
     ]
     np.testing.assert_allclose(trials[1][0], trials[0][0], rtol=0, atol=1e-15)
-    assert trials[1][1] == pytest.approx(trials[0][1], rel=1e-6)
+    assert trials[1][1] == pytest.approx(trials[0][1], rel=1e-9)
     runs = [
         cg.solve_ivp(f, (0, 5), np.eye(3), frame=cg.frames.SO3(), method=method, rtol=1e-6)
         for method in (given, exchanged)

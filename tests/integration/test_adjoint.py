@@ -27,7 +27,7 @@ def test_a_stiff_equation_is_refused_before_it_takes_long():
     before = len(calls)
     with pytest.raises(ValueError, match=r"equation that is this stiff: the integral of .* 1e\+08"):
         run.gradient([1.0])
-    assert len(calls) - before < 10_000
+    assert len(calls) - before < 1000
 
 
 def _at_third(t, y, p):
@@ -41,7 +41,7 @@ def test_a_jump_without_a_breakpoint_is_refused():
     run = cg.solve_variational(_at_third, (0, 1), [0.0], **options)
     refuses(ValueError, r"resolved at t = 0\.333333.* name .* breakpoints", run.gradient, [1.0])
     named = cg.solve_variational(_at_third, (0, 1), [0.0], breakpoints=[1 / 3], **options)
-    np.testing.assert_allclose(named.gradient([1.0]).parameters, [2 / 3], rtol=1e-9)
+    np.testing.assert_allclose(named.gradient([1.0]).parameters, [2 / 3], rtol=5e-11)
 
 
 def test_intervals_are_not_bisected_beyond_the_resolution_of_time():
@@ -72,7 +72,7 @@ def test_long_steps_are_divided():
     )  # fmt: skip
     expected = SO3().flow(np.multiply(12, spin), np.eye(3)) @ [1.0, 2.0, 3.0]
     gradient = run.gradient([1.0, 2.0, 3.0])
-    np.testing.assert_allclose(gradient.y0, expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(gradient.y0, expected, rtol=0, atol=2e-10)
     assert gradient.parameters is None
 
 
@@ -104,7 +104,7 @@ def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials():
         expected.append(2 * (overlap.conj() * (covector @ derivative @ state)).real)
         covector = covector @ move
     gradient = run.gradient(2 * target * np.vdot(target, run.y[-1]))
-    np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=3e-11)
 
 
 def never(t, y, *others):
@@ -145,7 +145,7 @@ def test_gradients_far_from_the_time_zero_are_as_exact_as_there():
 
     turns = 2e4 * np.pi
     near, far = last(0.0), last(turns)
-    assert abs(far.y0 - near.y0) < 1e-6
+    assert abs(far.y0 - near.y0) < 2e-8
     assert abs(far.parameters - near.parameters) < 1e-6
 
 

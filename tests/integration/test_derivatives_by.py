@@ -51,7 +51,7 @@ class TestDirections:
             some = solve(frame, y0, derivatives_by=by)
             found = some.transition if isinstance(by, str) and by == "point" else some.sensitivity
             field = lambda columns: [frame.field(column, whole.y[-1]) for column in columns.T]
-            np.testing.assert_allclose(field(found[-1]), field(expected), rtol=0, atol=2e-5)
+            np.testing.assert_allclose(field(found[-1]), field(expected), rtol=0, atol=3e-7)
             assert (some.transition is None) != (some.sensitivity is None)
 
     @pytest.mark.parametrize("rhs", ["coefficients", "derivative"])
@@ -89,10 +89,10 @@ class TestDirections:
         )  # fmt: skip
         for t in (1.0, 3.0):
             every = np.concatenate([whole.sol.transition(t), whole.sol.sensitivity(t)], axis=-1)
-            np.testing.assert_allclose(some.sol.sensitivity(t), every @ matrix, rtol=0, atol=2e-5)
+            np.testing.assert_allclose(some.sol.sensitivity(t), every @ matrix, rtol=0, atol=5e-9)
         assert len(some.t_events[0]) >= 1
         np.testing.assert_allclose(
-            some.dt_events[0], whole.dt_events[0] @ matrix, rtol=0, atol=2e-5
+            some.dt_events[0], whole.dt_events[0] @ matrix, rtol=0, atol=1e-9
         )
 
     def test_of_ensembles(self):
@@ -109,7 +109,7 @@ class TestDirections:
         options |= {"derivatives": "forward", "derivatives_by": "parameters"}
         first = cg.solve_ensemble(one, (0, 1), [1.0, 0.0], **options)
         second = cg.solve_ensemble(many, (0, 1), [1.0, 0.0], vectorized=True, **options)
-        np.testing.assert_allclose(first.sensitivity, second.sensitivity, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(first.sensitivity, second.sensitivity, rtol=0, atol=4e-12)
         assert first.transition is None
 
     @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (np.eye(5, 1), 3)])

@@ -76,7 +76,7 @@ def test_members(kind, method):
                                  **LINE)  # fmt: skip
     assert list(solution.messages) == [2]
     assert "f must return finite numbers" in solution.messages[2]
-    assert abs(solution.t_end[2] - 1) < 1e-13
+    assert abs(solution.t_end[2] - 1) < 1e-14
     np.testing.assert_allclose(solution.y[-1, [0, 1, 3], 0], 5.0, rtol=1e-14)
     with pytest.raises(KeyError, match="mine"):  # exceptions end the call
         cg.solve_ensemble(raising, (0, 5), [0.0], parameters=rows, method=method, **kind, **LINE)
@@ -92,7 +92,7 @@ def test_stepper():
     stepper = cg.Stepper(emptying, 0.0, [1.0], 5.0, **LINE)
     while stepper.status == "running" and stepper.y[0] > 0.01:
         assert stepper.step() is None
-    assert abs(stepper.y[0] - (1 - stepper.t / 2) ** 2) < 1e-3
+    assert abs(stepper.y[0] - (1 - stepper.t / 2) ** 2) < 2e-6
     stepper = cg.Stepper(clock, 0.0, [0.0], 5.0, **LINE)
     assert "f must return finite numbers" in stepper.advance(3.0)
     assert stepper.status == "failed"
@@ -112,7 +112,7 @@ def test_compiled(value, derivatives):
 
     options = {"rtol": 1e-8, "atol": 1e-8, "derivatives": derivatives} | LINE
     solution = cg.solve_ivp(f, (0, 5), [1.0], events=low, **options)
-    assert abs(solution.t_events[0][0] - 1.8) < 1e-6
+    assert abs(solution.t_events[0][0] - 1.8) < 1e-8
     with pytest.raises(ValueError, match="f must return finite numbers"):
         cg.solve_ivp(f, (0, 5), [-1.0], **options)
 
@@ -147,4 +147,4 @@ def test_between_common_steps(method, sign, vectorized):
             solution, _ = solve(**options)
             assert not solution.messages
             last = np.sin(12.0 * sign) / 3.0
-            np.testing.assert_allclose(solution.y[-1, :, 0], last, rtol=1e-4)
+            np.testing.assert_allclose(solution.y[-1, :, 0], last, rtol=5e-7)

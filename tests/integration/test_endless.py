@@ -30,9 +30,9 @@ class TestEndless:
             breakpoints=[sign * 1.0], progress=lambda *x: progress.append(x), **GROWS,
         )  # fmt: skip
         assert run.status == 1
-        assert np.allclose(run.t[-1], sign * np.log(10), rtol=1e-8)
+        assert np.allclose(run.t[-1], sign * np.log(10), rtol=0.0, atol=1e-10)
         assert sign * 1.0 in run.t
-        assert np.allclose(run.sol(sign * 2.0), np.exp(2.0), rtol=1e-8)
+        assert np.allclose(run.sol(sign * 2.0), np.exp(2.0), rtol=0.0, atol=5e-10)
         assert progress[-1][1] == np.inf
 
     def test_max_steps_end_it(self):
@@ -104,7 +104,7 @@ class TestRelativeTolerances:
         options = {"frame": Euclidean(2), "rtol": [1e-4, 1e-8], "atol": 1e-9}
         problem = (lambda t, y: [y[1], -y[0]], (0, 3), [1.0, 0.0])
         solution = cg.solve_variational(*problem, **options)
-        assert np.abs(solution.y[-1] - [np.cos(3), -np.sin(3)]).max() < 1e-7
+        assert np.abs(solution.y[-1] - [np.cos(3), -np.sin(3)]).max() < 1e-9
 
     def test_a_tiny_one_is_raised(self):
         with pytest.warns(UserWarning, match="At least one element of rtol is too small"):
@@ -123,7 +123,7 @@ class TestConstantJacobian:
         reference = self.solve(lambda t, y: self.MATRIX)
         run = self.solve(convert(self.MATRIX))
         assert reference.njev > 0 == run.njev
-        assert np.allclose(run.y, reference.y, rtol=1e-12)
+        assert np.allclose(run.y, reference.y, rtol=0.0, atol=1e-11)
 
     def test_another_shape_is_refused(self):
         with pytest.raises(ValueError, match=r"jac must return an array of shape \(2, 2\)"):

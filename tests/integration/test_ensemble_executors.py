@@ -72,7 +72,7 @@ def test_python_members_are_those_of_the_whole(step, vectorized):
     whole = cg.solve_ensemble(f, (0, -1), POINTS, **options)
     apart = cg.solve_ensemble(f, (0, -1), POINTS, **options, workers=2)
     assert apart.t.tolist() == [0, -1]
-    np.testing.assert_allclose(apart.y, whole.y, rtol=0, atol=1e-12 if vectorized else 0.0)
+    np.testing.assert_allclose(apart.y, whole.y, rtol=0, atol=1e-14 if vectorized else 0.0)
     np.testing.assert_array_equal(apart.nfev, whole.nfev)
     assert apart.success
 

@@ -88,7 +88,7 @@ class TestFamilies:
             for family, exact in families
             for tolerance in tolerances
         ])  # fmt: skip
-        assert np.median(quotients) <= benchmarks.MEDIAN
+        assert np.median(quotients) <= 0.3
         assert quotients.max() <= benchmarks.LARGEST
         assert np.median(quotients) > 1e-4  # no needless accuracy
 
@@ -117,8 +117,8 @@ class TestFamilies:
                     errors = family.errors(run.y[-1:], exact[k : k + 1])
                     quotients.append(errors[0] / tolerance)
         assert len(quotients) == 210
-        assert np.median(quotients) <= 5
-        assert max(quotients) <= 50
+        assert np.median(quotients) <= 0.1
+        assert max(quotients) <= 5
 
 
 def coefficients(random, dim):
@@ -147,7 +147,7 @@ class TestDiscontinuities:
             exact = cg.solve_linear(
                 a, (0, 2), y0, frame=frame, method="CFM8(4)", h=0.01, breakpoints=[place]
             )
-            assert np.abs(run.y[-1] - exact.y[-1]).max() < 50e-9
+            assert np.abs(run.y[-1] - exact.y[-1]).max() < 5e-9
 
     @pytest.mark.parametrize("frame", [
         SO3(), UnitQuaternion(), SE3(), SU(3), Sphere(2), Euclidean(3), HEISENBERG

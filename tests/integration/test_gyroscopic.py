@@ -51,8 +51,8 @@ def test_motion_without_other_forces_is_exact_where_it_can_be(configuration, ine
 
     one = cg.solve_ivp(none, (0, 20), y0, frame=frame, method="Leapfrog", h=20.0).y[-1]
     other = cg.solve_ivp(none, (0, 20), y0, frame=frame, method="DOP853", rtol=1e-12, atol=1e-12)
-    assert np.allclose(one, other.y[-1], rtol=0.0, atol=1e-8)
-    assert np.isclose(frame.kinetic_energy(one), frame.kinetic_energy(y0), rtol=1e-13)
+    assert np.allclose(one, other.y[-1], rtol=0.0, atol=2e-11)
+    assert np.isclose(frame.kinetic_energy(one), frame.kinetic_energy(y0), rtol=4e-14, atol=0.0)
 
 
 def test_a_gyrostat_keeps_its_integrals():
@@ -85,7 +85,7 @@ def test_frames_and_members():
     )
     for k, inertia in enumerate([INERTIA, MATRIX]):
         alone = gyroscopic(SO3(), inertia, ROTOR).run("Leapfrog", h=0.1, y0=top.y0)
-        assert np.allclose(both.y[-1, k], alone.y[-1], rtol=0.0, atol=1e-13)
+        assert np.allclose(both.y[-1, k], alone.y[-1], rtol=0.0, atol=2e-14)
 
 
 @pytest.mark.parametrize(("frame", "matrix", "message"), [

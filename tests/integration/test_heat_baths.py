@@ -78,11 +78,11 @@ def test_streams_depend_on_nothing_else():
     parallel = cg.solve_ensemble(top.f, (0, 4), y0, workers=2, **options)
     vectorized = cg.solve_ensemble(top.f, (0, 4), y0, vectorized=True, **options)
     assert np.array_equal(parallel.y[-1], end)
-    assert np.allclose(vectorized.y[-1], end, rtol=0.0, atol=1e-13)
+    assert np.allclose(vectorized.y[-1], end, rtol=0.0, atol=2e-14)
     assert np.array_equal(cg.solve_ivp(top.f, (0, 4), top.y0, **options).y[-1], end[0])
     half = cg.solve_ensemble(top.f, (0, 1.5), y0, **options).y[-1]
     rest = cg.solve_ensemble(top.f, (1.5, 4), half, **options).y[-1]
-    assert np.allclose(rest, end, rtol=0.0, atol=1e-13)
+    assert np.allclose(rest, end, rtol=0.0, atol=2e-14)
     stepper = cg.Stepper(top.f, 0.0, top.y0, **options)
     stepper.advance(1.5)
     for copy in (stepper, pickle.loads(pickle.dumps(stepper))):

@@ -57,11 +57,11 @@ def test_stages_solve_their_equations(method, kind):
         for a, v in zip(row, fields, strict=True):
             point = frame.flow(h * a * v, point)
         at_stage = [y for t, y in calls if t == t0 + c * h]
-        np.testing.assert_allclose(at_stage[-1], point, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(at_stage[-1], point, rtol=0, atol=1e-14)
     point = y0
     for b, v in zip(method.b, fields, strict=True):
         point = frame.flow(h * b * v, point)
-    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-14)
     assert solution.nfev == len(calls)
 
 
@@ -114,7 +114,7 @@ def test_implicit_pairs_choose_their_steps():
             rtol=1e-4, atol=1e-4,
         )  # fmt: skip
         assert solution.success
-        assert SO3().distance(solution.y[-1], truth.y[-1]) < 3e-2
+        assert SO3().distance(solution.y[-1], truth.y[-1]) < 4e-4
 
 
 @pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)], ids=["forward", "backward"])
@@ -129,8 +129,8 @@ def test_functions_of_time_give_what_functions_of_points_give(method, span):
     options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
     linear = cg.solve_ivp(spin, span, y0, linear=True, **options)
     other = cg.solve_ivp(lambda t, y: spin(t), span, y0, **options)
-    np.testing.assert_allclose(linear.y, other.y, rtol=0.0, atol=1e-13)
-    np.testing.assert_allclose(linear.sol(0.77), other.sol(0.77), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(linear.y, other.y, rtol=0.0, atol=2e-14)
+    np.testing.assert_allclose(linear.sol(0.77), other.sol(0.77), rtol=0.0, atol=2e-14)
 
 
 @pytest.mark.parametrize("rate", [1e3, 1e6])

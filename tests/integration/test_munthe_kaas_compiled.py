@@ -37,4 +37,4 @@ def test_the_series_in_compiled_code(frame, order):
         u /= 4
     expected = frame.dexpinv(u, v, order=order)
     values = dexpinv_of(frame, order)(u, v)
-    np.testing.assert_allclose(values, expected, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(values, expected, rtol=2e-14, atol=2e-14)

@@ -29,7 +29,7 @@ def check(reports, total, end=None):
     done = [entry for entry, _ in reports]
     assert {entry for _, entry in reports} == {total}
     assert done == sorted(done)
-    assert done[-1] == (total if end is None else pytest.approx(end))
+    assert done[-1] == (total if end is None else pytest.approx(end, abs=1e-14))
 
 
 class TestProgress:

@@ -99,7 +99,7 @@ def test_no_caller_passes_over_a_pulse(way, kind):
             end = WAYS[way](
                 span, samples(kind), frame=FRAME, rtol=tolerance, atol=tolerance
             )  # fmt: skip
-            assert abs(angle(end) - np.sign(span[1] - span[0])) < 10 * tolerance
+            assert abs(angle(end) - np.sign(span[1] - span[0])) < tolerance
 
 
 def integral(curve):
@@ -123,13 +123,13 @@ def test_steps_depend_on_no_unit_and_no_column_that_is_smooth(kind, tolerance):
     alone = solve([], 1.0)
     for columns, scale in (([], 2.0**20), ([], 2.0**-20), ([np.full(len(TIMES), 101325.0)], 1.0)):
         run = solve(columns, scale)
-        np.testing.assert_allclose(run.t, alone.t, rtol=1e-9)
-        assert abs(angle(run.y[-1]) - 1.0) < 10 * tolerance
+        np.testing.assert_allclose(run.t, alone.t, rtol=1e-10)  # rounding over the tolerance
+        assert abs(angle(run.y[-1]) - 1.0) < tolerance
     offset = cg.solve_ivp(
         lambda t, q, u: [u - 273.15, 0.0, 0.0], (0, 20000), START, frame=FRAME, rtol=tolerance,
         atol=tolerance, inputs=samples(kind, PULSE + 273.15),
     )  # fmt: skip
-    assert abs(angle(offset.y[-1]) - 1.0) < 10 * tolerance
+    assert abs(angle(offset.y[-1]) - 1.0) < tolerance
 
 
 @pytest.mark.parametrize("kind", ["cubic", "averages"])
@@ -189,4 +189,4 @@ def test_a_step_over_the_first_two_pieces_of_a_spline():
         end = cg.solve_ivp(
             lambda t, u: u, (0, 30), START, rtol=tolerance, atol=tolerance, **options
         ).y[-1]
-        assert np.linalg.norm(end - exact) < 50 * 2 * tolerance
+        assert np.linalg.norm(end - exact) < 5 * tolerance

@@ -35,10 +35,10 @@ def test_slopes_are_orders(method, exact):
 def test_other_methods_keep_joints_closed(method, exact):
     options = {"rtol": 1e-8, "atol": 1e-8} if method == "RadauIIA5" else ADAPTIVE
     run = PENDULUM.run(method, (0.0, 0.5), t_eval=[0.0, 0.123, 0.377, 0.5], **options)
-    assert np.abs(run.y[-1] - exact).max() < 100 * options["rtol"]
+    assert np.abs(run.y[-1] - exact).max() < 10 * options["rtol"]
     assert PENDULUM.frame.membership_error(run.y).max() < 1e-14
     between = PENDULUM.run("RATTLE8", (0.0, 0.377), h=0.377 / 80).y[-1]
-    assert np.abs(run.y[2] - between).max() < 300 * options["rtol"]
+    assert np.abs(run.y[2] - between).max() < 10 * options["rtol"]
 
 
 def test_slopes_of_equal_steps_of_other_methods(exact):
@@ -107,7 +107,7 @@ def test_a_planar_double_pendulum_is_that_in_angles():
     end = solve_ivp(angles, (0, 3), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     for method, options in (("RATTLE8", {"h": 0.01}), ("auto", {"rtol": 1e-12, "atol": 1e-12})):
         run = cg.solve_ivp(f, (0.0, 3.0), point(start), frame=frame, method=method, **options)
-        assert np.abs(run.y[-1] - point(end)).max() < 3e-10
+        assert np.abs(run.y[-1] - point(end)).max() < 5e-12
         assert frame.membership_error(run.y).max() < 1e-13
 
 
@@ -128,15 +128,15 @@ def test_a_hung_body_is_a_heavy_top():
     force = np.array([0, 0, 0, 0, 0, -mass * GRAVITY])
     for choice in (options, {"method": "RATTLE8", "h": 0.02}):
         run = cg.solve_ivp(lambda t, y: force, (0, 2), y0, frame=hung, **choice)
-        assert np.abs(run.y[-1][:9] - one[:9]).max() < 1e-9
-        assert np.abs(hung.velocity(run.y[-1])[:3] - top.velocity(one)).max() < 1e-8
+        assert np.abs(run.y[-1][:9] - one[:9]).max() < 1e-11
+        assert np.abs(hung.velocity(run.y[-1])[:3] - top.velocity(one)).max() < 3e-11
 
 
 def test_steps_can_be_undone():
     forth = PENDULUM.run("RATTLE6", (0.0, 1.0), h=0.02).y[-1]
     back = PENDULUM.run("RATTLE6", (1.0, 0.0), y0=forth, h=0.02).y[-1]
     assert np.abs(forth - PENDULUM.y0).max() > 0.1
-    assert np.abs(back - PENDULUM.y0).max() < 1e-11
+    assert np.abs(back - PENDULUM.y0).max() < 1e-13
 
 
 def test_steps_are_symplectic():
@@ -209,8 +209,8 @@ def test_a_spatial_pendulum_of_rods_is_that_in_cartesian_coordinates():
 def test_energy_stays_for_long_times():
     run = PENDULUM.run("RATTLE4", (0.0, 400.0), h=0.02, t_eval=np.linspace(0, 400, 4001))
     energy = PENDULUM.energy(run.y) - PENDULUM.energy(PENDULUM.y0)
-    assert np.abs(energy).max() < 2e-3
-    assert abs(energy[-400:].mean() - energy[:400].mean()) < 1e-4
+    assert np.abs(energy).max() < 5e-5
+    assert abs(energy[-400:].mean() - energy[:400].mean()) < 5e-7
     assert PENDULUM.frame.membership_error(run.y).max() < 1e-13
 
 
@@ -232,10 +232,10 @@ def test_a_four_bar_linkage_turns():
     f = lambda t, y: np.zeros(18)
     run = cg.solve_ivp(f, (0.0, 5.0), y0, frame=frame, method="RATTLE4", h=0.02)
     other = cg.solve_ivp(f, (0.0, 5.0), y0, frame=frame, rtol=1e-11, atol=1e-11)
-    assert np.abs(run.y[-1] - other.y[-1]).max() < 1e-5
+    assert np.abs(run.y[-1] - other.y[-1]).max() < 5e-8
     assert frame.membership_error(run.y).max() < 1e-13
     kinetic = frame.kinetic_energy(run.y)
-    assert np.ptp(kinetic) < 1e-5 * kinetic[0]
+    assert np.ptp(kinetic) < 3e-8 * kinetic[0]
 
 
 @pytest.mark.parametrize("kind", ["ball", "hinge"])
@@ -243,7 +243,7 @@ def test_a_chain_of_two_hundred_bodies(kind):
     problem = chain(200, kind)
     run = problem.run("RATTLE", (0.0, 0.05), h=0.005)
     assert problem.frame.membership_error(run.y).max() < 1e-12
-    assert abs(problem.energy(run.y[-1]) - problem.energy(problem.y0)) < 1e-3 * GRAVITY * 200
+    assert abs(problem.energy(run.y[-1]) - problem.energy(problem.y0)) < 5e-7 * GRAVITY * 200
     assert run.y[-1][11::12][:200].min() < -1e-3  # it falls
 
 
@@ -290,7 +290,7 @@ def test_constraints_in_python():
         {"rtol": 1e-9, "atol": 1e-9, "method": "auto"},
     ):
         runs = [x.run(span=(0.0, 0.2), **options).y[-1] for x in (PENDULUM, own)]
-        assert np.abs(runs[0] - runs[1]).max() < 1e-7
+        assert np.abs(runs[0] - runs[1]).max() < 5e-11
         assert own.frame.membership_error(runs[1]) < 1e-13
     calls = []
 
@@ -310,8 +310,8 @@ def test_events_ensembles_and_steppers():
     run = PENDULUM.run(span=(0.0, 2.0), events=side, **options)
     other = PENDULUM.run("auto", (0.0, 2.0), events=side, **ADAPTIVE)
     assert len(run.t_events[0]) == len(other.t_events[0]) > 0
-    assert np.abs(run.t_events[0] - other.t_events[0]).max() < 1e-4
-    assert PENDULUM.frame.membership_error(run.y_events[0]).max() < 1e-13
+    assert np.abs(run.t_events[0] - other.t_events[0]).max() < 5e-9
+    assert PENDULUM.frame.membership_error(run.y_events[0]).max() < 1e-14
     starts = np.array([PENDULUM.y0, run.y[10]])
     both = cg.solve_ensemble(PENDULUM.f, (0.0, 0.4), starts, frame=PENDULUM.frame, **options)
     for start, member in zip(starts, both, strict=True):
@@ -322,7 +322,7 @@ def test_events_ensembles_and_steppers():
     for one in (stepper, again):
         one.advance(0.4)
     assert np.array_equal(stepper.y, again.y)
-    assert np.abs(stepper.y - both[0].y[-1]).max() < 1e-13
+    assert np.abs(stepper.y - both[0].y[-1]).max() < 2e-14
 
 
 def forces(t, y):
@@ -333,7 +333,7 @@ def test_derivatives_of_solutions():
     options = {"rtol": 1e-10, "atol": 1e-10}
     run = cg.solve_variational(PENDULUM.f, (0.0, 0.3), PENDULUM.y0, frame=PENDULUM.frame, **options)
     frame, end = PENDULUM.frame, run.y[-1]
-    assert frame.membership_error(run.y).max() < 1e-13
+    assert frame.membership_error(run.y).max() < 2e-14
     rng = np.random.default_rng(4)
     q, momentum = frame.split(frame.flow(1e-5 * rng.standard_normal(24), PENDULUM.y0))
     near = frame.join(q, momentum)
@@ -373,4 +373,4 @@ def test_free_bodies_may_move_by_many_lengths_in_a_step(method):
     options = {} if method == "DOP853" else {"h": 0.1}
     run = cg.solve_ivp(lambda t, y: np.zeros(12), (0, 1), y0, frame=frame, method=method, **options)
     places = frame.split(run.y[-1])[0].reshape(2, 12)[:, 9:]
-    np.testing.assert_allclose(places, [[1e4, 0, -0.05], [1e4, 0, 0.05]], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(places, [[1e4, 0, -0.05], [1e4, 0, 0.05]], rtol=0, atol=2e-10)

@@ -68,7 +68,7 @@ def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
     }
     for run in runs.values():
         whole = run()
-        np.testing.assert_allclose(whole.y[..., 0], np.exp(np.outer(whole.t, rates)), rtol=1e-7)
+        np.testing.assert_allclose(whole.y[..., 0], np.exp(np.outer(whole.t, rates)), rtol=5e-10)
         with monkeypatch.context() as patched:
             patched.setattr(ensemble, "_MEMBERS_PER_RUN", size)
             patched.setattr(drive, "_SECONDS", 0.0)

@@ -29,7 +29,7 @@ def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
     size = without.step_size
     assert (size, stepper.direction, stepper.n) == (stepper.t - stepper.t_old, 1.0, 3)
     assert stepper.advance(stepper.t + 1e-3 * size) is None
-    assert stepper.step_size == pytest.approx(1e-3 * size)
+    assert stepper.step_size == pytest.approx(1e-3 * size, abs=2e-15)
     stepper.step()
     assert stepper.step_size > 0.5 * size
     refuses(ValueError, "t must lie between", stepper.advance, 0.0)
@@ -101,7 +101,7 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     assert_array_equal(stepper.y, without.y)
     stepper.advance(2.0)
     without.advance(2.0)
-    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-13 if "h" in control else 1e-6)
+    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-14)
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
     np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
@@ -137,7 +137,7 @@ def test_a_refused_restart_changes_nothing():
         assert_array_equal(stepper.y, y)
     stepper.restart()
     stepper.advance(2.0)
-    assert stepper.y == pytest.approx(np.exp(2.0), rel=1e-5)
+    assert stepper.y == pytest.approx(np.exp(2.0), rel=5e-9)
     without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
     with pytest.raises(ValueError, match="parameters must be None, since the constructor got none"):
         without.restart(parameters=[1.0])
@@ -239,4 +239,4 @@ def test_jacobians_of_another_f_are_forgotten():
         stepper.advance(20.0)
         return stepper.y
 
-    assert_allclose(end(1e-4), end(1e-10), rtol=0, atol=1e-4)
+    assert_allclose(end(1e-4), end(1e-10), rtol=0, atol=2e-5)

@@ -65,7 +65,7 @@ class TestFailures:
         broken = False
         assert stepper.advance(2.0) is not None
         np.testing.assert_allclose(
-            stepper.t_events[0], REFERENCE.t_events[0][:2], rtol=0, atol=1e-13
+            stepper.t_events[0], REFERENCE.t_events[0][:2], rtol=0, atol=1e-14
         )
 
     def test_a_resting_contact(self):
@@ -73,7 +73,7 @@ class TestFailures:
         stepper = cg.Stepper(fall, 0, UP, events=rest, **OPTIONS)
         assert "events[0]" in stepper.advance(5.0)
         assert stepper.status == "failed"
-        np.testing.assert_allclose(stepper.t, REFERENCE.t_events[0][0], rtol=0, atol=4e-14)
+        np.testing.assert_allclose(stepper.t, REFERENCE.t_events[0][0], rtol=0, atol=1e-14)
         stepper.restart(y=[1.0, 0.0])
         assert stepper.advance(stepper.t + 0.1) is None
 
@@ -114,4 +114,4 @@ def test_events_at_the_end_of_a_step_that_go_on_cost_nothing():
     assert stepper.nfev == plain.nfev
     assert stepper.t_events[0] == [0.5]
     fine = cg.solve_ivp(fall, (0, 1), UP, dense_output=True, **OPTIONS)
-    np.testing.assert_allclose(stepper.dense_output()(middle), fine.sol(middle), atol=1e-8)
+    np.testing.assert_allclose(stepper.dense_output()(middle), fine.sol(middle), rtol=0, atol=3e-13)

@@ -17,7 +17,7 @@ def test_members_that_fail_are_nan():
     assert np.isfinite(solution.transition[:, 0]).all()
     assert np.isnan(solution.transition[1, 1])
     assert solution[1].transition.shape == (1, 1, 1)
-    np.testing.assert_allclose(solution.transition[0, 0], 1 / (1 - 0.125) ** 2, rtol=1e-3)
+    np.testing.assert_allclose(solution.transition[0, 0], 1 / (1 - 0.125) ** 2, rtol=1e-6)
 
 
 @pytest.mark.parametrize("span", [(0, 2), (2, 0)])

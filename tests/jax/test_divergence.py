@@ -40,7 +40,7 @@ def test_transition_matrices_change_by_the_divergence(frame):
     start, end = (
         cg.jax.divergence(f, frame)(t, jnp.asarray(p), 0.5) for t, p in ((0, y), (eps, run.y[-1]))
     )
-    assert float(start + end) * eps / 2 == pytest.approx(expected, abs=1e-8)
+    assert float(start + end) * eps / 2 == pytest.approx(expected, abs=2e-11)
 
 
 @pytest.mark.parametrize("frame", [SO3(), Sphere(2)], ids=repr)

@@ -85,7 +85,7 @@ class TestValues:
         y, *_ = example
         rules = rules_of(frame)
         distance = jax.jit(rules.distance)
-        assert max(distance(y), distance(frame.flow(np.full(frame.dim, 2.0), y))) < 1e-13
+        assert max(distance(y), distance(frame.flow(np.full(frame.dim, 2.0), y))) < 1e-14
         rng = np.random.default_rng(6)
         tilt = rng.standard_normal(y.shape) + (1j if np.iscomplexobj(y) else 0.0)
         exact = frame.relative_error(y + 1e-6 * tilt)
@@ -101,7 +101,7 @@ class TestValues:
 
 
 def test_reflections_are_off_the_rotations():
-    assert rules_of(fr.SO3()).distance(-jnp.eye(3)) == pytest.approx(2.0)
+    assert rules_of(fr.SO3()).distance(-jnp.eye(3)) == pytest.approx(2.0, abs=1e-14)
     assert rules_of(fr.Hyperbolic(2)).distance(jnp.array([3.0, -1.0])) == 2.0
 
 
@@ -164,7 +164,7 @@ class TestLargeAngles:
                 assert np.linalg.norm(v) == pytest.approx(shortest, abs=100 * rounding)
                 slope = along((1.0 - 1e-3) * v, one)
                 expected = 2.0 * (1.0 - 1e-3) ** 2 * shortest**2
-                assert slope == pytest.approx(expected, rel=5000 * rounding)
+                assert slope == pytest.approx(expected, rel=200 * rounding)
 
     @pytest.mark.parametrize("frame", [fr.UnitQuaternion(), fr.SU(2)], ids=repr)
     def test_a_full_turn_of_quaternions(self, frame, kind):
@@ -191,7 +191,7 @@ class TestSeriesOfDexpinv:
         for turns, exists in ((0.9, True), (0.97, True), (1.03, False), (1.1, False)):
             scaled = turns * 2.0 * np.pi * u / rates[:, None]
             values, expected = dexpinv(scaled, v), frame.dexpinv(scaled, v, order=6)
-            np.testing.assert_allclose(values, expected, rtol=1e-9)
+            np.testing.assert_allclose(values, expected, rtol=2e-13)
             if frame.dim == 3:
                 assert (np.isfinite(values) == exists).all()
         assert np.isnan(values).all()

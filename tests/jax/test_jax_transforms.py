@@ -54,10 +54,10 @@ class TestTransforms:
             events=cg.Event(lambda t, y, factor: y[0] - y[-1], terminal=True),
         )  # fmt: skip
         assert 0.1 < exact.t[-1] < 3.9
-        np.testing.assert_allclose(values(0.8), [exact.t[-1], *exact.y[-1]], rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(values(0.8), [exact.t[-1], *exact.y[-1]], rtol=0.0, atol=1e-7)
         slope = jax.jit(jax.jacrev(end))(0.8)
-        expected = derivative(lambda s: values(0.8 + s), bound=1e-7)
-        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
+        expected = derivative(lambda s: values(0.8 + s), bound=1e-10)
+        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-10)
 
     def test_steps_longer_than_a_turn_do_not_pass_over_events(self):
         optimistix = pytest.importorskip("optimistix")
@@ -77,8 +77,8 @@ class TestTransforms:
 
         for angle in (-1.2, -0.5, 0.5, 1.0):
             first = angle % (2.0 * np.pi)  # where the sine increases
-            np.testing.assert_allclose(end(angle).ts[0], first, atol=1e-8)
-        np.testing.assert_allclose(end(1.0, power=1).ts[0], np.sqrt(2.0), atol=1e-8)
+            np.testing.assert_allclose(end(angle).ts[0], first, rtol=0.0, atol=3e-14)
+        np.testing.assert_allclose(end(1.0, power=1).ts[0], np.sqrt(2.0), rtol=0.0, atol=1e-14)
         assert end(1.0, sees=False).stats["num_steps"] < 20
 
     @pytest.mark.parametrize("frame", [
@@ -106,10 +106,10 @@ class TestTransforms:
         (values, slopes), forward, curvatures = jax.tree.map(
             np.asarray, batch(0.8 + np.append(0.0, SHIFTS))
         )
-        np.testing.assert_allclose(forward, slopes, rtol=1e-11)
+        np.testing.assert_allclose(forward, slopes, rtol=2e-14)
         for function, actual in ((values, slopes[0]), (slopes, curvatures[0])):
             given = dict(zip(SHIFTS, function[1:], strict=True))
-            bound = 1e-8 * abs(actual)
+            bound = 1e-10 * abs(actual)
             assert abs(derivative(given.__getitem__, bound) - actual) < bound
 
     @pytest.mark.parametrize(("begin", "end"), [(0.25, 1.0), (1.0, 0.25)])
