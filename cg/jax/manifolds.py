@@ -107,8 +107,14 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
         return error / (np.abs(spectrum).max() or 1.0)
 
+    def geodesic(y0: JaxArray, y1: JaxArray) -> JaxArray:
+        return 0.5 * group.log1p(jnp.linalg.solve(y0, y1 - y0).mT)
+
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
-    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False)
+    return Rules(
+        frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False,
+        first=geodesic if isinstance(frame, frames.SPD) else None,
+    )  # fmt: skip
 
 
 def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:

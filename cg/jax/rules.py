@@ -42,7 +42,8 @@ class Rules:
     brackets. ``closed_coefficients(y, tangent)`` and ``unequal_sizes(y)`` are `coefficients` in
     closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
     `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says whether two points
-    determine the coefficients of the short flow between them.
+    determine the coefficients of the short flow between them. ``first(y0, y1)`` is where `nearby`
+    starts, None for zero.
     """
 
     frame: Frame
@@ -54,6 +55,7 @@ class Rules:
     unequal_sizes: Map | None = None
     distance: Map = zero
     unique: bool = True
+    first: Pairing | None = None
 
     def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
         """Return the shortest coefficients whose field is nearest to a tangent."""
@@ -81,7 +83,8 @@ class Rules:
         """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
         if self.log is not None:
             return self.log(y0, y1)
-        v = jnp.zeros(self.frame.dim, real_dtype(y0))
+        zero = jnp.zeros(self.frame.dim, real_dtype(y0))
+        v = zero if self.first is None else self.first(y0, y1)
         for _ in range(_NEARBY_STEPS):
             y = self.flow(v, y0)
             v = v + self.coefficients(y, y1 - y)
