@@ -7,6 +7,7 @@ import pickle
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from typing import Any, Never, Unpack
 
@@ -79,7 +80,8 @@ def solve_ensemble(
     inertia
         On a `cg.frames.PhaseSpace` a sequence of the inertia of each member, in place of that of
         the frame: an array of shape ``(members, 3)`` for bodies with three moments. What the frame
-        itself computes, such as its kinetic energy, is that of its own inertia.
+        itself computes, such as its kinetic energy, is that of its own inertia. Members with joints
+        or ``derivatives`` are integrated one by one, not in ``common_steps``.
     vectorized
         Whether ``f`` takes many members at a time. ``jac``, ``df_dp`` and ``noise`` then take and
         return arrays of one member each too, with the axis of members first.
@@ -213,9 +215,9 @@ def solve_variational_ensemble(
     return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
 
 
-def _with_derivatives(problem: Problem, options: Options) -> Problem:
+def _with_derivatives(problem: Problem, options: Options | None) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
-    if options["derivatives"] is None:
+    if options is None or options["derivatives"] is None:
         return problem
     from cg.integration.derivatives.problem import with_derivatives  # which takes long
 
@@ -248,7 +250,14 @@ def _count_steps(problem: Problem) -> int:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
+    base = problem
+    of_parts: Options | None = None
     problem = _with_derivatives(problem, options)
+    if base.inertia is not None and base.inertia.apart and problem is not base:
+        problem, of_parts = replace(problem, inertia=None), options.copy()
+        of_parts["P0"] = None
+    else:
+        base = problem
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
@@ -261,13 +270,13 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     result = Results(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(problem, *check_executor(executor, workers), result, watch)
+        _distribute(base, of_parts, *check_executor(executor, workers), result, watch)
     else:
-        size = members if problem.common else 1 if problem.own_inputs else _MEMBERS_PER_RUN
+        size = members if problem.common else 1 if base.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 part = slice(first, min(first + size, members))
-                result.add(part, _integrate(problem.part(part), watch))
+                result.add(part, _integrate(_with_derivatives(base.part(part), of_parts), watch))
                 watch.count_finished(part.stop - first)
     watch.finish()
     solution = result.solution()
@@ -319,22 +328,27 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-def _integrate_part(problem: Problem, item: tuple[slice, Any]) -> MemberResults:
+def _integrate_part(problem: Problem, options: Any, item: tuple[slice, Any]) -> MemberResults:
     """Integrate members with the data of `Problem.data`, in a worker."""
-    return _integrate(problem.select(*item[1]), None)
+    return _integrate(_with_derivatives(problem.select(*item[1]), options), None)
 
 
 def _distribute(
-    problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
+    problem: Problem,
+    options: Any,
+    executor: Any,
+    workers: Any,
+    result: Results,
+    watch: Progress,
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
     # only the first member, so that little is sent to other processes
-    work = partial(_integrate_part, problem.part(slice(0, 1)))
+    work = partial(_integrate_part, problem.part(slice(0, 1)), options)
     if executor is not None:
         _check_pickle(work)
     count, parts = len(problem.points), count_workers(executor, workers)
     parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
-    size = 1 if problem.own_inputs else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
+    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
     chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
     items = ((chunk, problem.data(chunk)) for chunk in chunks)
     with closing(completed(work, items, executor, workers)) as results:

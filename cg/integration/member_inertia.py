@@ -22,18 +22,26 @@ class MemberInertia(NamedTuple):
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
     given: Sequence[Any]  # as the caller gave them
+    # whether members are integrated one by one, on frames of their own: those with joints, whose
+    # bodies are all of the frame's inertia, and those with derivatives
+    apart: bool
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
         rows = self.columns[members].copy(), self.numbers[members].copy()
-        return MemberInertia(*rows, self.given[members])
+        return MemberInertia(*rows, self.given[members], self.apart)
+
+    def frame(self, member: int, frame: Frame) -> PhaseSpace:
+        """Return the phase space of a member."""
+        assert isinstance(frame, PhaseSpace)
+        return PhaseSpace(
+            frame.configuration, self.given[member], gyroscopic=frame.gyroscopic,
+            joints=frame.joints, constraints=frame.constraints,
+        )  # fmt: skip
 
     def plan(self, member: int, plan: Plan) -> Plan:
         """Return the plan of the phase space of a member, for output between its steps."""
-        frame = plan.frame
-        assert isinstance(frame, PhaseSpace)
-        own = PhaseSpace(frame.configuration, self.given[member], gyroscopic=frame.gyroscopic)
-        return plan_of(own, plan.method)
+        return plan_of(self.frame(member, plan.frame), plan.method)
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
@@ -43,8 +51,10 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     """
     if not isinstance(frame, PhaseSpace):
         raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
-    if options["derivatives"]:
-        raise ValueError(f"inertia must be None with derivatives={options['derivatives']!r}")
+    apart = bool(options["derivatives"]) or frame.jointed
+    if apart and options["common_steps"]:
+        what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
+        raise ValueError(f"common_steps must be False with inertia and {what}")
     each = value if isinstance(value, list | tuple) else list(np.asarray(value))
     if not each or members not in (1, len(each)):
         raise ValueError(
@@ -58,4 +68,4 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers, each)
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, each, apart)

@@ -95,6 +95,11 @@ class Problem:
     shared_stops: Array | None = None
 
     @property
+    def one_by_one(self) -> bool:
+        """Whether each member has a problem of its own."""
+        return bool(self.own_inputs) or (self.inertia is not None and self.inertia.apart)
+
+    @property
     def keeps_points(self) -> bool:
         """Whether points are stored at output times."""
         return self.observer is None or self.observer.keeps_points
@@ -119,7 +124,7 @@ class Problem:
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
-        if members == slice(0, len(self.points)) and not self.own_inputs:
+        if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
         return self.select(*self.data(members))
 
@@ -138,8 +143,11 @@ class Problem:
         inertia: MemberInertia | None,
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
-        rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
-        one = replace(self, points=points, rhs=rhs, first=first, inertia=inertia)
+        rhs, plan = self.rhs.with_data(self.rhs.args, parameters, inputs, first), self.plan
+        if inertia is not None and inertia.apart:
+            frame = inertia.frame(0, plan.frame)
+            plan, rhs, inertia = plan_of(frame, plan.method), rhs.on_frame(frame), None
+        one = replace(self, plan=plan, points=points, rhs=rhs, first=first, inertia=inertia)
         if self.shared_stops is None:
             return one
         tolerance = self.control.tolerance
@@ -371,9 +379,8 @@ def _read_members(
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
-    jointed = isinstance(frame, PhaseSpace) and frame.jointed
-    if jointed and options["inertia"] is not None:  # before points are checked with that of frame
-        raise ValueError(f"inertia must be None with joints, got {short(options['inertia'])}")
+    if isinstance(frame, PhaseSpace) and frame.jointed and options["inertia"] is not None:
+        return _read_jointed_members(plan, options, y0)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
@@ -384,6 +391,23 @@ def _read_members(
         if len(points) == 1:
             points, numbers = _repeat(points, numbers, len(inertia.columns))
     return points, numbers, inertia
+
+
+def _read_jointed_members(
+    plan: Plan, options: EnsembleOptions, y0: ArrayLike
+) -> tuple[Points, Array | None, MemberInertia]:
+    """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
+    given = plan.frame.read_points(y0, "y0").reshape(-1, *plan.point_shape)
+    inertia = read_member_inertia(options["inertia"], plan.frame, options, len(given))
+    members = len(inertia.columns)
+    points = []
+    for k, y in enumerate(np.broadcast_to(given, (members, *plan.point_shape))):
+        frame = inertia.frame(k, plan.frame)
+        points.append(check_points(plan_of(frame, plan.method), y, None, False)[0][0])
+        frame.check_rank(points[-1], "y0")
+    own = plan_of(inertia.frame(0, plan.frame), plan.method)
+    _, numbers = check_points(own, np.array([points[0]] * members), options["parameters"], True)
+    return np.array(points), numbers, inertia
 
 
 def _read_inputs(

@@ -6,7 +6,7 @@ from mechanics import INERTIA, MATRIX, system
 from refusals import refuses
 
 import cg
-from cg.frames import SO3, Euclidean, PhaseSpace, Power, Product, UnitQuaternion
+from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product, UnitQuaternion
 
 TOP = system(SO3(), INERTIA)
 ROWS = [INERTIA, MATRIX, 2.0, [2.0, 1.5, 1.5]]
@@ -30,6 +30,67 @@ def test_members_move_as_with_frames_of_their_own(options, how):
         assert np.allclose(result[k].sol(between), alone.sol(between), rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("options", METHODS, ids=["splitting", "adaptive"])
+@pytest.mark.parametrize("how", [{}, {"workers": 2}, {"executor": "processes"}])
+def test_derivatives_are_those_of_frames_of_their_own(options, how):
+    low = cg.Event(height, terminal=False)
+    both = {"t_eval": [0.55, 2.0], "derivatives": "forward", "events": low, **options}
+    spread = np.array([k * np.eye(TOP.frame.dim) for k in range(1, 5)])
+    adaptive = {"P0": spread, "noise": 0.1 * np.eye(TOP.frame.dim)} if "rtol" in options else {}
+    result = cg.solve_ensemble(
+        gravity, (0, 2), TOP.y0, frame=TOP.frame, inertia=ROWS, parameters=[[1.0]] * 4,
+        **both, **adaptive, **how,
+    )  # fmt: skip
+    for k, inertia in enumerate(ROWS):
+        adaptive |= {"P0": spread[k]} if adaptive else {}
+        own = PhaseSpace(SO3(), inertia)
+        alone = cg.solve_ivp(
+            gravity, (0, 2), TOP.y0, frame=own, parameters=[1.0], **both, **adaptive
+        )
+        for name in ("y", "transition", "sensitivity", "covariance")[: 3 + bool(adaptive)]:
+            assert np.array_equal(getattr(result, name)[:, k], getattr(alone, name)), name
+        assert np.array_equal(result[k].t_events[0], alone.t_events[0])
+
+
+def gravity(t, y, p):
+    return p[0] * TOP.f(t, y)
+
+
+def height(t, y, p):
+    return y[8] - 0.5
+
+
+def test_jointed_members_move_as_with_frames_of_their_own():
+    body, arm, force = Product(UnitQuaternion(), Euclidean(3)), [0.0, 0.0, 1.0], np.zeros(6)
+    force[5] = -9.81
+    joint = Joint("ball", (None, np.zeros(3)), (0, np.negative(arm)))
+    rows = [(INERTIA, 1.3), (MATRIX, 0.4), (2.0, 1.0)]
+    frames = [PhaseSpace(body, row, joints=[joint]) for row in rows]
+    q, turning = body.join([0.0, 0.0, 0.0, 1.0], arm), [0.3, 0.2, 0.5, 0.0, 0.0, 0.0]
+    y0 = np.stack([frame.join(q, turning) for frame in frames])
+    bath = cg.Langevin(1.0, 0.7, seed=5)
+    for options in (
+        {"method": "RATTLE4", "h": 0.05, "dense_output": True},
+        {"method": "RATTLE", "h": 0.05, "thermostat": bath},
+        {"rtol": 1e-6}, {"rtol": 1e-6, "derivatives": "forward"},
+    ):  # fmt: skip
+        result = cg.solve_ensemble(
+            lambda t, y: force, (0, 1), y0, frame=frames[0], inertia=rows, **options
+        )
+        for k, frame in enumerate(frames):
+            if "thermostat" in options and k:  # the noise is that of the member's number
+                assert frame.membership_error(result.y[-1, k]) < 1e-13
+                continue
+            alone = cg.solve_ivp(lambda t, y: force, (0, 1), y0[k], frame=frame, **options)
+            assert np.array_equal(result.y[-1, k], alone.y[-1])
+            if "dense_output" in options:
+                assert np.array_equal(result[k].sol(0.33), alone.sol(0.33))
+            if "derivatives" in options:
+                assert np.array_equal(result.transition[-1, k], alone.transition[-1])
+    refuses(ValueError, r"y0 must be a point of PhaseSpace.*0\.371", cg.solve_ensemble,
+            lambda t, y: force, (0, 1), y0[0], frame=frames[0], inertia=rows)  # fmt: skip
+
+
 def test_a_heat_bath_has_the_inertia_of_the_member():
     bath = cg.Langevin(1.0, 0.7, seed=5)
     options = {"method": "Leapfrog", "h": 0.2, "thermostat": bath}
@@ -48,7 +109,7 @@ def test_a_heat_bath_has_the_inertia_of_the_member():
     ({"inertia": ROWS[:3], "y0": np.stack([TOP.y0] * 4)}, "inertia must have 4 entries"),
     ({"inertia": []}, "inertia must have 1 entries"),
     ({"inertia": [INERTIA, [1.0, 0.0, 1.0]]}, r"inertia\[1\] must be positive definite"),
-    ({"derivatives": "forward"}, "inertia must be None with derivatives"),
+    ({"derivatives": "forward", "common_steps": True}, "False with inertia and derivatives"),
     ({"frame": SO3(), "y0": np.eye(3)}, "unless frame is a phase space"),
 ])  # fmt: skip
 def test_what_is_refused(changes, message):

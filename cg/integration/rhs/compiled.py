@@ -46,6 +46,10 @@ class CompiledRhs:
     vectorized: ClassVar[bool] = False
     first: ClassVar[int | None] = None  # as that of `PythonRhs`
 
+    def on_frame(self, frame: Frame) -> CompiledRhs:
+        """Return the function on another frame of the same points."""
+        return replace(self, frame=frame)
+
     def on(
         self, frame: Frame, parameters: Array | None, inputs: Inputs | None = None
     ) -> CompiledRhs:

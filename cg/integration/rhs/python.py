@@ -63,6 +63,11 @@ class PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
         return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first, inputs)
 
+    def on_frame(self, frame: Frame) -> PythonRhs:
+        """Return the function on another frame of the same points."""
+        rest = self.args, self.parameters, self.vectorized, self.first, self.inputs
+        return PythonRhs(self.f, frame, *rest)
+
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
         return arguments_of(self.inputs, self.args, self.parameters, member)
