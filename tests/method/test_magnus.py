@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from refusals import refuses
 
@@ -88,3 +89,25 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
 def test_bad_coefficients_are_refused(arguments, message):
     options = dict(zip(("third", "third_factor", "brackets"), arguments[3:], strict=False))
     refuses(MethodError, message, MagnusMethod, *arguments[:3], **options)
+
+
+def test_order_eight_is_the_method_that_hofstaetter_published_at_gauss_nodes():
+    """His CF8: four of eight symmetric flows, compared along Legendre polynomials."""
+    published = np.array([
+        [0.184808462624313039, -0.0207206621202004201, 0.00502711867953985525,
+         -0.00102882825365674947],
+        [-0.0234494788701189042, 0.42125900994862326, -0.0474878986332597661,
+         0.00904478813619618483],
+        [0.0446203609236170079, -0.212369356865717369, 0.569989517802253966,
+         0.00602984678266997385],
+        [-0.0493752515735367770, 0.232989476865882554, -0.622614628245849008,
+         0.00327752279924315371],
+    ])  # fmt: skip
+    method = cg.methods["CFM8(4)"]
+    path = method.tree.path(method.result)
+    ours = [[float(method.points[m].weights.get(k, 0)) for k in range(5)] for m in path[:4]]
+    nodes, _ = np.polynomial.legendre.leggauss(4)
+    for degree in range(4):
+        polynomial = np.polynomial.legendre.Legendre.basis(degree)
+        there = published @ polynomial(nodes)
+        assert np.abs(ours @ polynomial(2 * method.c - 1) - there).max() < 1e-15
