@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from word_residuals import word_residuals
 
+from cg.construction.conditions import condition_trees, residuals
 from cg.construction.conditions.words import (
     add_multiple,
     condition_words,
@@ -16,6 +17,7 @@ from cg.construction.conditions.words import (
 )
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.proofs.dependent.reduction import Reduction
+from cg.construction.trees.ordered import forest
 from cg.construction.trees.rooted import rooted_trees
 
 
@@ -94,3 +96,19 @@ def test_flat_conditions_imply_all_others(order):
         for one in (*trees, *exchanges(order))
     ]
     assert np.linalg.matrix_rank(rows) == len(conditions)
+
+
+def test_antisymmetry_carries_over_from_flat_space():
+    """A step forth and one back are a two-register method again, with weights of the identity."""
+    a = [Fraction(0), Fraction(-7, 15), Fraction(-35, 32)]
+    b = [Fraction(1, 3), Fraction(15, 16), Fraction(2, 5)]
+    both = from_two_registers(a + a, b + [-step for step in b])
+    numbers, trees = condition_trees(6), forest(7)
+    errors = residuals(both, 6, arithmetic="exact")
+    weights = {
+        k: error + Fraction(1, trees.tree(k).density)
+        for k, error in zip(numbers, errors, strict=True)
+    }
+    not_zero = {k for k, weight in weights.items() if weight}
+    assert not_zero
+    assert not_zero <= set(trees.with_nodes(7))
