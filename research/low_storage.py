@@ -2,15 +2,16 @@
 
 Methods in print satisfy their conditions to their digits only. Each is moved to the closest
 solution of the classical conditions alone, by corrections of least norm in A and B whose
-residuals are exact; the conditions on manifolds are evaluated there. The second table has pairs on
-a gradient flow on SU(3).
+residuals are exact; the conditions on manifolds are evaluated there. Other tables have pairs and
+equal steps on a gradient flow on SU(3).
 """
 
 import sys
 import tomllib
+import warnings
 from collections.abc import Sequence
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,9 @@ from cg.reproduce.markdown import replace_between, table
 METHODS = Path(__file__).parent / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 PAIRS, END_OF_PAIRS = "<!-- pairs -->\n", "<!-- end of pairs -->\n"
+STEPS, END_OF_STEPS = "<!-- steps -->\n", "<!-- end of steps -->\n"
+EQUAL = "Lüscher", "Berland–Bogey–Bailly", "CF4b", "CF4(3)r", "CF4r", "CF5r"
+EVALUATIONS = 96, 192, 384, 768
 STORED = {
     "BS3(2)": (3, 4),
     "CF3(2)r": (3, 2),
@@ -165,8 +169,9 @@ def table_of(rows: Sequence[Row]) -> str:
     return table(header, cells) + "\n"
 
 
-def table_of_pairs() -> str:
-    """Return the table of pairs: numbers stored, evaluations and errors on SU(3).
+@cache
+def gradient_flow() -> tuple[Any, Any, Any]:
+    """Return f, the start and the end of a gradient flow on SU(3).
 
     With random S, ``y' = -P(y S) y``, P the part in the algebra: the flow of the action Re tr(y S).
     """
@@ -179,14 +184,34 @@ def table_of_pairs() -> str:
         m = (m.conj().T - m) / 2
         return frame.coefficients(y, (m - np.trace(m) / 3 * np.eye(3)) @ y)
 
-    def solve(method: str, tolerance: float) -> Any:
-        options = {"frame": frame, "method": method, "rtol": tolerance, "atol": tolerance}
-        return cg.solve_ivp(f, (0.0, 3.0), start, **options)
+    options = {"frame": frame, "method": "CF7(6)", "rtol": 1e-13, "atol": 1e-13}
+    return f, start, cg.solve_ivp(f, (0.0, 3.0), start, **options).y[-1]
 
-    end = solve("CF7(6)", 1e-13).y[-1]
+
+def table_of_steps() -> str:
+    """Return the table of equal steps: errors by evaluations."""
+    f, start, end = gradient_flow()
+    printed = {e["name"]: weights_of(list(map(Fraction, (*e["a"], *e["b"])))) for e in entries()}
+    cells = []
+    for name in EQUAL:
+        method = printed[name] if name in printed else cg.methods[name]
+        row = [f"`{name}`" if name in cg.methods else name, str(method.stages)]
+        for evaluations in EVALUATIONS:
+            h = 3.0 / (evaluations // method.stages)
+            with warnings.catch_warnings(action="ignore"):  # orders of printed digits
+                y = cg.integrate(f, (0.0, 3.0), start, frame=cg.frames.SU(3), method=method, h=h).y
+            row.append(f"{np.abs(y[-1] - end).max():.1e}")
+        cells.append(row)
+    return table(("method", "stages", *(f"{n} evaluations" for n in EVALUATIONS)), cells) + "\n"
+
+
+def table_of_pairs() -> str:
+    """Return the table of pairs: numbers stored, evaluations and errors."""
+    f, start, end = gradient_flow()
     cells = []
     for name, (points, fields) in STORED.items():
-        runs = [solve(name, tolerance) for tolerance in TOLERANCES]
+        options = {"frame": cg.frames.SU(3), "method": name}
+        runs = [cg.solve_ivp(f, (0, 3), start, rtol=r, atol=r, **options) for r in TOLERANCES]
         errors = [f"{np.abs(run.y[-1] - end).max():.1e}" for run in runs]
         counts = [f"{run.nfev}: {error}" for run, error in zip(runs, errors, strict=True)]
         cells.append([f"`{name}`", str(18 * points + 8 * fields), *counts])
@@ -199,6 +224,7 @@ def main(path: str = "docs/low_storage.md") -> None:
     rows = [row_of(entry) for entry in entries()]
     replace_between(Path(path), BEGIN, END, table_of(rows))
     replace_between(Path(path), PAIRS, END_OF_PAIRS, table_of_pairs())
+    replace_between(Path(path), STEPS, END_OF_STEPS, table_of_steps())
 
 
 if __name__ == "__main__":
