@@ -18,16 +18,20 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
 
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
 @pytest.fixture
 def ax():
-    yield plt.figure().add_subplot()
-    plt.close("all")
+    return plt.figure().add_subplot()
 
 
 @pytest.fixture
 def spatial():
-    yield plt.figure().add_subplot(projection="3d")
-    plt.close("all")
+    return plt.figure().add_subplot(projection="3d")
 
 
 def texts(ax):
