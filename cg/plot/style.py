@@ -12,7 +12,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 FAINT = "#999999"
 
-_DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
+DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
 _MARKERS = "os^Dv<>"
 _CURVE = "cg-curve"
 
@@ -49,7 +49,7 @@ def curve_style(ax: Any) -> dict[str, Any]:
     number = sum(line.get_gid() == _CURVE for line in ax.get_lines())
     return {
         "color": COLOURS[number % len(COLOURS)],
-        "linestyle": _DASHES[number % len(_DASHES)],
+        "linestyle": DASHES[number % len(DASHES)],
         "marker": _MARKERS[number % len(_MARKERS)],
         "markersize": 5,
         "linewidth": 1.4,
