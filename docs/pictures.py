@@ -243,6 +243,8 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "body_with_pendulum": body_with_pendulum,
     "gradient_flow": gradient_flow,
     "heat_bath": lambda: of_page(Path(__file__).parent / "howto" / "heat_baths.md"),
+    "timeline": lambda: of_page(Path(__file__).parent / "plots.md", "events"),
+    "phase_plane": lambda: of_page(Path(__file__).parent / "plots.md"),
     "joints": lambda: of_page(Path(__file__).parent / "howto" / "joints.md"),
 }
 

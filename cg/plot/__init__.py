@@ -10,6 +10,7 @@ from typing import Any
 
 from cg.plot.attitude import attitude
 from cg.plot.errors import convergence, work_precision
+from cg.plot.events import phase_plane, timeline
 from cg.plot.observables import bands, invariants
 from cg.plot.trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
 
@@ -28,9 +29,11 @@ __all__ = [
     "convergence",
     "invariants",
     "order_star",
+    "phase_plane",
     "points",
     "stability_region",
     "tableau",
+    "timeline",
     "trajectory_of_axes",
     "trajectory_on_sphere",
     "tree",

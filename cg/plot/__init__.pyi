@@ -6,6 +6,8 @@ from cg.construction.plots import tree as tree
 from cg.plot.attitude import attitude as attitude
 from cg.plot.errors import convergence as convergence
 from cg.plot.errors import work_precision as work_precision
+from cg.plot.events import phase_plane as phase_plane
+from cg.plot.events import timeline as timeline
 from cg.plot.observables import bands as bands
 from cg.plot.observables import invariants as invariants
 from cg.plot.trajectories import bloch as bloch

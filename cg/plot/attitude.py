@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.base import Frame
 from cg.frames.rotations import is_rotation
 from cg.plot.drawn_rotations import drawn_rotations, rotations_of
-from cg.plot.style import COLOURS, axes_for
+from cg.plot.style import COLOURS, axes_for, members_of, opacity_of
 from cg.support.arrays import check_finite, real_array
 from cg.support.checks import check_flag
 
@@ -95,19 +94,18 @@ def attitude(
     constant = isinstance(reference, Sized) and len(reference) == 1
     # another solution is compared at the steps, not between them
     between = t is None and (reference is None or constant)
-    members = _members(y)
+    members = members_of(y, "y")
     wrap = check_flag("wrap", wrap)
     ax = axes_for(ax)
     for k, member in enumerate(members):
         rotations, times_of_solution = drawn_rotations(member) if between else rotations_of(member)
         times = _times(t, times_of_solution, len(rotations))
         times, curves, labels, title = _curves(show, rotations, times, reference, wrap)
-        opacity = 1.0 if len(members) == 1 else max(0.05, min(0.5, 10 / len(members)))
         for curve, label, colour, dashes in zip(
             np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
         ):
             (line,) = ax.plot(times, curve, color=colour, linestyle=dashes, linewidth=1.4)
-            line.set(alpha=opacity, label="_" if k else label)
+            line.set(alpha=opacity_of(members), label="_" if k else label)
     if show == "error":
         ax.set_yscale("log", nonpositive="mask")
     else:
@@ -126,17 +124,6 @@ def _at_times(reference: Any) -> Any:
         return reference
     points = real_array(reference, "reference")
     return points[None] if points.shape in ((4,), (3, 3)) else points
-
-
-def _members(y: Any) -> list[Any]:
-    """Return the solutions of the members of an ensemble that succeeded, else ``[y]``."""
-    frame = getattr(y, "frame", None)
-    if not isinstance(frame, Frame) or np.ndim(y.y) != 2 + len(frame.point_shape):
-        return [y]
-    members = [y[k] for k in np.flatnonzero(y.status >= 0).tolist()]
-    if not members:
-        raise ValueError("y must be an ensemble with a member that succeeded, got none")
-    return members
 
 
 def _curves(

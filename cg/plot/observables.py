@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame
-from cg.plot.style import axes_for, check_label, check_stored, curve_style, verbatim
+from cg.plot.style import axes_for, check_label, check_solution, curve_style, verbatim
 from cg.support.arrays import check_finite, real_array
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
@@ -44,9 +43,7 @@ def invariants(
     >>> ax.get_ylabel()
     'change since the start'
     """
-    if not isinstance(getattr(solution, "frame", None), Frame):
-        raise TypeError(f"solution must be a Solution, got {solution!r}")
-    check_stored(solution, "solution")
+    check_solution(solution)
     if callable(functions):
         values = functions(solution.y)
     elif isinstance(functions, Mapping) and all(map(callable, functions.values())):

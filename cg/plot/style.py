@@ -2,6 +2,9 @@
 
 from typing import Any
 
+import numpy as np
+
+from cg.frames.base import Frame
 from cg.support.parsing import visible
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -9,7 +12,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 FAINT = "#999999"
 
-_DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
+DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
 _MARKERS = "os^Dv<>"
 _CURVE = "cg-curve"
 
@@ -46,12 +49,39 @@ def curve_style(ax: Any) -> dict[str, Any]:
     number = sum(line.get_gid() == _CURVE for line in ax.get_lines())
     return {
         "color": COLOURS[number % len(COLOURS)],
-        "linestyle": _DASHES[number % len(_DASHES)],
+        "linestyle": DASHES[number % len(DASHES)],
         "marker": _MARKERS[number % len(_MARKERS)],
         "markersize": 5,
         "linewidth": 1.4,
         "gid": _CURVE,
     }
+
+
+def members_of(y: Any, name: str) -> list[Any]:
+    """Return the solutions of the members of an ensemble that succeeded, else ``[y]``."""
+    if not is_solution(y) or not np.ndim(y.status):
+        return [y]
+    members = [y[k] for k in np.flatnonzero(y.status >= 0).tolist()]
+    if not members:
+        raise ValueError(f"{name} must be an ensemble with a member that succeeded, got none")
+    return members
+
+
+def is_solution(y: Any) -> bool:
+    """Return whether a value is a solution, not an array of points."""
+    return isinstance(getattr(y, "frame", None), Frame)
+
+
+def check_solution(solution: Any) -> None:
+    """Raise an error with the name ``solution`` unless it is one that stores points."""
+    if not is_solution(solution):
+        raise TypeError(f"solution must be a Solution, got {solution!r}")
+    check_stored(solution, "solution")
+
+
+def opacity_of(members: list[Any]) -> float:
+    """Return the opacity of curves of members."""
+    return 1.0 if len(members) == 1 else max(0.05, min(0.5, 10 / len(members)))
 
 
 def check_stored(solution: Any, name: str) -> None:

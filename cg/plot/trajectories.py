@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.plot.drawn_rotations import POINTS, drawn_rotations, rotations_of, rotations_on
-from cg.plot.style import COLOURS, axes_for, check_label, check_stored
+from cg.plot.style import COLOURS, DASHES, axes_for, check_label, check_stored
 from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
 
@@ -63,7 +63,8 @@ def _trajectory(
     _draw_sphere(ax, radius)
     colour = COLOURS[number % len(COLOURS)] if color is None else color
     for k, path in enumerate(paths):
-        _draw_path(ax, _along_great_circles(path), colour, None if k else label)
+        points = _along_great_circles(path)
+        _draw_path(ax, points, colour, DASHES[number % len(DASHES)], None if k else label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
@@ -216,18 +217,20 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate(_NAMES):
-        _draw_path(ax, matrices[:, :, k], COLOURS[k], f"{name} axis")
+        _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
     for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
         early = n < len(matrices) - 1
         for k in range(3):
             x = np.stack([np.zeros(3), matrices[n, :, k]])
-            ax.plot(*x.T, color=COLOURS[k], linewidth=1.0 if early else 2.5)
+            ax.plot(*x.T, "-", color=COLOURS[k], linewidth=1.0 if early else 2.5)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def _draw_path(ax: Any, points: NDArray[np.float64], colour: str, label: str | None) -> None:
-    ax.plot(*points.T, color=colour, linewidth=1.4, label=label)
+def _draw_path(
+    ax: Any, points: NDArray[np.float64], colour: str, dashes: Any, label: str | None
+) -> None:
+    ax.plot(*points.T, color=colour, linestyle=dashes, linewidth=1.4, label=label)
     ax.scatter(*points[:1].T, color=colour, s=25)
 
 

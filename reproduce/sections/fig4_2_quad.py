@@ -113,11 +113,8 @@ def _draw(figure: Figure, runs: Data) -> None:
     for method, run in runs.items():
         draw_errors(axes, run["h"], {method: run["error"]}, {})
     # either side of the bundle of curves, so that no line runs along one
-    beginnings = {
-        4: 8 * runs["CG4"]["error"][0],
-        5: runs["CG5a"]["error"][0] / 8,
-        6: runs["CG6a"]["error"][0] / 8,
-    }
+    below = runs["CG6a"]["error"][0] / 32
+    beginnings = {4: 8 * runs["CG4"]["error"][0], 5: below, 6: below}
     draw_errors(axes, finest, {}, beginnings)
     mark_roundoff(axes)
     axes.set_ylim(1e-22, 30)

@@ -139,7 +139,12 @@ def test_plots_page(tmp_path, monkeypatch):
 
     names = run("docs/plots.md")
     assert (tmp_path / "cf4.png").stat().st_size > 1000
-    assert names["ax"].get_ylabel() == "Euler angles (°)"
+    assert names["ax"].get_ylabel() == "speed (m/s)"
+    assert [row.get_text() for row in names["events"].get_yticklabels()] == [
+        "mode",
+        "impact",
+        "lift",
+    ]
     plt.close("all")
     page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
     assert all(f"`{name}(" in page for name in cg.plot.__all__)

@@ -18,16 +18,20 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
 
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
 @pytest.fixture
 def ax():
-    yield plt.figure().add_subplot()
-    plt.close("all")
+    return plt.figure().add_subplot()
 
 
 @pytest.fixture
 def spatial():
-    yield plt.figure().add_subplot(projection="3d")
-    plt.close("all")
+    return plt.figure().add_subplot(projection="3d")
 
 
 def texts(ax):
@@ -137,6 +141,7 @@ class TestTrajectories:
         first, second = spatial.get_lines()
         np.testing.assert_array_equal(np.stack(first.get_data_3d(), axis=1), run.y)
         assert (first.get_color(), second.get_color()) == (COLOURS[0], "black")
+        assert first.get_linestyle() != second.get_linestyle()
         labels = spatial.get_xlabel(), spatial.get_ylabel(), spatial.get_zlabel()
         assert labels == ("x", "y", "z")
         spheres = [part for part in spatial.collections if part.get_gid() == "cg-sphere"]
@@ -275,3 +280,13 @@ class TestPaths:
         assert np.abs(self.path(densities, cg.plot.bloch)[0] - [0.0, 1.0, 0.0]).max() < 1e-12
         densities[2] *= 0.9
         refuses(ValueError, "got one of trace 0.9", cg.plot.bloch, densities)
+
+
+def test_dashes_are_no_matter_of_the_settings_of_matplotlib():
+    """A cycle of dashes there would make edges of trees and flows look different."""
+    cycle = matplotlib.cycler(linestyle=["-", "--", ":"])
+    with plt.rc_context({"axes.prop_cycle": cycle}):
+        draws = [cg.plot.tree("[[][]]"), cg.plot.points("CF4"), cg.plot.tableau("CG3")]
+    assert {line.get_linestyle() for ax in draws for line in ax.lines} == {"-"}
+    lines = cg.plot.trajectory_of_axes(ROTATIONS, triads=0).lines
+    assert len({line.get_linestyle() for line in lines}) == 3

@@ -51,8 +51,8 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
                 ax.text(j, y, _text(entry, digits), **_cell("black"))
-    ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], color="black", linewidth=0.8)
-    ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, color="black", linewidth=0.8)
+    ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
+    ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
@@ -130,7 +130,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
     for m in used:
         xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
-        ax.plot(xs, ys, color=FAINT, linewidth=1.2, zorder=1)
+        ax.plot(xs, ys, "-", color=FAINT, linewidth=1.2, zorder=1)
         if labelled:
             ax.text(
                 (xs[0] + xs[1]) / 2,

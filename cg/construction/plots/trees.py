@@ -37,7 +37,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     nodes, edges = layout(tree)
     for parent, child in edges:
         xs, ys = zip(nodes[parent], nodes[child], strict=True)
-        ax.plot(xs, ys, color="black", linewidth=1.2, zorder=1)
+        ax.plot(xs, ys, "-", color="black", linewidth=1.2, zorder=1)
     xs, ys = zip(*nodes, strict=True)
     ax.scatter(xs, ys, s=45, color=COLOURS[0], zorder=2)
     ax.scatter(xs[:1], ys[:1], s=60, color=COLOURS[1], zorder=3)  # the root
