@@ -217,12 +217,6 @@ def test_what_phase_spaces_with_joints_refuse():
     q, rng = frame.split(y)[0], np.random.default_rng(0)
     refuses(ValueError, "temperature must be", frame.random_momentum, q, -1.0, rng)
     refuses(TypeError, "rng must be a generator", frame.random_momentum, q, 1.0, 0)
-    members, inertia = np.array([y, y]), np.ones((2, 2, 3))
-    options = {"frame": frame, "method": "RATTLE", "h": 0.1, "inertia": inertia}
-    wrong = members + 1e-3
-    for y0 in (members, wrong):
-        refuses(ValueError, "inertia must be None with joints", cg.solve_ensemble, lambda t, y: y,
-                (0, 1), y0, **options)  # fmt: skip
     refuses(ValueError, "frame must not be a PhaseSpace", cg.export, "CF4", "c", frame=frame)
 
 

@@ -56,10 +56,10 @@ def test_table_in_docs_matches_the_catalogue(catalogue):
 
 
 RECOMMENDED = {
-    "effort": "CG4b CG6f CF4c CF5d CF6b CF7b",
+    "effort": "CG4b CG6f CF4r CF5d CF6b CF7b",
     "exponentials": "CG4c CG5c CG6g CF4 CF5c CF6d DOP853 CF7b",
     "stages": "CG5d CG6g CG7b CF4 CF5b CF6a CF7c CF8a",
-    "principal_error": "CG5b CG6e CF4(3) CF5e",
+    "principal_error": "CG5b CG6e CF4r CF5e",
 }
 
 
