@@ -165,6 +165,7 @@ def _bound(case: Case) -> float:
     """Return 50 tolerances; or with fixed steps five times the changes with shorter ones.
 
     These must become smaller as in a method of order one, or the steps are too long for a bound.
+    Steps end at breakpoints and samples, so that shorter ones are shorter than what is between.
     """
     program = case.program
     size = max([1.0, *(float(np.abs(case.path(t)).max()) for t in case.grid())])
@@ -172,8 +173,11 @@ def _bound(case: Case) -> float:
     if not program.steps:
         return TOLERANCES * (program.atol + program.rtol * size) + floor
     ends = [float(t) for t in case.grid()[:-1]]
+    task, h = case.path.task, case.names["options"]["h"]
+    gaps = np.diff(np.unique([task.span[0], *task.breakpoints, *task.knots, case.path.end]))
+    short = min([h, *gaps[gaps > 1e-3 * case.length]])
     try:
-        runs = [case.solve(h=case.names["options"]["h"] / 4**k, t_eval=ends) for k in range(3)]
+        runs = [case.solve(h=float(size), t_eval=ends) for size in (h, short / 4, short / 16)]
     except Unclear:
         return np.inf
     first, second = (_change(case, *pair) for pair in pairwise(runs))
@@ -553,7 +557,8 @@ def in_jax(case: Case) -> None:
         return
     if program.events or program.breaks or program.inputs or program.steps or program.compiled:
         return
-    if program.length == 0 or program.method == "auto" or program.frame.prelude:
+    space = program.frame
+    if program.length == 0 or program.method == "auto" or space.prelude or space.returned != (-1,):
         return
     code = JAX.replace("REST", "(parameters,)" if program.parameters else "()")
     run = case.run(code)
