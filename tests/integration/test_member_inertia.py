@@ -91,6 +91,22 @@ def test_jointed_members_move_as_with_frames_of_their_own():
             lambda t, y: force, (0, 1), y0[0], frame=frames[0], inertia=rows)  # fmt: skip
 
 
+@pytest.mark.parametrize("options", [{"method": "RATTLE4", "h": 0.05}, {"rtol": 1e-6}])
+def test_members_on_constraints_move_as_with_frames_of_their_own(options):
+    frames = [
+        PhaseSpace(Euclidean(3), mass, constraints=lambda q: [q @ q - 1.0]) for mass in (1.0, 3.0)
+    ]
+    y0 = frames[0].join([0.6, 0.0, 0.8], [0.0, 0.5, 0.0])
+    push = np.array([0.0, 0.0, -1.0])
+    result = cg.solve_ensemble(
+        lambda t, y: push, (0, 1), y0, frame=frames[0], inertia=[1.0, 3.0], **options
+    )
+    for k, frame in enumerate(frames):
+        alone = cg.solve_ivp(lambda t, y: push, (0, 1), y0, frame=frame, **options)
+        assert np.array_equal(result.y[-1, k], alone.y[-1])
+        assert frame.membership_error(result.y[-1, k]) < 1e-13
+
+
 def test_a_heat_bath_has_the_inertia_of_the_member():
     bath = cg.Langevin(1.0, 0.7, seed=5)
     options = {"method": "Leapfrog", "h": 0.2, "thermostat": bath}
