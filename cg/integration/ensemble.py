@@ -250,6 +250,8 @@ def _count_steps(problem: Problem) -> int:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
+    # Members of one problem are parts of it. On frames of their own they are parts of the problem
+    # without derivatives, which are then added to each; those of all only collect the results.
     base = problem
     of_parts: Options | None = None
     problem = _with_derivatives(problem, options)
