@@ -534,7 +534,8 @@ def backward(case: Case) -> None:
     for k, samples in enumerate(program.inputs):
         changes[f"values{k}"] = samples.scale * rng.uniform(-1, 1, samples.count)
     rows = range(len(s.t)) if program.output else [-1]
-    weights = rng.uniform(-1, 1, (len(rows), reals(space.base).size))
+    # errors at several times add up as their root mean square does
+    weights = rng.uniform(-1, 1, (len(rows), reals(space.base).size)) / np.sqrt(len(rows))
     cotangent = np.array([
         [weight @ space.tangent(e, s.y[i]) for e in np.eye(space.coordinates)]
         for i, weight in zip(rows, weights, strict=True)
