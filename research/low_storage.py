@@ -3,9 +3,10 @@
 Methods in print satisfy their conditions to their digits only. Each is moved to the closest
 solution of the classical conditions alone, by corrections of least norm in A and B whose
 residuals are exact; the conditions on manifolds are evaluated there. Other tables have pairs and
-equal steps on a gradient flow on SU(3).
+equal steps on the gradient flow of a lattice.
 """
 
+import runpy
 import sys
 import tomllib
 import warnings
@@ -32,7 +33,8 @@ BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 PAIRS, END_OF_PAIRS = "<!-- pairs -->\n", "<!-- end of pairs -->\n"
 STEPS, END_OF_STEPS = "<!-- steps -->\n", "<!-- end of steps -->\n"
 EQUAL = "Lüscher", "Berland–Bogey–Bailly", "CF4b", "CF4(3)r", "CF4r", "CF5r"
-EVALUATIONS = 96, 192, 384, 768
+EVALUATIONS = 48, 96, 192, 384
+EXAMPLE, SIDES, TIME = Path("docs/gallery/gradient_flow.py"), (4, 4, 4, 4), 1.0
 STORED = {
     "BS3(2)": (3, 4),
     "CF3(2)r": (3, 2),
@@ -170,51 +172,41 @@ def table_of(rows: Sequence[Row]) -> str:
 
 
 @cache
-def gradient_flow() -> tuple[Any, Any, Any]:
-    """Return f, the start and the end of a gradient flow on SU(3).
-
-    With random S, ``y' = -P(y S) y``, P the part in the algebra: the flow of the action Re tr(y S).
-    """
-    frame, rng = cg.frames.SU(3), np.random.default_rng(1)
-    s = rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3))
-    start = frame.random_point(rng)
-
-    def f(_: float, y: NDArray[np.complex128]) -> NDArray[np.float64]:
-        m = y @ s
-        m = (m.conj().T - m) / 2
-        return frame.coefficients(y, (m - np.trace(m) / 3 * np.eye(3)) @ y)
-
-    options = {"frame": frame, "method": "CF7(6)", "rtol": 1e-13, "atol": 1e-13}
-    return f, start, cg.solve_ivp(f, (0.0, 3.0), start, **options).y[-1]
+def gradient_flow() -> tuple[Any, NDArray[np.complex128]]:
+    """Return the flow of the example on a lattice of four dimensions, and its end."""
+    field: Any = runpy.run_path(str(EXAMPLE), run_name="gradient_flow")["GradientFlow"](SIDES)
+    options = {"frame": field.frame, "method": "CF7(6)", "rtol": 1e-12, "atol": 1e-12}
+    return field, cg.solve_ivp(field.f, (0.0, TIME), field.y0, **options).y[-1]
 
 
 def table_of_steps() -> str:
-    """Return the table of equal steps: errors by evaluations."""
-    f, start, end = gradient_flow()
+    """Return the table of equal steps: errors of the action and of links by evaluations."""
+    field, end = gradient_flow()
     printed = {e["name"]: weights_of(list(map(Fraction, (*e["a"], *e["b"])))) for e in entries()}
     cells = []
     for name in EQUAL:
         method = printed[name] if name in printed else cg.methods[name]
         row = [f"`{name}`" if name in cg.methods else name, str(method.stages)]
         for evaluations in EVALUATIONS:
-            h = 3.0 / (evaluations // method.stages)
+            options = {"h": TIME / (evaluations // method.stages), "frame": field.frame}
             with warnings.catch_warnings(action="ignore"):  # orders of printed digits
-                y = cg.integrate(f, (0.0, 3.0), start, frame=cg.frames.SU(3), method=method, h=h).y
-            row.append(f"{np.abs(y[-1] - end).max():.1e}")
+                y = cg.integrate(field.f, (0.0, TIME), field.y0, method=method, **options).y[-1]
+            error = abs(field.action(y) - field.action(end))
+            row.append(f"{error:.1e}, {np.abs(y - end).max():.1e}")
         cells.append(row)
     return table(("method", "stages", *(f"{n} evaluations" for n in EVALUATIONS)), cells) + "\n"
 
 
 def table_of_pairs() -> str:
-    """Return the table of pairs: numbers stored, evaluations and errors."""
-    f, start, end = gradient_flow()
+    """Return the table of pairs: numbers stored, evaluations and errors of links."""
+    field, end = gradient_flow()
     cells = []
     for name, (points, fields) in STORED.items():
-        options = {"frame": cg.frames.SU(3), "method": name}
-        runs = [cg.solve_ivp(f, (0, 3), start, rtol=r, atol=r, **options) for r in TOLERANCES]
-        errors = [f"{np.abs(run.y[-1] - end).max():.1e}" for run in runs]
-        counts = [f"{run.nfev}: {error}" for run, error in zip(runs, errors, strict=True)]
-        cells.append([f"`{name}`", str(18 * points + 8 * fields), *counts])
+        cells.append([f"`{name}`", str(18 * points + 8 * fields)])
+        for tolerance in TOLERANCES:
+            options = {"frame": field.frame, "method": name, "rtol": tolerance, "atol": tolerance}
+            run = cg.solve_ivp(field.f, (0.0, TIME), field.y0, **options)
+            cells[-1].append(f"{run.nfev}: {np.abs(run.y[-1] - end).max():.1e}")
     header = "pair", "numbers a link", *(f"tolerance {one:.0e}" for one in TOLERANCES)
     return table(header, cells) + "\n"
 
