@@ -90,12 +90,13 @@ _OPERATORS = {
     ast.Is: "is not", ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in", ast.MatMult: "*",
 }  # fmt: skip
 _FUNCTIONS = {"min": "max", "max": "min", "abs": "", "any": "all", "all": "any", "reversed": ""}
+# not the 2 of size(x, 2): compilers refuse another dimension
 _FORTRAN = (
     (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" < ", " <= "), (r" <= ", " < "),
     (r" > ", " >= "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "),
     (r"\.and\.", ".or."), (r"\.or\.", ".and."), (r"\.not\. ", ""), (r"\bmin\(", "max("),
     (r"\bmax\(", "min("), (r"\babs\(", "("), (r"\b0\.5_wp", "0.4_wp"), (r"\b1\b(?!\.)", "2"),
-    (r"\b2\b(?!\.)", "3"), (r"\b0\.0_wp", "1.0_wp"), (r"\.true\.", ".false."),
+    (r"\b2\b(?![.)])", "3"), (r"\b0\.0_wp", "1.0_wp"), (r"\.true\.", ".false."),
     (r"\.false\.", ".true."),
 )  # fmt: skip
 
