@@ -47,6 +47,7 @@ _UNSWITCHED = ("__init__.py", "tables.py", "ordered.py", "wrap.py")  # the build
 
 # Cases of a test that are run, and those that are run with one error
 _CASES, _TRIES = 3, 2
+_IDLE = 100  # seconds without work of its own after which a child is ended
 
 SWITCH = {
     "cg/_planted.py": '''"""Which errors act."""
@@ -336,8 +337,13 @@ class Watcher:
         behind.close()
         outcome: tuple[object, float] = "the time, or the end of the process", limit
         with ahead, suppress(EOFError):
-            if ahead.poll(40.0 * limit):
-                outcome = ahead.recv()
+            used, idle = "", 0
+            while idle < _IDLE:  # a child may wait for a thread that wasn't forked
+                if ahead.poll(1.0):
+                    outcome = ahead.recv()
+                    break
+                now = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13]
+                used, idle = str(now), idle + 1 if str(now) == used else 0
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         return outcome
