@@ -11,3 +11,4 @@ os.environ.setdefault(
 jax = pytest.importorskip("jax", reason="jax isn't installed")
 diffrax = pytest.importorskip("diffrax", reason="diffrax isn't installed")
 jax.config.update("jax_enable_x64", True)
+# Modules make no arrays of it when they are imported: what XLA starts then doesn't survive a fork.

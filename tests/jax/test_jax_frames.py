@@ -19,7 +19,7 @@ jnp = jax.numpy
 QUICK = [fr.UnitQuaternion(), fr.Euclidean(3)]
 FRAMES = [
     fr.SE3(), fr.SU(2), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2)),
-    squeeze(bracket=lambda u, v: jnp.zeros(2)), fr.SPD(2), fr.Hyperbolic(3),
+    squeeze(bracket=lambda u, v: np.zeros(2)), fr.SPD(2), fr.Hyperbolic(3),
 ]  # fmt: skip
 OTHERS = [
     fr.UnitQuaternion("space", scalar_first=True), fr.SO3("space"), fr.SO3(), fr.SE3("space"),

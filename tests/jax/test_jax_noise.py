@@ -10,7 +10,7 @@ import cg
 from cg.frames import SE3, SO3, Sphere
 
 jnp = jax.numpy
-STARTS = {SO3(): jnp.eye(3), Sphere(2): jnp.eye(3)[2], SE3(): jnp.eye(4)}
+STARTS = {SO3(): np.eye(3), Sphere(2): np.eye(3)[2], SE3(): np.eye(4)}
 
 
 def single(t, y, args):
