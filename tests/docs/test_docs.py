@@ -20,7 +20,7 @@ IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}
 NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip"}
 NEEDED |= {"howto/casadi": "casadi", "howto/conventions": "mujoco pinocchio"}
-SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
+SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
     for folder in ("start", "howto", "mathematics")
