@@ -48,8 +48,8 @@ def solve_ivp(
         ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns zero,
         or else ends the call. The integration is then compiled as a whole, without Python's lock,
         on SO(n), SU(n), U(n), unit quaternions, SE(3), the sphere in space, Euclidean space, their
-        products, powers and phase spaces, isospectral orbits of real matrices, Grassmann manifolds,
-        and linear actions of sparse matrices.
+        products, powers and phase spaces; on isospectral orbits of real matrices, Grassmann
+        manifolds, linear actions of sparse matrices, and powers of one of these.
     t_span
         Initial and final time. If the final time is smaller, integration runs backward. It may
         be infinite with a terminal event; steps then turn by no more than a full turn.
