@@ -21,7 +21,7 @@ SOUGHT = {
     "conditions": "mathematics/index",
     "gyro": "howto/gyro",
     "vortices": "howto/vortices",
-    "tableau": "howto/questions",
+    "tableau": "mathematics/index",
     "cython": "howto/compiled",
     "tutorial": "start/first_steps",
     "stepper": "howto/output_events",

@@ -47,9 +47,9 @@ def solve_ivp(
         *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, a
         ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns zero,
         or else ends the call. The integration is then compiled as a whole, without Python's lock,
-        on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in space, Euclidean
-        space and their products, isospectral orbits of real matrices up to n = 12, and linear
-        actions of sparse matrices.
+        on SO(n), SU(n), U(n), unit quaternions, SE(3), the sphere in space, Euclidean space, their
+        products, powers and phase spaces; on isospectral orbits of real matrices, Grassmann
+        manifolds, linear actions of sparse matrices, and powers of one of these.
     t_span
         Initial and final time. If the final time is smaller, integration runs backward. It may
         be infinite with a terminal event; steps then turn by no more than a full turn.
@@ -208,10 +208,10 @@ def solve_ivp(
     ------
     ValueError
         If an argument has an impossible value, arguments contradict each other, derivatives are
-        asked for on a frame that knows no bracket, a function returns another shape, or numbers
-        that aren't finite, ``f`` at the start. Later ones of
-        ``f`` reject adaptive steps; where these can't get shorter, and fixed ones, end with the
-        status -1 and the solution so far.
+        asked for on a frame that knows no bracket, a function returns another shape, or ``f``
+        returns numbers that aren't finite at the start, another function anywhere. Where ``f``
+        does so later, adaptive steps become shorter; if they can't, and with fixed steps, the
+        integration ends with the status -1 and the solution so far.
     OverflowError
         With fixed steps, if the solution exceeds the range of floating point, or if derivatives do.
     RuntimeError

@@ -30,8 +30,8 @@ class Langevin:
     compositions do the same, and neither momenta nor noise open the joints.
 
     The noise is a function of the seed, of the member of an ensemble, and of the time of the step
-    in steps [2]_. Workers, pickles and interruptions don't change it; a restart at an earlier time
-    meets the same noise again, and so do two runs from one initial time with one seed.
+    divided by its size [2]_. Workers, pickles and interruptions don't change it; a restart at an
+    earlier time meets the same noise again, and so do two runs from one initial time with one seed.
 
     Parameters
     ----------

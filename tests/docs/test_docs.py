@@ -18,9 +18,9 @@ from cg.integration.default_method import choose_method
 DOCS = Path(__file__).parents[2] / "docs"
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}
-NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip", "howto/questions": "sympy"}
+NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip"}
 NEEDED |= {"howto/casadi": "casadi", "howto/conventions": "mujoco pinocchio"}
-SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
+SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
     for folder in ("start", "howto", "mathematics")

@@ -1,7 +1,7 @@
 """The code in the README and in other pages runs."""
 
 import numpy as np
-from tests_of_pages import blocks_of, run
+from tests_of_pages import blocks_of, run, source_in
 
 
 def test_code_of_readme_runs():
@@ -14,8 +14,9 @@ def test_code_of_readme_runs():
     assert names["proof"].order == names["method"].order == 6
 
 
-def test_code_of_frames_page():
+def test_code_of_frames_page(capsys):
     names = run("docs/frames.md")
+    assert capsys.readouterr().out == source_in("docs/frames.md", "text")
     spiral = names["spiral"]
     # latitude: z' = -(1 - z^2) / 2; longitude grows with time
     z = -np.tanh(spiral.t / 2)

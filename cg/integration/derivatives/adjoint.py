@@ -32,7 +32,7 @@ _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Adjoint:
-    """Gradients of costs of a solution with ``derivatives="adjoint"``, which has these methods.
+    """What a solution with ``derivatives="adjoint"`` adds: gradients of a cost, or of its end.
 
     Examples
     --------

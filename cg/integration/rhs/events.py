@@ -31,7 +31,7 @@ class Event:
     changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
     Events at the same time happen together, with jumps in the order of the list. Where a jump
-    leaves its function at zero, and ``f`` only pulls it on, as in a contact that rests, the
+    leaves its function at zero, and ``f`` drives it beyond, as in a contact that rests, the
     integration ends with the status -1.
 
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
