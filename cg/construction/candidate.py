@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from cg.construction.conditions import core_calls, count
-from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.layout import Layout, Rows, check_length
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.packed import make_method
+from cg.construction.methods.tableau import Tableau
 from cg.construction.search.start import EXACT
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish_zeros
@@ -166,3 +168,13 @@ def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
         )
     polished = polish_zeros(quads.decode(refined.x), system, movable)
     return make_method(system.layout, system.texts(polished.x), name=name, source=source)
+
+
+def make_method(
+    layout: Layout, coefficients: Sequence[Any], **fields: Any
+) -> Tableau | CommutatorFree | MagnusMethod:
+    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
+    check_length(coefficients, layout.size)
+    points = MagnusMethod if layout.of_time else CommutatorFree
+    kind = points if layout.rows is None else Tableau
+    return kind.from_layout(layout, coefficients, **fields)

@@ -71,8 +71,7 @@ def wrong_abscissae(method: Method, c: Sequence[Any]) -> Iterator[str]:
     MethodError unless there is one for each stage.
     """
     given = read_row(c, "c", method.stages, "c_{}")
-    for i, (expected, row) in enumerate(zip(given, method.exact[0], strict=True), 1):
-        total = sum(row, Fraction(0))
+    for i, (expected, total) in enumerate(zip(given, method.abscissae, strict=True), 1):
         # the uncertainties of the entries add up
         allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
         if abs(expected.value - total) > allowed:

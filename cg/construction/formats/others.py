@@ -23,7 +23,7 @@ def to_diffrax(method: str | Method) -> Any:
     error = [x - y for x, y in zip(b, second or b, strict=True)]
     a, _ = method.exact
     return diffrax.ButcherTableau(
-        c=np.array([float(sum(row, Fraction(0))) for row in a[1:]]),
+        c=method.c[1:],
         b_sol=_array(b),
         b_error=_array(error),
         a_lower=tuple(_array(row[:i]) for i, row in enumerate(a[1:], 1)),

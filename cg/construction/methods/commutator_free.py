@@ -163,8 +163,7 @@ class CommutatorFree(Method):
             zip(parents, self.point_coefficients, strict=True),
             self.tree.stage_points,
             self.tree.embedded_result,
-            name=f"{self.name}, embedded" if self.name else "",
-            source=self.source,
+            **self._embedded_names,
         )
 
     @cached_property

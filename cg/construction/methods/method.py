@@ -306,9 +306,14 @@ class Method(ABC):
         return None if self.exact_embedded is None else frozen(self.exact_embedded)
 
     @cached_property
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The times of stages as parts of a step: the sums of the rows of `exact`."""
+        return tuple(sum(row, Fraction(0)) for row in self.exact[0])
+
+    @cached_property
     def c(self) -> NDArray[np.float64]:
-        """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
-        return frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
+        """The `abscissae`, rounded to double; shape (s,), read-only."""
+        return frozen(self.abscissae)
 
     @property
     def order(self) -> int:
@@ -406,6 +411,11 @@ class Method(ABC):
                 f"residuals through nominal_order {self.order} reach {largest:.3g}, "
                 f"more than nominal_residual = {self.nominal_residual.text}"
             )
+
+    @property
+    def _embedded_names(self) -> dict[str, Any]:
+        """Name and source of `embedded`."""
+        return {"name": f"{self.name}, embedded" * bool(self.name), "source": self.source}
 
     @cached_property
     def embedded_order(self) -> int | None:

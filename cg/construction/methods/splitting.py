@@ -139,9 +139,9 @@ class Splitting(Method):
         return self.kicks
 
     @cached_property
-    def c(self) -> NDArray[np.float64]:
-        """The times of the kicks, as parts of a step; shape (s,), read-only."""
-        return frozen(list(accumulate(d.value for d in self.drift_coefficients))[:-1])
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The times of the kicks, as parts of a step."""
+        return tuple(accumulate(d.value for d in self.drift_coefficients[:-1]))
 
     @property
     def tree(self) -> NoReturn:

@@ -47,7 +47,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(FAINT))
+            ax.text(0.0, y, _text(method.abscissae[i], digits), **_cell(FAINT))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
                 ax.text(j, y, _text(entry, digits), **_cell("black"))

@@ -56,7 +56,7 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
 def _tableau(method: Method, digits: int) -> str:
     """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
     a, b = method.exact
-    rows: list[Any] = [(sum(row, Fraction(0)), *row) for row in a]
+    rows: list[Any] = [(c, *row) for c, row in zip(method.abscissae, a, strict=True)]
     if method.explicit:
         rows = [row[: end + 1] for end, row in enumerate(rows)]
     rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]

@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
+from cg.construction.candidate import Candidate, NotExactError, default_name, make_method, to_method
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.method import Method
-from cg.construction.methods.packed import make_method
 from cg.construction.methods.tolerance import to_floats
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
