@@ -10,7 +10,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
 from cg.construction.proofs.files import certificate_of
-from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.packed import fitting
 from cg.construction.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
 from cg.support import flint
 from cg.support.balls import exact_midpoint

@@ -9,7 +9,7 @@ from cg.construction.catalogue.entries import certificate_path
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.proofs.certificate import Certificate, CertificationError
-from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.packed import fitting
 
 
 def folder() -> Traversable:
