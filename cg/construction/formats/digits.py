@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
-from cg.support.checks import check_integer
+from cg.support.checks import check_instance, check_integer
 from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
@@ -68,13 +68,11 @@ def known_digits(method: Method) -> int | None:
 
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
     """Return the coefficients of a method, from its certificate if it has too few digits."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     if certificate is not None:
         from cg.construction.proofs import Certificate
 
-        if not isinstance(certificate, Certificate):
-            raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+        check_instance("certificate", certificate, Certificate)
     stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)

@@ -15,15 +15,13 @@ from operator import itemgetter
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.lifting.exact import refined
-from cg.construction.lifting.reduction import improved, merged_flows
-from cg.construction.lifting.solver import Fit, fit
+from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_order, stage_orders
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import start_generator
-from cg.support.checks import MAX_STAGES, check_flag, check_integer
+from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
@@ -281,8 +279,7 @@ class _Settings:
 def _check_orders(
     tableau: Tableau, order: int | None, embedded_order: int | None
 ) -> tuple[int, int]:
-    if not isinstance(tableau, Tableau):
-        raise TypeError(f"tableau must be a Tableau, got {tableau!r}")
+    check_instance("tableau", tableau, Tableau)
     if not tableau.explicit:
         raise ValueError(f"tableau must be explicit, got {tableau!r}")
     flat = flat_order(tableau)

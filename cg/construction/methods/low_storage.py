@@ -24,6 +24,7 @@ from cg.construction.methods.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.support.checks import check_instance
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 
@@ -73,8 +74,7 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
 
 def two_registers(method: Method) -> Registers | None:
     """Return A and B of a two-register method, up to the units of its weights; None for others."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     if not method.explicit or method.embedded_result is not None:
         return None
     stages = method.stages

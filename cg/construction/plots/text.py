@@ -11,7 +11,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees.ordered import OrderedTree
-from cg.support.checks import check_integer
+from cg.support.checks import check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _NODE = "●"
@@ -74,8 +74,7 @@ def _number(x: Fraction, digits: int) -> str:
 
 def draw_tree(tree: OrderedTree) -> str:
     """Return an ordered tree as lines of text, each node above its children."""
-    if not isinstance(tree, OrderedTree):
-        raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
+    check_instance("tree", tree, OrderedTree)
     return _draw(tree, lambda node: node.children, lambda _: _NODE)
 
 

@@ -26,7 +26,7 @@ from cg.construction.proofs.packed import Packed, fitting, pack
 from cg.construction.proofs.zero import check_left_out, check_rational, prove_zero
 from cg.support.balls import exact_midpoint
 from cg.support.balls import working_precision as precision
-from cg.support.checks import check_flag, check_integer
+from cg.support.checks import check_flag, check_instance, check_integer
 
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 
@@ -109,10 +109,8 @@ def certify(
 
 def check(certificate: Certificate, method: Method) -> None:
     """Prove what a certificate, which is a hint only, says of a method; else CertificationError."""
-    if not isinstance(certificate, Certificate):
-        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("certificate", certificate, Certificate)
+    check_instance("method", method, Method)
     packed = fitting(certificate, method)
     with precision(certificate.bits):
         if certificate.radius == 0:
