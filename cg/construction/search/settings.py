@@ -247,8 +247,9 @@ class Settings:
                 check_integer("stages", stages, 2)
             flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
             unknowns = most_unknowns(stages - last, flows)
-        second = 0 if layout is None else int(layout.pair)
-        _check_counts(force, self.order, stages - last, flows - second, unknowns)
+        if not force:
+            second = 0 if layout is None else int(layout.pair)
+            _check_counts(self.order, stages - last, flows - second, unknowns)
         return layout, flows
 
     def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
@@ -429,16 +430,16 @@ def _check_unknowns(system: ConditionSystem, force: bool, kind: str = "") -> Non
         )
 
 
-def _check_counts(force: bool, order: int, stages: int, flows: int, unknowns: int) -> None:
+def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
     """Refuse methods of points that can't have the order where flows commute."""
     least, conditions = MIN_STAGES[order - 1], len(rooted_trees_through(order))
     where = "where flows commute"
     if stages < least:
         few = f"stages = {stages} is too few for order {order}, which needs {least}"
-        refuse(force, f"{few} even {where}")
+        refuse(False, f"{few} even {where}")
     if (order, flows) == (4, 4):
         few = "flows = 4 is too few for order 4, which needs 5"
-        refuse(force, f"{few}: see the page 'Methods that do not exist' of the documentation")
+        refuse(False, f"{few}: see the page 'Methods that do not exist' of the documentation")
     if unknowns < conditions:
         few = f"the flows have {unknowns} unknowns for {conditions} conditions of order {order}"
-        refuse(force, f"{few} {where}")
+        refuse(False, f"{few} {where}")
