@@ -188,6 +188,8 @@ def lift(
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
+    if flows is not None:
+        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
     settings = _Settings(
@@ -196,9 +198,7 @@ def lift(
         embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
         lengths=_check_chains(rows, order, flows, chains),
-        flows=None
-        if flows is None
-        else check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES),
+        flows=flows,
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),

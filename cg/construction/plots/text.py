@@ -37,10 +37,13 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
         flat = _tableau(method, digits)
         return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
     if isinstance(method, MagnusMethod):
-        rows = {"nodes": [method.nodes], "bracket of": chain(*method.brackets)}
-        rows |= {"flow": method.weights}
-        rows |= {"flow of the second result": method.embedded_weights or ()}
-        rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
+        rows = {
+            "nodes": [method.nodes],
+            "bracket of": chain(*method.brackets),
+            "flow": method.weights,
+            "flow of the second result": method.embedded_weights or (),
+            "flow of the third": filter(None, [method.third_weights]),
+        }
         return columns([
             [label, "│", *(_number(x.value, digits) for x in row)]
             for label, block in rows.items()

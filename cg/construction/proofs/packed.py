@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import accumulate, pairwise, product
 from math import prod
-from typing import Any, Protocol
+from typing import Any
 
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.conditions.linear_equations import (
@@ -50,16 +50,6 @@ _DRIFTS: Word = ()
 _MAX_BITS = 1 << 14
 
 
-class Equations(Protocol):
-    """Conditions as equations of coefficients, such as an `EquationSystem`."""
-
-    def residuals(self, z: Sequence[Any]) -> list[Any]:
-        """Return the residuals, for coefficients that are all ``arb`` or all ``fmpq``."""
-
-    def linearise(self, z: Sequence[flint.arb]) -> tuple[list[flint.arb], flint.arb_mat]:
-        """Return the residuals and their derivatives by all coefficients."""
-
-
 @dataclass(frozen=True)
 class PolynomialEquations:
     """Equations by a function of coefficients of any type of numbers."""
@@ -73,6 +63,9 @@ class PolynomialEquations:
             line = [flint.arb_series([x, int(j == k)], prec=2) for j, x in enumerate(z)]
             columns.append([value[1] for value in self.residuals(line)])
         return self.residuals(z), flint.arb_mat(columns).transpose()
+
+
+Equations = EquationSystem | PolynomialEquations
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,12 @@ the search covers methods with several frozen fields in a flow: those of a given
 of trees that are drawn at random with each start.
 """
 
-import operator
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, partial
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -56,7 +55,7 @@ class SearchResult:
     @property
     def exact_starts(self) -> int:
         """Number of starts that solved the order conditions, whatever else is required."""
-        return sum(1 for _ in self._exact())
+        return sum(start.exact for start in self.starts)
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
@@ -67,7 +66,7 @@ class SearchResult:
         """
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
-        for start in self._exact():
+        for start in filter(attrgetter("exact"), self.starts):
             layout, _ = draw_start(self.settings, start.index)
             key = tuple(round(float(entry), 8) for entry in start.x)
             if (layout, key) in seen:
@@ -76,7 +75,7 @@ class SearchResult:
             improved = self._improved(start, layout)
             if improved is not None:
                 methods.append(improved)
-        methods.sort(key=operator.itemgetter(0))
+        methods.sort(key=itemgetter(0))
         if self.requirements == Requirements():
             return tuple(method for _, method in methods)
         distinct: list[Method] = []  # starts that moved to one minimum end close to each other
@@ -93,10 +92,7 @@ class SearchResult:
     @property
     def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
-        return min(self.starts, key=operator.attrgetter("largest_residual"))
-
-    def _exact(self) -> Iterable[RandomStart]:
-        return (start for start in self.starts if start.exact)
+        return min(self.starts, key=attrgetter("largest_residual"))
 
     @single_threads()
     def _improved(self, start: RandomStart, layout: Layout) -> tuple[float, Method] | None:
