@@ -73,11 +73,6 @@ class Candidate:
         return sums
 
     @property
-    def abscissae(self) -> NDArray[np.float64]:
-        """Abscissae of the stages, shape (stages,)."""
-        return np.asarray(self.row_sums @ self.x)
-
-    @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
         """Order q + 1, layout, x, and the trees of order q + 1, as compiled residuals take them."""
         order = self.system.order

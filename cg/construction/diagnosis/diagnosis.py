@@ -308,10 +308,11 @@ def first_failing(method: Method) -> FailingCondition | None:
     order = method.exact_order + 1
     if order > conditions.MAX_ORDER:
         return None
-    return _first_flat(method, order) if isinstance(method, MuntheKaas) else _first(method, order)
-
-
-def _first(method: Method, order: int) -> FailingCondition:
+    if isinstance(method, MuntheKaas):
+        violated = failing_rooted(method.tableau, order)
+        rooted, weight, side = violated[0]
+        number = len(violated), len(rooted_trees(order))
+        return FailingCondition(order, planted(rooted), float(weight - side), side, *number)
     lower = conditions.count(order - 1, independent=True) if order > 1 else 0
     trees = conditions.condition_trees(order, independent=True)[lower:]
     sides = conditions.right_sides(order, independent=True)[lower:]
@@ -338,11 +339,3 @@ def _within(residual: arb, tolerance: float) -> bool:
     if not math.isfinite(tolerance):
         return False
     return bool(residual.contains(0) or abs(residual) <= tolerance)
-
-
-def _first_flat(method: MuntheKaas, order: int) -> FailingCondition:
-    failing = failing_rooted(method.tableau, order)
-    tree, weight, side = failing[0]
-    trees = len(rooted_trees(order))
-    residual = float(weight - side)
-    return FailingCondition(order, planted(tree), residual, side, len(failing), trees)

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 
 from cg.construction.conditions.linear_equations import (
     LINEAR_ROUNDING,
@@ -285,9 +284,6 @@ class MagnusMethod(Method):
     def residuals(self, order: int) -> list[Decimal]:
         """Return the residuals of the conditions of all words through a degree, to 50 digits."""
         return linear_residuals(self._numbers("value"), order)
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        return np.array(self.residuals(self.order + 1)[2**self.order - 1 :], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
         """Tell whether the conditions through an order hold, as far as stored places can tell."""

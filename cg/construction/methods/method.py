@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
@@ -373,11 +373,11 @@ class Method(ABC):
 
         A ValueError if q is ``conditions.MAX_ORDER``.
         """
-        return float(np.linalg.norm(self._next_residuals()))
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        lower = conditions.count(self.order) if self.order else 0
-        return conditions.residuals(self.tree, self.order + 1)[lower:]
+        compute: Any = self.residuals
+        if self.of_trees:  # in double precision
+            compute = partial(conditions.residuals, self.tree)
+        lower = len(compute(self.order)) if self.order else 0
+        return float(np.linalg.norm(np.array(compute(self.order + 1)[lower:], dtype=np.float64)))
 
     def satisfies(self, order: int) -> bool:
         """Return whether the conditions through an order hold, up to the rounding of coefficients.

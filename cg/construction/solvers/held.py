@@ -204,10 +204,6 @@ class RegisterWeights:
             x[end - 1 : end] = x[end] * (1.25 * x[end - 1 : end] / spread - 0.75)
         return self.complete(x)
 
-    def texts(self, x: Sequence[Fraction]) -> list[str]:
-        """Return weights as decimals."""
-        return list(map(quads.to_decimal, x))
-
     def _rows(self) -> list[tuple[list[int], int, list[int]]]:
         """Return the weights that follow, the one they follow from, and those of the point before.
 

@@ -157,7 +157,7 @@ class ConditionSystem:
 
     def texts(self, x: Sequence[Fraction]) -> list[str]:
         """Return entries as decimals, those that are held themselves as rationals."""
-        return list(map(quads.to_decimal, x)) if self.held is None else self.held.texts(x)
+        return self.held.texts(x) if isinstance(self.held, Held) else list(map(quads.to_decimal, x))
 
     @property
     def equations(self) -> int:
