@@ -241,7 +241,7 @@ def dumps(method: Method) -> str:
     else:
         kinds = "Tableau, CommutatorFree, MuntheKaas, MagnusMethod or Splitting"
         raise TypeError(f"method must be a {kinds}, got {method!r}")
-    if (third := getattr(method, "third_weights", None)) is not None:
+    if (third := method.third_weights) is not None:
         lines.append(f"b_third = {_array(third)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]

@@ -57,10 +57,9 @@ class Numbers:
 
 def known_digits(method: Method) -> int | None:
     """Return the smallest number of correct digits of coefficients; None if all are rational."""
-    third = getattr(method, "third_weights", None) or ()
     digits = [
         max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
-        for coefficient in (*method.coefficients, *third)
+        for coefficient in (*method.coefficients, *(method.third_weights or ()))
         if coefficient.unit and coefficient.value
     ]
     return min(digits, default=None)
@@ -106,7 +105,7 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     if method.approximate:
         fields["nominal_order"] = method.nominal_order
         fields["nominal_residual"] = method.nominal_residual
-    if (third := getattr(method, "third_weights", None)) is not None:
+    if (third := method.third_weights) is not None:
         fields["third"] = [_rounded_text(given, given.value, digits, zeros) for given in third]
     return method.with_coefficients(texts, **fields)
 

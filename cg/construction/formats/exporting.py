@@ -139,9 +139,9 @@ def to_diffrax(method: str | Method) -> Any:
     a, _ = method.exact
     return diffrax.ButcherTableau(
         c=method.c[1:],
-        b_sol=_array(b),
-        b_error=_array(error),
-        a_lower=tuple(_array(row[:i]) for i, row in enumerate(a[1:], 1)),
+        b_sol=np.array(b, np.float64),
+        b_error=np.array(error, np.float64),
+        a_lower=tuple(np.array(row[:i], np.float64) for i, row in enumerate(a[1:], 1)),
     )
 
 
@@ -185,7 +185,3 @@ def _weights(method: Method) -> tuple[tuple[Fraction, ...], tuple[Fraction, ...]
     if second is not None and (method.embedded_order or 0) > method.order:
         return second, b
     return b, second
-
-
-def _array(row: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([float(entry) for entry in row])

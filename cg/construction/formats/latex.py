@@ -70,9 +70,8 @@ def _entries(
     packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
-    third = getattr(method, "third_weights", None)
-    if third is not None:
-        rows.append(list(third))
+    if method.third_weights is not None:
+        rows.append(list(method.third_weights))
     for i, row in enumerate(rows):
         entries = [Coefficient.read(entry) for entry in row]
         if i >= method.stages:

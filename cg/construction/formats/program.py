@@ -167,15 +167,14 @@ def make_program(numbers: Numbers, title: str) -> Program:
 def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     """Return the points of a step to the result of higher order, and the weights of its errors."""
     method = numbers.method
-    third = getattr(method, "third_weights", None)
     better = (method.embedded_order or 0) > method.order
     if isinstance(method, MuntheKaas):
         rows = [list(map(Fraction, row)) for row in method.layout.full_rows(numbers.values)]
         b, *others = rows[method.stages :]
         if better:
             b, others = others[0], [b]
-        if third is not None:
-            others.append([weight.value for weight in third])
+        if method.third_weights is not None:
+            others.append([weight.value for weight in method.third_weights])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
         return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)

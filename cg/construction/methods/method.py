@@ -39,6 +39,8 @@ class Method(ABC):
     ----------
     name, source
         Name and origin of the method.
+    third_weights
+        Of a pair with a third result: its weights; see `cg.CommutatorFree`.
     nominal_order
         The intended order of a method that satisfies its order conditions only approximately.
     nominal_residual
@@ -62,6 +64,7 @@ class Method(ABC):
     name: str
     source: str
     file: Path | None = None
+    third_weights: tuple[Coefficient, ...] | None = None
     nominal_order: int | None = None
     nominal_residual: Coefficient | None = None
     of_trees: ClassVar[bool] = True  # whether its order conditions are those of ordered trees

@@ -318,20 +318,19 @@ class Settings:
     def _check_shape(self, rows: Rows, force: bool) -> tuple[Layout | None, int | None, int]:
         """Return the layout of a given tree, the number of flows, and that of unknowns."""
         order, stages = self.order, self.stages
-        if not self.of_points:
+        layout = flows = None
+        if self.of_points:
+            layout, flows = self.check_layout(force)
+            size = most_unknowns(stages, flows) if layout is None else layout.size
+            if rows is not Rows.EXPLICIT:
+                raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
+        else:
             system = ConditionSystem.tableau(order, stages, rows, self.check_tableau())
             size = system.movable.size
             _check_unknowns(system, force, f" ({rows.name.lower()} rows)")
-            layout, flows = None, None
-        else:
-            layout, flows = self.check_layout(force)
-            if rows is not Rows.EXPLICIT:
-                raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
-        if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):
+        if self.algorithm == "lmdif" and (self.embedded or (layout and layout.pair)):
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
-        if flows is None:
-            return None, None, size
-        return layout, flows, most_unknowns(stages, flows) if layout is None else layout.size
+        return layout, flows, size
 
     def _checked_construction(self, force: bool) -> Settings:
         """Return the settings of a construction."""
