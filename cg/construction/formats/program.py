@@ -178,10 +178,8 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
         return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)
-    result, second = tree.result, tree.embedded_result
-    if better and second is not None:
-        result, second = second, result
-    return PointTree(tree.points, tree.stage_points, result, second), []
+    results = tree.results[::-1] if better else tree.results
+    return PointTree(tree.points, tree.stage_points, *results), []
 
 
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:

@@ -229,6 +229,12 @@ class Method(ABC):
         return self._explicit_tree.embedded_result
 
     @property
+    def advancing_results(self) -> tuple[int, ...]:
+        """The points of the results, first that of higher order, with which steps advance."""
+        ends = self.tree.results
+        return ends[::-1] if (self.embedded_order or 0) > self.order else ends
+
+    @property
     def stages(self) -> int:
         """Number of stages s: evaluations of the right-hand side in a step."""
         return len(self.tree.stage_points)

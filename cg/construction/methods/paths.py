@@ -167,17 +167,14 @@ def paths_of(method: Method) -> MethodPaths:
         method = method.advancing
         series = max(method.order, 1)
     errors = method.error_weights
-    tree = method.tree
-    result, embedded = tree.result, tree.embedded_result
-    if embedded is not None and (method.embedded_order or 0) > method.order:
-        result, embedded = embedded, result
-    builder = _Builder(method, {result} if embedded is None else {result, embedded})
-    stages = tuple(builder.path_to(point) for point in tree.stage_points)
+    result, *second = method.advancing_results
+    builder = _Builder(method, {result, *second})
+    stages = tuple(map(builder.path_to, method.tree.stage_points))
     result_path = builder.path_to(result)
     c = method.abscissae
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
     final = ends[0] if ends and method.explicit else 0
-    embedded_path = 0 if embedded is None else builder.path_to(embedded)
+    embedded_path = builder.path_to(second[0]) if second else 0
     third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
