@@ -65,14 +65,6 @@ class Candidate:
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
 
     @property
-    def row_sums(self) -> NDArray[np.float64]:
-        """Matrix that takes x to the abscissae, shape (stages, size)."""
-        sums = np.zeros((self.system.stages, self.system.size))
-        for stage in range(self.system.stages):
-            sums[stage, self.system.layout.row(stage)] = 1
-        return sums
-
-    @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
         """Order q + 1, layout, x, and the trees of order q + 1, as compiled residuals take them."""
         order = self.system.order

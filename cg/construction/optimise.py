@@ -189,7 +189,9 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
         limits = Limits(np.eye(x.size), -goals.bound, goals.bound)
         parts.append(limits.beyond(x, goals.bound_weight))
     if goals.abscissae:
-        limits = Limits(candidate.row_sums, *goals.interval)
+        rows = map(candidate.system.layout.row, range(candidate.system.stages))
+        sums = np.array([np.isin(np.arange(x.size), row) for row in rows], dtype=np.float64)
+        limits = Limits(sums, *goals.interval)
         parts.append(limits.beyond(x, goals.abscissae))
     if goals.limits is not None:
         parts.append(goals.limits.beyond(x, goals.limits_weight))
