@@ -8,7 +8,7 @@ of trees that are drawn at random with each start.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, partial
@@ -55,7 +55,7 @@ class SearchResult:
     @property
     def exact_starts(self) -> int:
         """Number of starts that solved the order conditions, whatever else is required."""
-        return sum(start.exact for start in self.starts)
+        return sum(1 for _ in self._exact())
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
@@ -66,7 +66,7 @@ class SearchResult:
         """
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
-        for start in filter(attrgetter("exact"), self.starts):
+        for start in self._exact():
             layout, _ = draw_start(self.settings, start.index)
             key = tuple(round(float(entry), 8) for entry in start.x)
             if (layout, key) in seen:
@@ -93,6 +93,9 @@ class SearchResult:
     def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=attrgetter("largest_residual"))
+
+    def _exact(self) -> Iterable[RandomStart]:
+        return (start for start in self.starts if start.exact)
 
     @single_threads()
     def _improved(self, start: RandomStart, layout: Layout) -> tuple[float, Method] | None:
