@@ -38,7 +38,7 @@ def __getattr__(name: str) -> Any:
 
 def _show_in_notebooks() -> None:
     """Register the views of methods with IPython, which imports them at their first use."""
-    views = f"{__name__}.construction.formats.notebooks"
+    views = f"{__name__}.construction.formats.latex"
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     for mime, view in (("text/html", "to_html"), ("text/latex", "to_formula")) if shell else ():
         shell.display_formatter.formatters[mime].for_type_by_name(

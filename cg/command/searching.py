@@ -14,8 +14,7 @@ from cg.construction.catalogue import dumps, save
 from cg.construction.construct import construct
 from cg.construction.formats import export
 from cg.construction.methods.method import Method
-from cg.construction.search.random_search import search
-from cg.construction.search.result import SearchResult
+from cg.construction.search.random_search import SearchResult, search
 from cg.support.progress import has_bars
 
 

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from cg.construction.conditions import core_calls, count
-from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts.layout import Layout, Rows, check_length
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.packed import make_method
+from cg.construction.methods.tableau import Tableau
 from cg.construction.search.start import EXACT
 from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.polish import polish_zeros
-from cg.construction.solvers.refine import refine
+from cg.construction.solvers.refine import Refined, polish_zeros, refine
 from cg.construction.solvers.system import ConditionSystem, next_trees
 from cg.support import quads
+from cg.support.checks import check_instance
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
@@ -61,19 +63,6 @@ class Candidate:
         """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
         values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.movable])
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
-
-    @property
-    def row_sums(self) -> NDArray[np.float64]:
-        """Matrix that takes x to the abscissae, shape (stages, size)."""
-        sums = np.zeros((self.system.stages, self.system.size))
-        for stage in range(self.system.stages):
-            sums[stage, self.system.layout.row(stage)] = 1
-        return sums
-
-    @property
-    def abscissae(self) -> NDArray[np.float64]:
-        """Abscissae of the stages, shape (stages,)."""
-        return np.asarray(self.row_sums @ self.x)
 
     @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
@@ -135,16 +124,20 @@ def solved(candidate: Candidate) -> bool:
 
 def refinable(candidate: Candidate) -> bool:
     """Return whether refinement in real(16) leads to an exact solution."""
-    # exact zeros stay
+    refined, _, bound = _refined(candidate)
+    return refined.largest_residual <= bound
+
+
+def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
+    """Refine a candidate, whose exact zeros stay; return what may move, and the bound to reach."""
     movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)
-    return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
+    return refined, movable, EXACT * max(1.0, candidate.largest)
 
 
 def pack_method(method: Method, order: int | None = None) -> Candidate:
     """Return a method as a candidate, by default of its order; a pair if it has second weights."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     order = method.order if order is None else order
     system = ConditionSystem(order, method.layout)
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
@@ -156,13 +149,21 @@ def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
     Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = candidate.system
-    movable = system.movable_without(np.flatnonzero(candidate.x == 0))
-    refined = refine(quads.from_float(candidate.x), system, movable=movable)
-    scale = max(1.0, candidate.largest)
-    if refined.largest_residual > EXACT * scale:
+    refined, movable, bound = _refined(candidate)
+    if refined.largest_residual > bound:
         raise NotExactError(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
-            f"more than {EXACT * scale:.0e}"
+            f"more than {bound:.0e}"
         )
     polished = polish_zeros(quads.decode(refined.x), system, movable)
     return make_method(system.layout, system.texts(polished.x), name=name, source=source)
+
+
+def make_method(
+    layout: Layout, coefficients: Sequence[Any], **fields: Any
+) -> Tableau | CommutatorFree | MagnusMethod:
+    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
+    check_length(coefficients, layout.size)
+    points = MagnusMethod if layout.of_time else CommutatorFree
+    kind = points if layout.rows is None else Tableau
+    return kind.from_layout(layout, coefficients, **fields)

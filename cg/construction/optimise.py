@@ -16,7 +16,7 @@ from scipy import linalg
 from cg.construction.candidate import Candidate, solved
 from cg.construction.conditions import core_calls
 from cg.construction.solvers.singular import Decomposition, decompose, retract
-from cg.support.checks import check_integer, check_interval, check_real
+from cg.support.checks import check_instance, check_integer, check_interval, check_real
 
 _MAX_STEP = 1.0
 
@@ -119,8 +119,7 @@ def optimise(
     >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
     4
     """
-    if not isinstance(candidate, Candidate):
-        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
+    check_instance("candidate", candidate, Candidate)
     if not isinstance(goals, Goals):
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
@@ -190,7 +189,9 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
         limits = Limits(np.eye(x.size), -goals.bound, goals.bound)
         parts.append(limits.beyond(x, goals.bound_weight))
     if goals.abscissae:
-        limits = Limits(candidate.row_sums, *goals.interval)
+        rows = map(candidate.system.layout.row, range(candidate.system.stages))
+        sums = np.array([np.isin(np.arange(x.size), row) for row in rows], dtype=np.float64)
+        limits = Limits(sums, *goals.interval)
         parts.append(limits.beyond(x, goals.abscissae))
     if goals.limits is not None:
         parts.append(goals.limits.beyond(x, goals.limits_weight))

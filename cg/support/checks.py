@@ -50,6 +50,20 @@ def check_flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def check_instance(name: str, value: Any, kind: type) -> None:
+    """Raise TypeError unless a value is one of a class."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise TypeError(f"{name} must be {article} {kind.__name__}, got {value!r}")
+
+
+def check_choice(name: str, value: Any, choices: Iterable[str]) -> None:
+    """Raise ValueError unless a value is one of some texts."""
+    choices = list(choices)
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+
+
 def check_generator(name: str, value: Any) -> np.random.Generator:
     """Return `value`; TypeError unless it is a `numpy.random.Generator`."""
     if not isinstance(value, np.random.Generator):

@@ -6,7 +6,7 @@ import re
 import secrets
 import shutil
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
@@ -132,6 +132,21 @@ def _read(
     except ValueError as problem:  # also a number with too many digits
         raise error(f"not a file of this kind: {problem}") from None
     return table
+
+
+def check_keys(
+    table: dict[str, Any],
+    required: Iterable[str],
+    optional: Iterable[str],
+    where: str,
+    error: type[Exception],
+) -> None:
+    """Raise `error` with all missing and unknown keys of a table."""
+    missing, unknown = set(required) - set(table), set(table) - {*required, *optional}
+    problems = [f"{where} lacks {', '.join(sorted(missing))}"] * bool(missing)
+    problems += [f"{where} has unknown keys: {', '.join(sorted(unknown))}"] * bool(unknown)
+    if problems:
+        raise error("; ".join(problems))
 
 
 def _check_depth(table: dict[str, Any]) -> None:

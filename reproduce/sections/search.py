@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from cg.construction.conditions import unknowns
 from cg.construction.layouts.layout import Layout
 from cg.construction.methods.tableau import Tableau
-from cg.construction.search.random_search import search
-from cg.construction.search.result import SearchResult
+from cg.construction.search.random_search import SearchResult, search
 from cg.construction.search.start import RandomStart
 from cg.support.shared_numbers import Status
 

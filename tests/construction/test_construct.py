@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import cg
-from cg.construction.attempt import acceptable, run_attempt
 from cg.construction.candidate import (
     Candidate,
     NotExactError,
@@ -15,8 +14,8 @@ from cg.construction.candidate import (
     to_method,
 )
 from cg.construction.conditions import Rows, residuals
-from cg.construction.drop import drop_flow
-from cg.construction.eliminate import eliminate, eliminate_stage, walk
+from cg.construction.construct import acceptable, run_attempt
+from cg.construction.eliminate import drop_flow, eliminate, eliminate_stage, walk
 from cg.construction.optimise import Goals, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure

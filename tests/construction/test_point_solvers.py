@@ -18,8 +18,7 @@ from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.proofs import certify
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.polish import polish
-from cg.construction.solvers.refine import refine
+from cg.construction.solvers.refine import polish, refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import decode, encode
 

@@ -9,8 +9,7 @@ from cg import conditions
 from cg.construction.catalogue import methods
 from cg.construction.conditions import residuals, unpack
 from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.polish import polish
-from cg.construction.solvers.refine import refine
+from cg.construction.solvers.refine import polish, refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 

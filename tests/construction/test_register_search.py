@@ -8,7 +8,7 @@ from refusals import refuses
 import cg
 from cg.construction.methods.estimate import estimate_ratio
 from cg.construction.methods.low_storage import two_registers
-from cg.construction.solvers.register_weights import register_chain
+from cg.construction.solvers.held import register_chain
 from cg.construction.solvers.system import ConditionSystem
 
 

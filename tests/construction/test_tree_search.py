@@ -8,7 +8,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.candidate import Candidate, solved
-from cg.construction.drop import drop_flow
+from cg.construction.eliminate import drop_flow
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, check_tree
 from cg.construction.search.shapes import draw_layout

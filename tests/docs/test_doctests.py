@@ -19,7 +19,7 @@ SKIPPED = ("cg.reproduce", "cg.construction.catalogue.certificates")
 OPTIONAL = {
     "cg.jax": "diffrax",
     "cg.qutip": "qutip",
-    "cg.construction.conditions.symbolic": "sympy",
+    "cg.construction.conditions.exact": "sympy",
 }
 NAMES = sorted(
     module.name

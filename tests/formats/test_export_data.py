@@ -12,7 +12,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import loads, resolve_method
 from cg.construction.formats import FORMATS, known_digits
-from cg.construction.formats.notebooks import to_formula
+from cg.construction.formats.latex import to_formula
 
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "c"]

@@ -8,11 +8,10 @@ from refusals import refuses
 
 import cg
 from cg import conditions
-from cg.construction.candidate import pack_method
+from cg.construction.candidate import make_method, pack_method
 from cg.construction.catalogue import dumps, load, loads, resolve_method, save
 from cg.construction.conditions import Rows, check_rows, count, unknowns
 from cg.construction.layouts.layout import Layout
-from cg.construction.methods.packed import make_method
 from cg.construction.optimise import Goals, optimise
 from cg.construction.proofs import certificate_of
 from cg.construction.proofs import check as prove

@@ -9,11 +9,11 @@ from refusals import refuses
 
 import cg
 from cg import conditions
+from cg.construction.candidate import make_method
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows
 from cg.construction.conditions.words import Condition
 from cg.construction.layouts.layout import Layout
-from cg.construction.methods.packed import make_method
 from cg.construction.methods.tableau import Tableau
 from cg.construction.proofs import (
     Certificate,

@@ -11,8 +11,7 @@ import cg
 from cg.construction.conditions.nystrom import nystrom_residuals, splitting_residuals
 from cg.construction.conditions.words import parse
 from cg.construction.proofs import CertificationError, certificate_of, certify, check
-from cg.construction.proofs.packed_splitting import independent_trees
-from cg.construction.proofs.statement import pack
+from cg.construction.proofs.packed import independent_trees, pack
 
 
 def exact(name, digits=60):

@@ -23,7 +23,8 @@ from cg.construction.conditions.words import (
     words_with,
 )
 from cg.construction.proofs import CertificationError, certify, check
-from cg.construction.proofs.dependent.contexts import (
+from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
+from cg.construction.proofs.dependent.pairings import (
     SLOT,
     basis,
     depth,
@@ -31,10 +32,8 @@ from cg.construction.proofs.dependent.contexts import (
     has_slot,
     moments,
     outer_nodes,
+    pairings,
 )
-from cg.construction.proofs.dependent.orthogonality import find_relations, follow
-from cg.construction.proofs.dependent.pairings import pairings
-from cg.construction.proofs.dependent.reduction import Reduction
 from cg.support.balls import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]

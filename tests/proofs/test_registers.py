@@ -16,7 +16,7 @@ from cg.construction.conditions.words import (
     words_with,
 )
 from cg.construction.methods.low_storage import from_two_registers
-from cg.construction.proofs.dependent.reduction import Reduction
+from cg.construction.proofs.dependent.orthogonality import Reduction
 from cg.construction.trees.ordered import forest
 from cg.construction.trees.rooted import rooted_trees
 

@@ -13,7 +13,7 @@ from cg.construction.conditions.words import Condition, parse
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify, check
 from cg.construction.proofs.digits import max_digits
 from cg.construction.proofs.krawczyk import enclose_zero, krawczyk
-from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.packed import fitting
 from cg.support.balls import working_precision as precision
 
 

@@ -18,7 +18,16 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
-from cg.support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
+from cg.support.parsing import (
+    check_keys,
+    file_in,
+    quoted,
+    read_file,
+    read_json,
+    read_toml,
+    to_json,
+    write_file,
+)
 
 CERTIFICATE_SUFFIX = ".certificate.toml"
 """Ending of the file of a certificate beside the file of its method."""
@@ -71,8 +80,7 @@ def wrong_abscissae(method: Method, c: Sequence[Any]) -> Iterator[str]:
     MethodError unless there is one for each stage.
     """
     given = read_row(c, "c", method.stages, "c_{}")
-    for i, (expected, row) in enumerate(zip(given, method.exact[0], strict=True), 1):
-        total = sum(row, Fraction(0))
+    for i, (expected, total) in enumerate(zip(given, method.abscissae, strict=True), 1):
         # the uncertainties of the entries add up
         allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
         if abs(expected.value - total) > allowed:
@@ -94,7 +102,7 @@ def _from_entry(entry: dict[str, Any]) -> Method:
         kinds = f"{_KIND!r}, {_MAGNUS!r} or {_SPLITTING!r}"
         raise MethodError(f"kind must be {kinds}, got {kind!r}")
     required, optional = _KEYS[kind]
-    check_keys(entry, {"name", "source", *required}, optional, "the entry")
+    check_keys(entry, {"name", "source", *required}, optional, "the entry", TableauError)
     entry.pop("kind", None)
     third = {"third": entry.pop("b_third")} if "b_third" in entry else {}
     if kind == _MAGNUS:
@@ -106,7 +114,7 @@ def _from_entry(entry: dict[str, Any]) -> Method:
         table = entry.pop("nominal")
         if not isinstance(table, dict):
             raise TableauError(f"nominal must be a table, got {table!r}")
-        check_keys(table, _NOMINAL, set(), "nominal")
+        check_keys(table, _NOMINAL, (), "nominal", TableauError)
         nominal = {f"nominal_{key}": value for key, value in table.items()}
     if kind == _POINTS:
         return CommutatorFree(_read_points(entry.pop("points")), **third, **entry, **nominal)
@@ -129,23 +137,12 @@ def _read_points(tables: Any) -> list[Any]:
     for m, table in enumerate(tables):
         if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
             raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
-        check_keys(table, _POINT, set(), f"point {m}")
+        check_keys(table, _POINT, (), f"point {m}", TableauError)
         stages = table["weights"]
         if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
             raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
         points.append((table["parent"], {int(k): weight for k, weight in stages.items()}))
     return points
-
-
-def check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
-    """Raise `TableauError` with all missing and unknown keys of a table."""
-    problems = []
-    if missing := sorted(required - set(table)):
-        problems.append(f"{where} lacks {', '.join(missing)}")
-    if unknown := sorted(set(table) - required - optional):
-        problems.append(f"{where} has unknown keys: {', '.join(unknown)}")
-    if problems:
-        raise TableauError("; ".join(problems))
 
 
 def load(path: str | PathLike[str]) -> Method:
@@ -244,7 +241,7 @@ def dumps(method: Method) -> str:
     else:
         kinds = "Tableau, CommutatorFree, MuntheKaas, MagnusMethod or Splitting"
         raise TypeError(f"method must be a {kinds}, got {method!r}")
-    if (third := getattr(method, "third_weights", None)) is not None:
+    if (third := method.third_weights) is not None:
         lines.append(f"b_third = {_array(third)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]

@@ -16,6 +16,10 @@ from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.stability import stability_limits, too_large
 from cg.support.parsing import write_file
 
+_KINDS: dict[type, str] = {
+    MuntheKaas: "Munthe-Kaas", MagnusMethod: "Magnus", Splitting: "splitting",
+    CommutatorFree: "commutator-free",
+}  # fmt: skip
 _NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical system"
 
 
@@ -48,6 +52,7 @@ def compute_summary(method: Method) -> MethodSummary:
     # a Magnus method solves the test equation exactly, and a splitting method doesn't apply to it
     magnus, splitting = isinstance(method, MagnusMethod), isinstance(method, Splitting)
     not_computed = _NO_LIMITS if splitting else None if magnus else too_large(method)
+    tableau = "Crouch-Grossman" if method.explicit else "implicit"
     real = imaginary = principal = None
     ratio = estimate_ratio(method)
     if not_computed is None and not magnus:
@@ -57,7 +62,7 @@ def compute_summary(method: Method) -> MethodSummary:
         principal = _rounded(method.principal_error)
     return MethodSummary(
         name=method.name,
-        kind=_kind(method),
+        kind=next((name for kind, name in _KINDS.items() if isinstance(method, kind)), tableau),
         order=method.order,
         embedded_order=method.embedded_order,
         approximate=method.approximate,
@@ -83,18 +88,6 @@ def write_summaries(path: Any) -> None:
     entries = [asdict(compute_summary(methods.read_again(name))) for name in methods]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
-
-
-def _kind(method: Method) -> str:
-    if isinstance(method, MuntheKaas):
-        return "Munthe-Kaas"
-    if isinstance(method, MagnusMethod):
-        return "Magnus"
-    if isinstance(method, Splitting):
-        return "splitting"
-    if isinstance(method, CommutatorFree):
-        return "commutator-free"
-    return "Crouch-Grossman" if method.explicit else "implicit"
 
 
 def _finite(x: float) -> float | None:

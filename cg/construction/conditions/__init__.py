@@ -33,8 +33,7 @@ from cg.construction.conditions.counts import (
     right_sides,
     table_rows,
 )
-from cg.construction.conditions.exact import exact_tree, result_tree, tree_residuals
-from cg.construction.conditions.symbolic import equations
+from cg.construction.conditions.exact import equations, exact_tree, result_tree, tree_residuals
 from cg.construction.layouts.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from cg.construction.layouts.points import PointTree, check_not_sums
 from cg.support.arrays import check_finite, real_array

@@ -1,4 +1,6 @@
-"""Order conditions in exact and in ball arithmetic."""
+"""Order conditions in exact and in ball arithmetic, and as equations of SymPy."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -8,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cg.construction.conditions.counts import check_order
-from cg.construction.conditions.word_weights import EquationSystem
-from cg.construction.conditions.words import Condition, condition_words
-from cg.construction.layouts.layout import Layout
+from cg.construction.conditions.word_weights import EquationSystem, Quantity, Weights
+from cg.construction.conditions.words import Condition, condition_words, reciprocal_density
+from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import PointTree, check_not_sums, points_of, tree_of_rows
 from cg.support.balls import to_ball, to_flint, to_fraction, working_precision
 from cg.support.checks import check_flag, check_integer
@@ -66,3 +68,60 @@ def _rationals(entries: Any, name: str) -> list[Fraction]:
     if not sequence or (isinstance(entries, np.ndarray) and entries.ndim == 0):
         raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
     return [finite_fraction(entry, f"{name} must hold") for entry in entries]
+
+
+def equations(method: Any, order: int, independent: bool = True, form: str = "sums") -> list[Any]:
+    """Return order conditions as equations of SymPy, in unknown coefficients.
+
+    Parameters
+    ----------
+    method
+        The number of stages of an explicit tableau, at most 100, or a method, of which only the
+        pattern of coefficients is used.
+    order
+        Conditions through this order.
+    independent
+        Whether conditions that others imply are left out.
+    form
+        ``"sums"`` keeps products of sums, as the conditions are computed; ``"expanded"`` multiplies
+        them out, which takes minutes for order five with nine stages.
+
+    Returns
+    -------
+    list of sympy.Eq
+        ``Φ(t) = 1/γ(t)``, in the sequence of `cg.conditions.residuals`. The symbols are those of
+        `cg.diagnose`, counted from 1: ``a_2,1`` and ``b_2`` of a tableau, ``w_3,1`` of point 3
+        and stage 1 of other methods. ``sympy.latex`` writes them for a paper.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Without SymPy.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> cg.conditions.equations(2, order=2)
+    [Eq(b_1 + b_2, 1), Eq(a_2,1*b_2, 1/2)]
+    """
+    import sympy
+
+    if form not in ("sums", "expanded"):
+        raise ValueError(f'form must be "sums" or "expanded", got {form!r}')
+    if isinstance(method, int) and not isinstance(method, bool):
+        layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
+    else:
+        layout = getattr(method, "layout", None)
+    # methods of Munthe-Kaas, with a tableau, and splitting methods, with drifts, have others
+    others = hasattr(method, "tableau") or hasattr(method, "drifts")
+    if not isinstance(layout, Layout) or layout.of_time or others:
+        kinds = "a Crouch-Grossman or a commutator-free method"
+        raise TypeError(f"method must be a number of stages, {kinds}, got {method!r}")
+    words = condition_words(check_order(order, None), check_flag("independent", independent))
+    weights = Weights(layout, [Quantity(layout.stages, word) for word in words])
+    values = weights.evaluate([sympy.Symbol(name) for name in layout.names])
+    sides = [sympy.Rational(str(reciprocal_density(word))) for word in words]
+    if form == "expanded":
+        values = [sympy.expand(value) for value in values]
+    pairs = zip(values, sides, strict=True)
+    return [sympy.Eq(value, side, evaluate=False) for value, side in pairs]

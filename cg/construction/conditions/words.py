@@ -7,6 +7,7 @@ letters; the weight of a tree is that of the word of its children.
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from functools import cache
+from itertools import combinations
 from typing import Any, NamedTuple
 
 from cg.construction.conditions.counts import condition_trees
@@ -104,17 +105,11 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
 def closure(words: Iterable[Word]) -> list[Word]:
     """Return all nonempty factors of words, and of trees among their letters, letters first."""
     factors: set[Word] = set()
-
-    def add(word: Word) -> None:
-        for begin in range(len(word)):
-            for end in range(begin + 1, len(word) + 1):
-                factors.add(word[begin:end])
-
     pending = list(words)
     seen: set[Word] = set(pending)
     while pending:
         word = pending.pop()
-        add(word)
+        factors.update(word[begin:end] for begin, end in combinations(range(len(word) + 1), 2))
         for letter in word:
             if letter and letter not in seen:
                 seen.add(letter)

@@ -5,8 +5,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.formats.program import Language, Program, identifier
-from cg.construction.formats.text import array, comment, fill, reals, template
+from cg.construction.formats.program import (
+    Language,
+    Program,
+    array,
+    comment,
+    fill,
+    identifier,
+    reals,
+    template,
+)
 from cg.frames.base import Frame
 from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
 from cg.frames.phase_space import PhaseSpace

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cg.construction.layouts.points import MethodError
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
-from cg.support.checks import check_integer
+from cg.support.checks import check_instance, check_integer
 from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
@@ -57,10 +57,9 @@ class Numbers:
 
 def known_digits(method: Method) -> int | None:
     """Return the smallest number of correct digits of coefficients; None if all are rational."""
-    third = getattr(method, "third_weights", None) or ()
     digits = [
         max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
-        for coefficient in (*method.coefficients, *third)
+        for coefficient in (*method.coefficients, *(method.third_weights or ()))
         if coefficient.unit and coefficient.value
     ]
     return min(digits, default=None)
@@ -68,13 +67,11 @@ def known_digits(method: Method) -> int | None:
 
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
     """Return the coefficients of a method, from its certificate if it has too few digits."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     if certificate is not None:
         from cg.construction.proofs import Certificate
 
-        if not isinstance(certificate, Certificate):
-            raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+        check_instance("certificate", certificate, Certificate)
     stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
@@ -108,7 +105,7 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     if method.approximate:
         fields["nominal_order"] = method.nominal_order
         fields["nominal_residual"] = method.nominal_residual
-    if (third := getattr(method, "third_weights", None)) is not None:
+    if (third := method.third_weights) is not None:
         fields["third"] = [_rounded_text(given, given.value, digits, zeros) for given in third]
     return method.with_coefficients(texts, **fields)
 

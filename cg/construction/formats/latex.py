@@ -1,12 +1,15 @@
-"""LaTeX tables of methods for the package booktabs, and short formulas for notebooks."""
+"""LaTeX tables of methods for the package booktabs, and their representations in notebooks."""
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from html import escape
 
 from cg.construction.formats.digits import Numbers
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
+from cg.construction.plots.text import draw_method
+from cg.support.parsing import visible, visible_lines
 from cg.support.quads import to_decimal
 
 _MAX_WIDTH = 110
@@ -67,9 +70,8 @@ def _entries(
     packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
-    third = getattr(method, "third_weights", None)
-    if third is not None:
-        rows.append(list(third))
+    if method.third_weights is not None:
+        rows.append(list(method.third_weights))
     for i, row in enumerate(rows):
         entries = [Coefficient.read(entry) for entry in row]
         if i >= method.stages:
@@ -169,3 +171,18 @@ def _short(entry: Coefficient) -> str:
 def _power(text: str) -> str:
     significand, e, exponent = text.lower().partition("e")
     return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
+
+
+def to_formula(method: Method) -> str:
+    """Return a method as a LaTeX formula with few digits, in ``$`` signs."""
+    return f"$\\displaystyle {to_array(method)}$"
+
+
+def to_html(method: Method) -> str:
+    """Return a method as HTML: a summary, and its tableau or points with few digits."""
+    title = f"<b>{escape(visible(method.name) or 'without name')}</b>: "
+    title += escape(method.description())
+    source = f"<br><small>{escape(visible(method.source))}</small>" if method.source else ""
+    drawing = escape(visible_lines(draw_method(method)))
+    # MathJax leaves dollar signs of these classes alone
+    return f'<div class="tex2jax_ignore mathjax_ignore">{title}{source}<pre>{drawing}</pre></div>'

@@ -1,21 +1,26 @@
-"""A step of an explicit method as a list of moves between slots, the same in every language.
+"""A step of an explicit method as a list of moves between slots, and its text in a language.
 
 A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
 point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
 precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
-chain of flows takes a single slot.
+chain of flows takes a single slot. Moves are the same in every language.
 """
 
 import re
-from collections.abc import Callable, Mapping
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
+from importlib.resources import files
 from itertools import accumulate
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.formats.text import comment, fill, template
 from cg.construction.layouts.points import START, PointTree, tree_of_flat_rows
 from cg.construction.methods.munthe_kaas import MuntheKaas
+from cg.support.parsing import visible
+
+_WIDTH = 96
 
 
 @dataclass(frozen=True)
@@ -162,22 +167,19 @@ def make_program(numbers: Numbers, title: str) -> Program:
 def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     """Return the points of a step to the result of higher order, and the weights of its errors."""
     method = numbers.method
-    third = getattr(method, "third_weights", None)
     better = (method.embedded_order or 0) > method.order
     if isinstance(method, MuntheKaas):
         rows = [list(map(Fraction, row)) for row in method.layout.full_rows(numbers.values)]
         b, *others = rows[method.stages :]
         if better:
             b, others = others[0], [b]
-        if third is not None:
-            others.append([weight.value for weight in third])
+        if method.third_weights is not None:
+            others.append([weight.value for weight in method.third_weights])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
         return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)
-    result, second = tree.result, tree.embedded_result
-    if better and second is not None:
-        result, second = second, result
-    return PointTree(tree.points, tree.stage_points, result, second), []
+    results = tree.results[::-1] if better else tree.results
+    return PointTree(tree.points, tree.stage_points, *results), []
 
 
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
@@ -225,3 +227,59 @@ def _slots(
             count += 1
         ended.setdefault(last[m], []).append(m)
     return slots, count
+
+
+@cache
+def template(*names: str) -> str:
+    """Return the texts of files in the folder ``templates``, one after the other, for `fill`."""
+    folder = files("cg.construction.formats") / "templates"
+    return "".join((folder / f"{name}.in").read_text(encoding="utf-8") for name in names)
+
+
+def fill(template: str, parts: Mapping[str, object]) -> str:
+    """Return a template with each ``@key@``, also in earlier parts, replaced by its part."""
+    for key, part in parts.items():
+        template = template.replace(f"@{key}@", str(part))
+    return template
+
+
+def comment(text: str, mark: str) -> str:
+    """Return a text as comment lines, none of which ends in a line continuation."""
+    lines = []
+    for paragraph in text.splitlines():
+        lines += textwrap.wrap(visible(paragraph), _WIDTH) or [""]
+    # in C a backslash, also written ??/, continues a comment on the next line
+    ends = (" ." if line.endswith(("\\", "??/")) else "" for line in lines)
+    return "\n".join(f"{mark} {line}{end}".rstrip() for line, end in zip(lines, ends, strict=True))
+
+
+def real(number: str) -> str:
+    """Return a decimal number as a real literal, with a point or an exponent."""
+    return number if "." in number or "e" in number else f"{number}.0"
+
+
+def wrapped(entries: Iterable[str], indent: str) -> str:
+    """Return the entries of a list over lines of limited length."""
+    lines: list[str] = []
+    line: list[str] = []
+    length = 0
+    for entry in entries:
+        if line and length + len(entry) > _WIDTH:
+            lines.append(", ".join(line))
+            line, length = [], 0
+        line.append(entry)
+        length += len(entry) + 2
+    lines.append(", ".join(line))
+    return ",\n".join(indent + text for text in lines)
+
+
+def array(declared: str, entries: Sequence[str]) -> str:
+    """Return the definition of an array in C."""
+    entries = entries or ["0"]  # C has no empty arrays
+    return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"
+
+
+def reals(name: str, table: str, texts: Iterable[str]) -> str:
+    """Return the definition of an array of real numbers, of the type that the header names."""
+    values = [f"{name.upper()}_NUMBER({real(text)})" for text in texts]
+    return array(f"static const {name.upper()}_REAL {name}_{table}", values)

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from cg.construction.formats.program import Language, Program
-from cg.construction.formats.text import wrapped
+from cg.construction.formats.program import Language, Program, wrapped
 
 _ON_MANIFOLD = {
     "call": "f, flow, t, y, h",

@@ -154,17 +154,11 @@ class Layout:
         Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights ``w_3,1`` for
         point 3 and stage 1, nodes ``c_2``.
         """
-        if self.of_time:
-            nodes = sum(point != START for point in self.stage_points)
+        if self.rows is None:
+            nodes = sum(point != START for point in self.stage_points) if self.of_time else 0
             return [
                 f"c_{stage + 1}" if m < nodes else f"w_{m - nodes + 1},{stage + 1}"
                 for m, weights in enumerate(self.weights)
-                for stage in weights
-            ]
-        if self.rows is None:
-            return [
-                f"w_{m},{stage + 1}"
-                for m, weights in enumerate(self.weights, 1)
                 for stage in weights
             ]
         labels = [f"a_{r}," for r in range(1, self.stages + 1)] + ["b_", "b_embedded_"]

@@ -15,15 +15,13 @@ from operator import itemgetter
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.lifting.exact import refined
-from cg.construction.lifting.reduction import improved, merged_flows
-from cg.construction.lifting.solver import Fit, fit
+from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_order, stage_orders
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import start_generator
-from cg.support.checks import MAX_STAGES, check_flag, check_integer
+from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
@@ -190,6 +188,8 @@ def lift(
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
+    if flows is not None:
+        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
     settings = _Settings(
@@ -198,9 +198,7 @@ def lift(
         embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
         lengths=_check_chains(rows, order, flows, chains),
-        flows=None
-        if flows is None
-        else check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES),
+        flows=flows,
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),
@@ -281,8 +279,7 @@ class _Settings:
 def _check_orders(
     tableau: Tableau, order: int | None, embedded_order: int | None
 ) -> tuple[int, int]:
-    if not isinstance(tableau, Tableau):
-        raise TypeError(f"tableau must be a Tableau, got {tableau!r}")
+    check_instance("tableau", tableau, Tableau)
     if not tableau.explicit:
         raise ValueError(f"tableau must be explicit, got {tableau!r}")
     flat = flat_order(tableau)

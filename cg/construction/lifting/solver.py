@@ -2,7 +2,7 @@
 
 The unknowns are combinations u of the `directions` D of split rows, so that all x = x_0 + D u have
 the rows of the flat tableau. A step v solves ``(Jᵀ J + λ) v = -Jᵀ r`` with J the derivatives of the
-residuals r by u; see `cg.construction.solvers.damped`.
+residuals r by u; see `cg.construction.solvers.singular`.
 
 Some conditions are redundant, and there are more unknowns than the others determine, so that the
 Jacobian is rank-deficient with a wide range of singular values. Steps come from the normal
@@ -12,16 +12,34 @@ Derivatives take most of the time. If there are far more conditions than unknown
 subset of the conditions: those that a pivoted QR factorisation of the Jacobian selects, and those
 with the largest residuals. The subset is selected again when the other residuals stay large. All
 conditions decide whether a fit has succeeded.
+
+Flows are merged: the weights of a flow are added to those of the flow before it, which changes the
+result little where both are short, and the fit starts again from there. The principal error, the
+norm of the residuals e of the next order, is reduced along the solution set: with the kernel N of
+the conditions' Jacobian, a step N w minimises ``|e + E N w|² + λ |w|²`` to first order (E the
+derivatives of e).
+
+Weights are refined beyond double precision by Newton's method in fractions (`refine_rational`) with
+the midpoints of balls as residuals: trees of order eight have too many words for exact fractions,
+whose lengths grow with the order.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions.words import condition_words, nodes, reciprocal_density
 from cg.construction.lifting.split_rows import SplitRows
-from cg.construction.solvers.damped import PROBE, DampedSteps, is_straight
+from cg.construction.solvers.refine import refine_rational
+from cg.construction.solvers.singular import PROBE, DampedSteps, is_straight, pseudo_inverse
+from cg.support.balls import exact_midpoint, to_ball, working_precision
+from cg.support.parallel import raise_if_stopped
+from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 Vector = NDArray[np.float64]
 
@@ -36,6 +54,26 @@ _PIVOT = 1e-9  # smallest pivot of selected conditions, relative to the largest
 _VIOLATED = 60  # number of conditions selected for their large residuals
 _MAX_USES, _MIN_USES = 30, 4  # numbers of steps with one selection
 _LEFT_BEHIND = 4.0  # ratio of the sums over all and selected conditions for a new selection
+
+_FIRST_ITERATIONS = 60  # most successful merges need fewer
+_FIRST_PATIENCE = 12
+_FURTHER_PATIENCE = 60
+_FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
+_MIN_FURTHER = 6
+
+_GAP = 1e-9  # singular values below this fraction of the largest count as zero
+_MAX_STEPS = 100
+_MIN_GAIN = 1e-3  # decrease of the squared principal error, in one step
+_MAX_TRIALS = 14
+_CORRECTIONS = 40
+_GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
+
+_BITS = 400
+_GRID = 10**80
+_BELOW = Fraction(1, 10**60)
+_NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
+_RANK_GAP = 1e-10
+"""Singular values below this fraction of the largest count as zero."""
 
 
 @dataclass(frozen=True)
@@ -130,3 +168,135 @@ def _is_outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector)
     part = residual[chosen]
     bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND
     return taken >= _MAX_USES or float(residual @ residual) > bound
+
+
+def merged_flows(split: SplitRows, end: Fit, max_iterations: int) -> tuple[SplitRows, Fit]:
+    """Merge flows with those before them until no merge leads to a solution; return the last."""
+    while True:
+        merged = _merged(split, end, max_iterations)
+        if merged is None:
+            return split, end
+        split, end = merged
+
+
+def _merged(split: SplitRows, end: Fit, max_iterations: int) -> tuple[SplitRows, Fit] | None:
+    """Return the first merge that leads to a solution; merges with small residuals come first."""
+    merges = []
+    for point in range(len(split.layout.parents)):
+        merge = split.merged(end.x, point)
+        if merge is not None:
+            violated = merge[0].residual(merge[1])
+            merges.append((float(violated @ violated), point, *merge))
+    left = []
+    for _, point, merged, start in sorted(merges, key=lambda entry: entry[:2]):
+        raise_if_stopped()
+        attempt = fit(
+            merged, start, max_iterations=min(_FIRST_ITERATIONS, max_iterations),
+            patience=_FIRST_PATIENCE,
+        )  # fmt: skip
+        if attempt.solved:
+            return merged, attempt
+        left.append((attempt.f, point, merged, attempt))
+    left.sort(key=lambda entry: entry[:2])
+    for _, _, merged, attempt in left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]:
+        raise_if_stopped()
+        again = fit(merged, attempt.x, max_iterations=max_iterations, patience=_FURTHER_PATIENCE)
+        if again.solved:
+            return merged, again
+    return None
+
+
+def improved(split: SplitRows, end: Fit) -> Fit:
+    """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
+
+    Levenberg–Marquardt steps for the residuals of the next order in the tangent space; a fit then
+    returns to the set. Weights don't grow beyond 1.25 times the largest entry of the tableau.
+    """
+    x = end.x
+    rows = [*split.rows.stages, split.rows.result]
+    largest = float(max(abs(entry) for row in rows for entry in row))
+    most = max(float(np.max(np.abs(x))), _GROWTH * largest)
+    residual = split.principal_residual(x)
+    error, damping = float(residual @ residual), 1e-3
+    for _ in range(_MAX_STEPS):
+        raise_if_stopped()
+        kernel = linalg.null_space(split.jacobian(x), rcond=_GAP)
+        moves = split.directions @ kernel  # they change no condition to first order
+        if moves.shape[1] == 0:
+            break
+        jacobian = split.principal_jacobian(x) @ moves
+        gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
+        size = float(np.max(np.diag(gram)))
+        for _ in range(_MAX_TRIALS):
+            shifted = gram + damping * size * np.eye(len(gram))
+            step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
+            trial = fit(split, x + step, max_iterations=_CORRECTIONS)
+            within = trial.solved and np.max(np.abs(trial.x)) <= most
+            residual = split.principal_residual(trial.x) if within else residual
+            if within and residual @ residual < error:
+                break
+            damping *= 4
+        else:
+            break
+        gain = 1 - float(residual @ residual) / error
+        end, x, error = trial, trial.x, float(residual @ residual)
+        damping /= 5
+        if gain < _MIN_GAIN:
+            break
+    return end
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Weights whose sums are exact, the residual before rounding to 36 digits, and the rank."""
+
+    weights: tuple[str | Fraction, ...]
+    largest_residual: float
+    rank: int
+
+
+def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
+    """Refine weights x, shape (size,), to more digits than are written."""
+    # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
+    along, rank = pseudo_inverse(split.jacobian(x), _RANK_GAP)
+    inverse = split.directions[split.movable] @ along * split.scale
+    end = refine_rational(
+        lambda movable: _ball_residuals(split, movable),
+        [Fraction(value) for value in x[split.movable].tolist()],
+        inverse,
+        below=_BELOW,
+        grid=_GRID,
+    )
+    texts = list(map(_text, end.x))
+    weights: list[str | Fraction] = list(split.full([Fraction(text) for text in texts]))
+    for k, text in zip(split.movable.tolist(), texts, strict=True):
+        weights[k] = text
+    return Exact(tuple(weights), float(end.largest_residual), rank)
+
+
+def _text(value: Fraction) -> str:
+    """Return a value as a decimal, or as the rational number that it is to all digits."""
+    simple = value.limit_denominator(_MAX_DENOMINATOR)
+    return (
+        str(simple) if abs(value - simple) <= _NEAR_RATIONAL else to_decimal(value, DECIMAL_DIGITS)
+    )
+
+
+def _ball_residuals(split: SplitRows, movable: Sequence[Fraction]) -> list[Fraction]:
+    """Return the residuals, not scaled, in the order of `SplitRows.conditions`."""
+    layout, x = split.layout, split.full(movable)
+    claims = [(layout.stages, split.order, Fraction(1))]
+    if split.embedded_order:
+        claims.append((layout.stages + 1, split.embedded_order, Fraction(1)))
+    for stage, order in split.assumptions:
+        claims.append((stage, order, sum((x[k] for k in layout.row(stage)), Fraction(0))))
+    quantities, sides = [], []
+    for row, order, c in claims:
+        for word in condition_words(order):
+            quantities.append(Quantity(row, word))
+            sides.append(reciprocal_density(word) * c ** nodes(word))
+    with working_precision(_BITS):
+        weights = Weights(layout, quantities).evaluate(list(map(to_ball, x)))
+        return [
+            exact_midpoint(phi - to_ball(side)) for phi, side in zip(weights, sides, strict=True)
+        ]

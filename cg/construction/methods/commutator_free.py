@@ -163,8 +163,7 @@ class CommutatorFree(Method):
             zip(parents, self.point_coefficients, strict=True),
             self.tree.stage_points,
             self.tree.embedded_result,
-            name=f"{self.name}, embedded" if self.name else "",
-            source=self.source,
+            **self._embedded_names,
         )
 
     @cached_property
@@ -175,10 +174,7 @@ class CommutatorFree(Method):
         """
         if self.third_weights is None or self.tree.embedded_result is None:
             return ()
-        results = self.tree.result, self.tree.embedded_result
-        sums, other = map(self.tree.flat_row, results)
-        if (self.embedded_order or 0) > self.order:
-            sums, other = other, sums
+        sums, other = map(self.tree.flat_row, self.advancing_results)
         others = other, [w.value for w in self.third_weights]
         return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
 

@@ -29,13 +29,10 @@ _MIN_DIFFERENCE = 1e-6  # smallest useful one of elementary weights of both resu
 
 def compiled(method: Method) -> MethodTable:
     """Return the table of a method, which `Method.table` keeps."""
-    linear = isinstance(method, MagnusMethod)
-    polynomial = polynomial_paths(method) if linear else None
     exponent = 0.0 if method.embedded_order is None else error_exponent(method)
     along = None
-    if polynomial is not None:
-        order = method.stages + polynomial.power
-        along = table_of_paths(method, polynomial, 1.0 / order)
+    if isinstance(method, MagnusMethod) and (polynomial := polynomial_paths(method)):
+        along = table_of_paths(method, polynomial, 1.0 / (method.stages + polynomial.power))
     return table_of_paths(method, paths_of(method), exponent, along)
 
 

@@ -187,13 +187,9 @@ def _flow_response(
 ) -> tuple[Vector, Vector, Vector]:
     tree = method.tree
     lengths, values = _letters(method, values, angles, polyval(method.c, base))
-    ends = [tree.result, tree.embedded_result]
-    if (method.embedded_order or 0) > method.order:
-        ends.reverse()
     results = [
         _at_end((tree.points[m].weights for m in tree.path(end)), lengths, values, angles)
-        for end in ends
-        if end is not None
+        for end in method.advancing_results
     ]
     third = np.zeros(len(angles))
     if isinstance(method, MagnusMethod) and method.by_exponents:

@@ -215,9 +215,8 @@ def _between_ends(nodes: int) -> Extension:
     rows: list[Array] = []
     for level in range(3, nodes + 1):
         inner = nodes_of(level).nodes[1:-1]
-        for node in inner.tolist():
-            theta.append(node)
-            rows.append(_values(len(basis), node) @ basis)
+        theta += inner.tolist()
+        rows += [_values(len(basis), node) @ basis for node in inner.tolist()]
         k = np.arange(1, level + 2)[:, None]
         derivatives = np.zeros((level + 1, 3 + len(theta)))
         derivatives[0, 0] = 1.0

@@ -24,6 +24,7 @@ from cg.construction.methods.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.support.checks import check_instance
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 
@@ -67,15 +68,13 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
     places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
     while unit * 10 ** (places + 1) <= 1:
         places += 1
-    digits = str(abs(round(value * 10**places))).zfill(places + 1)
-    sign = "-" if value < 0 else ""
-    return f"{sign}{digits[: len(digits) - places]}.{digits[len(digits) - places :]}"
+    whole, part = divmod(abs(round(value * 10**places)), 10**places)
+    return f"{'-' * (value < 0)}{whole}.{part:0{places}}"
 
 
 def two_registers(method: Method) -> Registers | None:
     """Return A and B of a two-register method, up to the units of its weights; None for others."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     if not method.explicit or method.embedded_result is not None:
         return None
     stages = method.stages

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 
 from cg.construction.conditions.linear_equations import (
     LINEAR_ROUNDING,
@@ -30,7 +29,7 @@ from cg.construction.methods.coefficients import (
     read_texts,
     read_third,
 )
-from cg.construction.methods.method import Method, frozen
+from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 
 
@@ -149,13 +148,7 @@ class MagnusMethod(Method):
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other nodes and weights, and the same third ones."""
         check_length(coefficients, len(self.coefficients))
-        numbers = iter(coefficients)
-
-        def filled(rows: Iterable[Iterable[Coefficient]]) -> list[list[Any]]:
-            return [[next(numbers) if entry.value else entry for entry in row] for row in rows]
-
-        (nodes,), pairs = filled([self.nodes]), [filled(pair) for pair in self.brackets]
-        weights, second = filled(self.weights), filled(self.embedded_weights or ())
+        nodes, pairs, weights, second = self.with_numbers(coefficients, 0)
         same: dict[str, Any] = {"third": self.third_weights, "third_factor": self.third_factor}
         same |= {"brackets": pairs, "name": self.name, "source": self.source}
         return MagnusMethod(nodes, weights, second or None, **(same | fields))
@@ -233,6 +226,14 @@ class MagnusMethod(Method):
         each = iter(numbers)
         return [[next(each) if x.value else zero for x in row] for row in self.rows]
 
+    def with_numbers(self, numbers: Sequence[Any], zero: Any) -> tuple[Any, Any, Any, Any]:
+        """Return nodes, pairs of sides of brackets, and both weights, from `filled`."""
+        rows = self.filled(numbers, zero)
+        pairs = 1 + 2 * len(self.brackets)
+        first = pairs + len(self.weights)
+        brackets = list(zip(rows[1:pairs:2], rows[2:pairs:2], strict=True))
+        return rows[0], brackets, rows[pairs:first], rows[first:]
+
     @cached_property
     def layout(self) -> Layout:
         """Positions of the nonzero nodes and weights in `coefficients`; see `Layout.of_time`.
@@ -256,9 +257,8 @@ class MagnusMethod(Method):
     def embedded(self) -> MagnusMethod | None:
         if self.embedded_weights is None:
             return None
-        name = f"{self.name}, embedded" if self.name else ""
-        names = {"name": name, "source": self.source}
-        return MagnusMethod(self.nodes, self.embedded_weights, brackets=self.brackets, **names)
+        second = self.embedded_weights
+        return MagnusMethod(self.nodes, second, brackets=self.brackets, **self._embedded_names)
 
     @cached_property
     def third_order(self) -> int | None:
@@ -276,11 +276,6 @@ class MagnusMethod(Method):
         return tuple(node.value for node in self.nodes)
 
     @cached_property
-    def c(self) -> NDArray[np.float64]:
-        """The nodes, rounded to double; shape (K,), read-only."""
-        return frozen(self.abscissae)
-
-    @cached_property
     def exact_order(self) -> int:
         """The order for linear equations, as far as the stored places can tell."""
         orders = range(estimated_order(self._numbers("value")), 0, -1)
@@ -289,9 +284,6 @@ class MagnusMethod(Method):
     def residuals(self, order: int) -> list[Decimal]:
         """Return the residuals of the conditions of all words through a degree, to 50 digits."""
         return linear_residuals(self._numbers("value"), order)
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        return np.array(self.residuals(self.order + 1)[2**self.order - 1 :], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
         """Tell whether the conditions through an order hold, as far as stored places can tell."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
@@ -39,6 +39,8 @@ class Method(ABC):
     ----------
     name, source
         Name and origin of the method.
+    third_weights
+        Of a pair with a third result: its weights; see `cg.CommutatorFree`.
     nominal_order
         The intended order of a method that satisfies its order conditions only approximately.
     nominal_residual
@@ -62,6 +64,7 @@ class Method(ABC):
     name: str
     source: str
     file: Path | None = None
+    third_weights: tuple[Coefficient, ...] | None = None
     nominal_order: int | None = None
     nominal_residual: Coefficient | None = None
     of_trees: ClassVar[bool] = True  # whether its order conditions are those of ordered trees
@@ -226,6 +229,12 @@ class Method(ABC):
         return self._explicit_tree.embedded_result
 
     @property
+    def advancing_results(self) -> tuple[int, ...]:
+        """The points of the results, first that of higher order, with which steps advance."""
+        ends = self.tree.results
+        return ends[::-1] if (self.embedded_order or 0) > self.order else ends
+
+    @property
     def stages(self) -> int:
         """Number of stages s: evaluations of the right-hand side in a step."""
         return len(self.tree.stage_points)
@@ -306,9 +315,14 @@ class Method(ABC):
         return None if self.exact_embedded is None else frozen(self.exact_embedded)
 
     @cached_property
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The times of stages as parts of a step: the sums of the rows of `exact`."""
+        return tuple(sum(row, Fraction(0)) for row in self.exact[0])
+
+    @cached_property
     def c(self) -> NDArray[np.float64]:
-        """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
-        return frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
+        """The `abscissae`, rounded to double; shape (s,), read-only."""
+        return frozen(self.abscissae)
 
     @property
     def order(self) -> int:
@@ -368,11 +382,11 @@ class Method(ABC):
 
         A ValueError if q is ``conditions.MAX_ORDER``.
         """
-        return float(np.linalg.norm(self._next_residuals()))
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        lower = conditions.count(self.order) if self.order else 0
-        return conditions.residuals(self.tree, self.order + 1)[lower:]
+        compute: Any = self.residuals
+        if self.of_trees:  # in double precision
+            compute = partial(conditions.residuals, self.tree)
+        lower = len(compute(self.order)) if self.order else 0
+        return float(np.linalg.norm(np.array(compute(self.order + 1)[lower:], dtype=np.float64)))
 
     def satisfies(self, order: int) -> bool:
         """Return whether the conditions through an order hold, up to the rounding of coefficients.
@@ -406,6 +420,11 @@ class Method(ABC):
                 f"residuals through nominal_order {self.order} reach {largest:.3g}, "
                 f"more than nominal_residual = {self.nominal_residual.text}"
             )
+
+    @property
+    def _embedded_names(self) -> dict[str, Any]:
+        """Name and source of `embedded`."""
+        return {"name": f"{self.name}, embedded" * bool(self.name), "source": self.source}
 
     @cached_property
     def embedded_order(self) -> int | None:

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, PointTree, check_tree, tree_of_flat_rows
@@ -17,7 +16,6 @@ from cg.construction.methods.coefficients import Coefficient, read_texts, read_t
 from cg.construction.methods.flat import flat_order, flat_residuals
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
-from cg.construction.trees.rooted import rooted_trees_through
 from cg.support.checks import check_flag, check_integer
 
 _ROUNDING = Fraction(1, 10**14)
@@ -210,10 +208,6 @@ class MuntheKaas(Method):
         if embedded and self.exact_embedded is None:
             raise ValueError(f"embedded: {self!r} has no second result")
         return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        lower = len(rooted_trees_through(self.order)) if self.order else 0
-        return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
 
 
 def _is_collocation(tableau: Tableau) -> bool:

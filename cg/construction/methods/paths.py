@@ -167,17 +167,14 @@ def paths_of(method: Method) -> MethodPaths:
         method = method.advancing
         series = max(method.order, 1)
     errors = method.error_weights
-    tree = method.tree
-    result, embedded = tree.result, tree.embedded_result
-    if embedded is not None and (method.embedded_order or 0) > method.order:
-        result, embedded = embedded, result
-    builder = _Builder(method, {result} if embedded is None else {result, embedded})
-    stages = tuple(builder.path_to(point) for point in tree.stage_points)
+    result, *second = method.advancing_results
+    builder = _Builder(method, {result, *second})
+    stages = tuple(map(builder.path_to, method.tree.stage_points))
     result_path = builder.path_to(result)
-    c = _abscissae(method)
+    c = method.abscissae
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
     final = ends[0] if ends and method.explicit else 0
-    embedded_path = 0 if embedded is None else builder.path_to(embedded)
+    embedded_path = builder.path_to(second[0]) if second else 0
     third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
@@ -206,9 +203,8 @@ def paths_of(method: Method) -> MethodPaths:
 def _collocation_paths(method: MuntheKaas) -> MethodPaths:
     """Return the paths of a collocation method: one flow to the result."""
     flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
-    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
     return MethodPaths(
-        (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
+        (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, method.abscissae, None, method.order,
         method.error_weights, transformation(method), blocks=1,
     )  # fmt: skip
 
@@ -243,7 +239,7 @@ def _splitting_paths(method: Splitting) -> MethodPaths:
     flows: list[Flow] = [(), *kicks][1 - first :]
     paths = tuple(Path(k, (flow,)) for k, flow in enumerate(flows))
     stages = tuple(range(first, first + len(kicks)))
-    c = tuple(accumulate(drifts[:-1]))
+    c = method.abscissae
     final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _ROUNDING
     return MethodPaths(
         paths, stages, len(paths), 0, method.stages if final else 0, c,
@@ -261,7 +257,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     was measured on eight equations, so that errors at the end are below the tolerances. Return
     None if there are fewer than three nodes, or two are equal.
     """
-    nodes = _abscissae(method)
+    nodes = method.abscissae
     if not 3 <= len(set(nodes)) == len(nodes):
         return None
     coefficients = []  # those of Lagrange's polynomials, by powers of s = 2θ - 1
@@ -321,12 +317,3 @@ class _Builder:
             self.paths.append(Path(origin, flows))
             self.index[point] = len(self.paths)
         return self.index[point]
-
-
-def _abscissae(method: Method) -> tuple[Fraction, ...]:
-    if isinstance(method, MagnusMethod):
-        return method.abscissae
-    at = {START: Fraction(0)}
-    for i, point in enumerate(method.tree.points):
-        at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))
-    return tuple(at[point] for point in method.tree.stage_points)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions.nystrom import (
     nystrom_residuals,
-    nystrom_trees,
     nystrom_values,
     splitting_residuals,
     splitting_values,
@@ -139,9 +138,9 @@ class Splitting(Method):
         return self.kicks
 
     @cached_property
-    def c(self) -> NDArray[np.float64]:
-        """The times of the kicks, as parts of a step; shape (s,), read-only."""
-        return frozen(list(accumulate(d.value for d in self.drift_coefficients))[:-1])
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The times of the kicks, as parts of a step."""
+        return tuple(accumulate(d.value for d in self.drift_coefficients[:-1]))
 
     @property
     def tree(self) -> NoReturn:
@@ -192,10 +191,6 @@ class Splitting(Method):
         """
         order = check_integer("order", order, 1)
         return tuple(map(to_fraction, nystrom_residuals(*self._numbers(), order)))
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        lower = 1 + len(nystrom_trees(self.order)) if self.order else 0
-        return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
         order = check_integer("order", order, 1)

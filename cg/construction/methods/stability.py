@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cg.construction.methods.method import Method
 from cg.support.balls import to_flint, to_fraction
+from cg.support.checks import check_instance
 
 if TYPE_CHECKING:
     from cg.support.flint import fmpq, fmpq_poly
@@ -40,7 +41,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     """
     from cg.support.flint import fmpq_mat, fmpq_poly
 
-    _check(method)
+    check_instance("method", method, Method)
     a, b = method.exact
     row = list(map(to_flint, b))
     matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
@@ -84,7 +85,7 @@ def too_large(method: Method) -> str | None:
     The work is proportional to the fourth power of the stages and to the bits of a coefficient over
     the common denominator.
     """
-    _check(method)
+    check_instance("method", method, Method)
     (a, b), s = method.exact, method.stages
     denominator, size = 1, 0
     for x in chain(*a, b):
@@ -97,11 +98,6 @@ def too_large(method: Method) -> str | None:
                 "bits or more the exact polynomials would take too long"
             )
     return None
-
-
-def _check(method: object) -> None:
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
 
 
 def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:

@@ -179,8 +179,7 @@ class Tableau(Method):
     def embedded(self) -> Tableau | None:
         if self.embedded_weights is None:
             return None
-        name = f"{self.name}, embedded" if self.name else ""
-        return Tableau(self.entries, self.embedded_weights, name=name, source=self.source)
+        return Tableau(self.entries, self.embedded_weights, **self._embedded_names)
 
 
 def _values(row: Iterable[Coefficient]) -> tuple[Fraction, ...]:

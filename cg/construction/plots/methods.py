@@ -1,20 +1,24 @@
-"""Plots of tableaux and of trees of points."""
+"""Plots of tableaux, of trees of points, and of ordered trees."""
 
 from collections.abc import Mapping
 from fractions import Fraction
+from itertools import count
 from typing import Any
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.layouts.points import START, PointTree
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
+from cg.construction.trees.ordered import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.support.checks import check_integer
+from cg.support.checks import check_flag, check_integer
 from cg.support.quads import to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
 _SIZE, _MIN_SIZE = 10.0, 7.0  # sizes of the font of tableaux
 _RISE = 0.3  # height of the first child above its parent; another branch is 1 above
+
+_MAX_NODES = 200
 
 
 def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
@@ -47,7 +51,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(FAINT))
+            ax.text(0.0, y, _text(method.abscissae[i], digits), **_cell(FAINT))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
                 ax.text(j, y, _text(entry, digits), **_cell("black"))
@@ -197,3 +201,62 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
             heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
         pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
     return {m: (times[m], heights[m]) for m in (START, *used)}
+
+
+def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
+    """Draw an ordered tree with its root at the bottom and children from left to right.
+
+    Parameters
+    ----------
+    tree
+        A tree, or its bracket notation; at most 200 nodes.
+    title
+        Whether to write the bracket notation and the density γ below.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.tree("[[][[]]]")
+    >>> ax.get_xlabel()
+    '[[][[]]]   γ = 3'
+    """
+    if isinstance(tree, str):
+        tree = OrderedTree.parse(tree)
+    if not isinstance(tree, OrderedTree):
+        raise TypeError(f"tree must be an OrderedTree or its text, got {tree!r}")
+    if tree.nodes > _MAX_NODES:
+        raise ValueError(f"tree must have at most {_MAX_NODES} nodes, got {tree.nodes}")
+    ax = axes_for(ax)
+    nodes, edges = layout(tree)
+    for parent, child in edges:
+        xs, ys = zip(nodes[parent], nodes[child], strict=True)
+        ax.plot(xs, ys, "-", color="black", linewidth=1.2, zorder=1)
+    xs, ys = zip(*nodes, strict=True)
+    ax.scatter(xs, ys, s=45, color=COLOURS[0], zorder=2)
+    ax.scatter(xs[:1], ys[:1], s=60, color=COLOURS[1], zorder=3)  # the root
+    blank(ax)
+    ax.set_aspect("equal", anchor="S")
+    ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
+    ax.set_ylim(-0.4, max(ys) + 0.4)
+    if check_flag("title", title):
+        ax.set_xlabel(f"{tree}   γ = {tree.density}")
+    return ax
+
+
+def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
+    """Return the places of nodes, root first, leaves one apart, and edges (parent, child)."""
+    places: list[tuple[float, float]] = []
+    edges: list[tuple[int, int]] = []
+    leaves = count()
+
+    def place(node: OrderedTree, height: float) -> int:
+        number = len(places)
+        places.append((0.0, height))
+        below = [place(child, height + 1.0) for child in node.children]
+        edges.extend((number, child) for child in below)
+        x = (places[below[0]][0] + places[below[-1]][0]) / 2 if below else float(next(leaves))
+        places[number] = x, height
+        return number
+
+    place(tree, 0.0)
+    return [(x - places[0][0], height) for x, height in places], edges

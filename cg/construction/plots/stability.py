@@ -15,6 +15,8 @@ from cg.construction.plots.methods import no_splitting
 from cg.plot.style import COLOURS, axes_for, verbatim
 from cg.support.checks import check_interval
 
+Range = tuple[float, float]
+
 _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 
@@ -23,8 +25,8 @@ def stability_region(
     method: str | Method | Sequence[str | Method],
     ax: Any = None,
     *,
-    x: tuple[float, float] | None = None,
-    y: tuple[float, float] | None = None,
+    x: Range | None = None,
+    y: Range | None = None,
 ) -> Any:
     """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
@@ -52,12 +54,9 @@ def stability_region(
     methods = [no_splitting(resolve_method(name)) for name in names]
     if not methods:
         raise ValueError("method must be one or more methods, got none")
-    box = _box(methods) if x is None or y is None else ((0.0, 0.0), (0.0, 0.0))
-    left, right = box[0] if x is None else check_interval("x", x)
-    low, high = box[1] if y is None else check_interval("y", y)
+    box = _box(methods) if x is None or y is None else (x, y)
+    grid, z = _plane(x, y, box)
     ax = axes_for(ax)
-    grid = np.meshgrid(np.linspace(left, right, _POINTS), np.linspace(low, high, _POINTS))
-    z = grid[0] + 1j * grid[1]
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
     ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
     for k, one in enumerate(methods):
@@ -67,18 +66,15 @@ def stability_region(
         ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=alpha)
         ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
         ax.plot([], [], color=colour, linestyle=dashes, label=verbatim(one.name) or "without name")
-    ax.set_aspect("equal")
-    ax.set_xlim(left, right)
-    ax.set_ylim(low, high)
-    ax.set_xlabel("Re hλ")
-    ax.set_ylabel("Im hλ")
+    ends = {"xlim": grid[0][0, [0, -1]], "ylim": grid[1][[0, -1], 0]}
+    ax.set(aspect="equal", xlabel="Re hλ", ylabel="Im hλ", **ends)
     ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
     return ax
 
 
 def order_star(
-    method: str | Method, ax: Any = None, *, x: tuple[float, float] | None = None,
-    y: tuple[float, float] | None = None,
+    method: str | Method, ax: Any = None, *, x: Range | None = None,
+    y: Range | None = None,
 ) -> Any:  # fmt: skip
     """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
 
@@ -98,17 +94,22 @@ def order_star(
     """
     one = no_splitting(resolve_method(method))
     reach = 1.0 + one.stages
-    left, right = (-reach, reach) if x is None else check_interval("x", x)
-    low, high = (-reach, reach) if y is None else check_interval("y", y)
+    grid, z = _plane(x, y, ((-reach, reach), (-reach, reach)))
     ax = axes_for(ax)
-    grid = np.meshgrid(np.linspace(left, right, _POINTS), np.linspace(low, high, _POINTS))
-    z = grid[0] + 1j * grid[1]
     size = np.abs(growth(one, z) * np.exp(-z))
     ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
     ax.contour(*grid, size, levels=[1.0], colors=[COLOURS[0]], linewidths=0.8)
     ax.plot(0.0, 0.0, "k+")
     ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=verbatim(one.name) or "without name")
     return ax
+
+
+def _plane(x: Range | None, y: Range | None, box: tuple[Range, Range]) -> tuple[Any, Any]:
+    """Return the coordinates of a grid, and its points z; ranges are those of `box` for None."""
+    ends = [box[0] if x is None else check_interval("x", x)]
+    ends.append(box[1] if y is None else check_interval("y", y))
+    grid = np.meshgrid(*(np.linspace(*end, _POINTS) for end in ends))
+    return grid, grid[0] + 1j * grid[1]
 
 
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -120,7 +121,7 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
         return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
 
 
-def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _box(methods: list[Method]) -> tuple[Range, Range]:
     """Return ranges of both axes with the boundaries of the regions, preferably the finite ones."""
     boundaries = list(map(_boundary, methods))
     whole = [z for z, cut in boundaries if not cut]

@@ -11,7 +11,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees.ordered import OrderedTree
-from cg.support.checks import check_integer
+from cg.support.checks import check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _NODE = "●"
@@ -37,10 +37,13 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
         flat = _tableau(method, digits)
         return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
     if isinstance(method, MagnusMethod):
-        rows = {"nodes": [method.nodes], "bracket of": chain(*method.brackets)}
-        rows |= {"flow": method.weights}
-        rows |= {"flow of the second result": method.embedded_weights or ()}
-        rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
+        rows = {
+            "nodes": [method.nodes],
+            "bracket of": chain(*method.brackets),
+            "flow": method.weights,
+            "flow of the second result": method.embedded_weights or (),
+            "flow of the third": filter(None, [method.third_weights]),
+        }
         return columns([
             [label, "│", *(_number(x.value, digits) for x in row)]
             for label, block in rows.items()
@@ -56,7 +59,7 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
 def _tableau(method: Method, digits: int) -> str:
     """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
     a, b = method.exact
-    rows: list[Any] = [(sum(row, Fraction(0)), *row) for row in a]
+    rows: list[Any] = [(c, *row) for c, row in zip(method.abscissae, a, strict=True)]
     if method.explicit:
         rows = [row[: end + 1] for end, row in enumerate(rows)]
     rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
@@ -74,8 +77,7 @@ def _number(x: Fraction, digits: int) -> str:
 
 def draw_tree(tree: OrderedTree) -> str:
     """Return an ordered tree as lines of text, each node above its children."""
-    if not isinstance(tree, OrderedTree):
-        raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
+    check_instance("tree", tree, OrderedTree)
     return _draw(tree, lambda node: node.children, lambda _: _NODE)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cg.construction.conditions.words import Condition, Word, parse, text
-from cg.support.parsing import quoted, read_file, read_toml, write_file
+from cg.support.parsing import check_keys, quoted, read_file, read_toml, write_file
 
 MAX_SMALL = Decimal("1e-40")
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
@@ -265,10 +265,7 @@ _TREES = "trees", "embedded_trees"  # by row of weights
 
 
 def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
-    if missing := sorted(set(kinds) - set(table)):
-        raise CertificationError(f"{where} lacks {', '.join(missing)}")
-    if unknown := sorted(set(table) - set(kinds)):
-        raise CertificationError(f"{where} has unknown keys: {', '.join(unknown)}")
+    check_keys(table, kinds, (), where, CertificationError)
     for key, kind in kinds.items():
         if type(table[key]) is not kind:
             raise CertificationError(

@@ -10,12 +10,12 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
 from cg.construction.proofs.files import certificate_of
-from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.packed import fitting
 from cg.construction.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
 from cg.support import flint
 from cg.support.balls import exact_midpoint
 from cg.support.balls import working_precision as precision
-from cg.support.checks import check_flag, check_integer
+from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _GUARD_DIGITS = 15
@@ -29,8 +29,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     the last one rounded. CertificationError if the certificate proves fewer digits.
     """
     digits = check_integer("digits", digits, 1, MAX_WRITTEN)
-    if not isinstance(certificate, Certificate):
-        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    check_instance("certificate", certificate, Certificate)
     packed = fitting(certificate, method)
     if digits > max_digits(certificate):
         raise CertificationError(

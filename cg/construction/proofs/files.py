@@ -9,7 +9,8 @@ from cg.construction.catalogue.entries import certificate_path
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.proofs.certificate import Certificate, CertificationError
-from cg.construction.proofs.statement import fitting
+from cg.construction.proofs.packed import fitting
+from cg.support.checks import check_instance
 
 
 def folder() -> Traversable:
@@ -25,8 +26,7 @@ def certificate_names() -> list[str]:
 
 def certificate_of(method: Method) -> Certificate:
     """Return the certificate in the catalogue or beside the method's file, unchecked."""
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("method", method, Method)
     name = method.name
     if find_method(name) != method:
         if (beside := certificate_beside(method)) is not None:

@@ -1,21 +1,37 @@
-"""Proofs that a method has an order: `certify` finds them, `check` repeats them."""
+"""Proofs that a method has an order: `certify` finds them, `check` repeats them.
+
+The order isn't higher if a condition of the next one is violated: the lower bound of ``|Φ(w) -
+1/γ(w)|`` over all coefficients in the box, in ball arithmetic, must be at least `_MIN_BOUND`. So it
+holds for the exact solution in the box, wherever that is.
+"""
 
 import math
-from decimal import Decimal
+from collections.abc import Sequence
+from decimal import ROUND_FLOOR, Context, Decimal
+from fractions import Fraction
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.conditions import MAX_ORDER
+from cg.construction.conditions.words import Condition, Word, nodes
 from cg.construction.methods.method import Method
 from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.proofs.certificate import Box, Certificate, CertificationError
+from cg.construction.proofs.certificate import (
+    Box,
+    Certificate,
+    CertificationError,
+    ViolatedCondition,
+)
 from cg.construction.proofs.find import find_box
-from cg.construction.proofs.statement import fitting, pack
-from cg.construction.proofs.violated import check_beyond, find_beyond
+from cg.construction.proofs.packed import Packed, fitting, pack
 from cg.construction.proofs.zero import check_left_out, check_rational, prove_zero
+from cg.support.balls import exact_midpoint
 from cg.support.balls import working_precision as precision
-from cg.support.checks import check_flag, check_integer
+from cg.support.checks import check_flag, check_instance, check_integer
 
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
+
+_MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
+_ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
 
 
 def certify(
@@ -93,10 +109,8 @@ def certify(
 
 def check(certificate: Certificate, method: Method) -> None:
     """Prove what a certificate, which is a hint only, says of a method; else CertificationError."""
-    if not isinstance(certificate, Certificate):
-        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    check_instance("certificate", certificate, Certificate)
+    check_instance("method", method, Method)
     packed = fitting(certificate, method)
     with precision(certificate.bits):
         if certificate.radius == 0:
@@ -105,3 +119,51 @@ def check(certificate: Certificate, method: Method) -> None:
             box = certificate.box
             check_left_out(packed, box, prove_zero(packed, box), certificate.bits)
         check_beyond(packed, certificate)
+
+
+def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
+    """Return the condition of the next order that is violated most, of each row of weights."""
+    violations: list[ViolatedCondition] = []
+    for row, order in enumerate(packed.orders):
+        words = packed.words(order + 1)
+        bounds = _bounds(packed, box, words, row)
+        best = max(range(len(words)), key=lambda k: bounds[k])
+        if bounds[best] < _MIN_BOUND:
+            raise CertificationError(
+                f"{packed.name}: no condition of order {order + 1} is violated by much, "
+                f"so order {order} isn't the highest, or coefficients are wrong",
+                largest_bound=float(bounds[best]),
+            )
+        numerator, denominator = map(Decimal, bounds[best].as_integer_ratio())
+        violations.append(
+            ViolatedCondition(words[best], _ROUNDED_DOWN.divide(numerator, denominator))
+        )
+    return violations
+
+
+def check_beyond(packed: Packed, certificate: Certificate) -> None:
+    """Prove that conditions of the next orders are violated; CertificationError if they aren't."""
+    claims = [certificate.beyond, certificate.embedded_beyond]
+    for row, (order, claim) in enumerate(zip(packed.orders, claims, strict=False)):
+        if claim is None:
+            raise CertificationError("second weights need a condition that they violate")
+        if nodes(claim.word) != order + 1:
+            raise CertificationError(
+                f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
+            )
+        if not packed.has(claim.word):
+            raise CertificationError(f"{claim.tree} is no condition of {packed.name}")
+        bound = _bounds(packed, certificate.box, [claim.word], row)[0]
+        if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
+            raise CertificationError(
+                f"{packed.name}: the condition of {claim.tree} isn't violated by as much as "
+                f"{claim.bound}",
+                bound=float(bound),
+            )
+
+
+def _bounds(packed: Packed, box: Box, words: Sequence[Word], row: int) -> list[Fraction]:
+    """Return lower bounds of the residuals' magnitudes in the box."""
+    system = packed.equations([Condition(row, word) for word in words])
+    values = system.residuals(packed.enclosure(box))
+    return [exact_midpoint(value.abs_lower()) for value in values]

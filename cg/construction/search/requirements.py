@@ -12,8 +12,9 @@ from cg.construction.candidate import Candidate
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts.layout import Layout
 from cg.construction.optimise import Goals, Limits, optimise
+from cg.construction.search.settings import refuse
 from cg.construction.solvers.held import plain_name
-from cg.support.checks import check_interval, check_real
+from cg.support.checks import check_choice, check_interval, check_real
 
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
@@ -52,8 +53,8 @@ class Requirements:
         if not isinstance(names, tuple | list):
             raise TypeError(f"nonnegative must be names such as 'b', got {nonnegative!r}")
         bounds += [(plain_name("nonnegative", name), 0.0, np.inf) for name in names]
-        if minimise is not None and (not isinstance(minimise, str) or minimise not in OBJECTIVES):
-            raise ValueError(f"minimise must be one of {', '.join(OBJECTIVES)}, got {minimise!r}")
+        if minimise is not None:
+            check_choice("minimise", minimise, OBJECTIVES)
         if minimise == "principal_error" and order >= MAX_ORDER:
             raise ValueError(f"minimise: order must be below {MAX_ORDER}, got {order}")
         return cls(tuple(bounds), minimise)
@@ -68,11 +69,11 @@ class Requirements:
         elif unknown := {name for name, _, _ in self.bounds} - {_ALL, "c", "w"}:
             raise ValueError(f"bound: drawn trees only have c and w, got {min(unknown)}")
         positive = {name for name, lower, _ in self.bounds if lower >= 0}
-        if order >= 3 and positive & {_ALL, "b", "w"} and not force:
-            raise ValueError(
+        if order >= 3 and positive & {_ALL, "b", "w"}:
+            refuse(
+                force,
                 f"nonnegative: no method of order {order} has weights of its result that are all "
-                ">= 0: see the page 'Methods that do not exist' of the documentation; pass "
-                "force=True to try nevertheless"
+                ">= 0: see the page 'Methods that do not exist' of the documentation",
             )
 
     def __str__(self) -> str:
@@ -128,11 +129,8 @@ def _named(name: Any, interval: Any) -> tuple[str, float, float]:
     if not (isinstance(interval, tuple | list) and len(interval) == 2):
         raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
     most = np.finfo(float).max
-    lower, upper = check_interval(
-        f"bound: {name}",
-        [
-            -most if interval[0] is None else interval[0],
-            most if interval[1] is None else interval[1],
-        ],
-    )
+    ends = [
+        end if given is None else given for given, end in zip(interval, (-most, most), strict=True)
+    ]
+    lower, upper = check_interval(f"bound: {name}", ends)
     return name, lower if lower > -most else -np.inf, upper if upper < most else np.inf

@@ -13,8 +13,7 @@ from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START
 from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns, start_generator
-from cg.construction.solvers.held import Hold, read_hold
-from cg.construction.solvers.register_weights import register_chain
+from cg.construction.solvers.held import Hold, read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.trees.ordered import forest
 from cg.construction.trees.rooted import rooted_trees_through
@@ -22,6 +21,7 @@ from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,
     MAX_STAGES,
+    check_choice,
     check_flag,
     check_integer,
     check_real,
@@ -198,10 +198,11 @@ class Settings:
             )
         flat = len(rooted_trees_through(self.order))  # conditions where flows commute
         conditions = flat if system.rows is None else system.equations
-        if not force and system.movable.size < conditions:
-            raise ValueError(
+        if system.movable.size < conditions:
+            refuse(
+                force,
                 f"hold leaves {system.movable.size} unknowns for {conditions} conditions of order "
-                f"{self.order}; pass force=True to try nevertheless"
+                f"{self.order}",
             )
 
     @property
@@ -253,23 +254,16 @@ class Settings:
 
     def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
         """Return the given tree, or one that is drawn at random."""
-        return self.tree or draw_layout(
-            self.stages,
-            flows,
-            random,
-            embedded=self.embedded,
-            first_same_as_last=self.first_same_as_last,
-        )
+        options = {"embedded": self.embedded, "first_same_as_last": self.first_same_as_last}
+        return self.tree or draw_layout(self.stages, flows, random, **options)
 
     def _checked_search(self, force: bool) -> Settings:
         """Return the settings of a search."""
-        if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
-            names = ", ".join(ALGORITHMS)
-            raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
-        rows = check_rows(self.rows)
-        if check_flag("registers", self.registers):
-            return replace(self, tree=self._check_registers(force))._with_defaults(rows, force)
-        return self._with_defaults(rows, force)
+        check_choice("algorithm", self.algorithm, ALGORITHMS)
+        tree = (
+            self._check_registers(force) if check_flag("registers", self.registers) else self.tree
+        )
+        return replace(self, tree=tree)._with_defaults(check_rows(self.rows), force)
 
     def _check_registers(self, force: bool) -> Layout:
         """Return the chain of a two-register method."""
@@ -282,12 +276,11 @@ class Settings:
         conditions = len(rooted_trees_through(self.order))
         if layout.pair:
             conditions += len(rooted_trees_through(self.order - 1))
-        if not force and system.movable.size < conditions:
-            raise ValueError(
-                f"stages = {self.stages} gives two registers "
-                f"{system.movable.size} unknowns for "
-                f"{conditions} conditions of order {self.order}; pass force=True to try "
-                "nevertheless"
+        if system.movable.size < conditions:
+            refuse(
+                force,
+                f"stages = {self.stages} gives two registers {system.movable.size} unknowns for "
+                f"{conditions} conditions of order {self.order}",
             )
         return layout
 
@@ -325,25 +318,19 @@ class Settings:
     def _check_shape(self, rows: Rows, force: bool) -> tuple[Layout | None, int | None, int]:
         """Return the layout of a given tree, the number of flows, and that of unknowns."""
         order, stages = self.order, self.stages
-        if not self.of_points:
-            system = ConditionSystem.tableau(order, stages, rows, self.check_tableau())
-            size = system.movable.size
-            if not force and size < system.equations:
-                raise ValueError(
-                    f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
-                    f"{system.equations} independent conditions of order {order}; pass force=True "
-                    "to try nevertheless"
-                )
-            layout, flows = None, None
-        else:
+        layout = flows = None
+        if self.of_points:
             layout, flows = self.check_layout(force)
+            size = most_unknowns(stages, flows) if layout is None else layout.size
             if rows is not Rows.EXPLICIT:
                 raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
-        if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):
+        else:
+            system = ConditionSystem.tableau(order, stages, rows, self.check_tableau())
+            size = system.movable.size
+            _check_unknowns(system, force, f" ({rows.name.lower()} rows)")
+        if self.algorithm == "lmdif" and (self.embedded or (layout and layout.pair)):
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
-        if flows is None:
-            return None, None, size
-        return layout, flows, most_unknowns(stages, flows) if layout is None else layout.size
+        return layout, flows, size
 
     def _checked_construction(self, force: bool) -> Settings:
         """Return the settings of a construction."""
@@ -387,13 +374,7 @@ class Settings:
         structure = system.structure
         if full_rank and structure:
             raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
-        if not force and system.movable.size < system.equations:
-            kind = f" with structure {structure.name}" if structure else ""
-            raise ValueError(
-                f"stages = {stages} gives {system.movable.size} unknowns for {system.equations} "
-                f"independent conditions of order {order}{kind}; pass force=True to try "
-                "nevertheless"
-            )
+        _check_unknowns(system, force)
         replace(self, structure=structure).check_held(system.layout, force)
         return structure
 
@@ -430,20 +411,34 @@ class Settings:
         }
 
 
+def refuse(force: bool, problem: str) -> None:
+    """Raise ValueError for arguments that allow no method, unless `force` is true."""
+    if not force:
+        raise ValueError(f"{problem}; pass force=True to try nevertheless")
+
+
+def _check_unknowns(system: ConditionSystem, force: bool, kind: str = "") -> None:
+    """Refuse tableaux with fewer unknowns than independent conditions."""
+    size, equations = system.movable.size, system.equations
+    structure = f" with structure {system.structure.name}" if system.structure else ""
+    if size < equations:
+        refuse(
+            force,
+            f"stages = {system.stages} gives {size} unknowns{kind} for {equations} independent "
+            f"conditions of order {system.order}{structure}",
+        )
+
+
 def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
-    if stages < MIN_STAGES[order - 1]:
-        raise ValueError(
-            f"stages = {stages} is too few for order {order}, which needs "
-            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
-            "nevertheless"
-        )
+    """Refuse methods of points that can't have the order where flows commute."""
+    least, conditions = MIN_STAGES[order - 1], len(rooted_trees_through(order))
+    where = "where flows commute"
+    if stages < least:
+        few = f"stages = {stages} is too few for order {order}, which needs {least}"
+        refuse(False, f"{few} even {where}")
     if (order, flows) == (4, 4):
-        raise ValueError(
-            "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
-            "exist' of the documentation; pass force=True to try nevertheless"
-        )
-    if unknowns < (conditions := len(rooted_trees_through(order))):
-        raise ValueError(
-            f"the flows have {unknowns} unknowns for {conditions} conditions of order {order} "
-            "where flows commute; pass force=True to try nevertheless"
-        )
+        few = "flows = 4 is too few for order 4, which needs 5"
+        refuse(False, f"{few}: see the page 'Methods that do not exist' of the documentation")
+    if unknowns < conditions:
+        few = f"the flows have {unknowns} unknowns for {conditions} conditions of order {order}"
+        refuse(False, f"{few} {where}")

@@ -14,10 +14,10 @@ from cg.construction.conditions import count, table_rows
 from cg.construction.layouts.layout import Layout
 from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
+from cg.construction.solvers.held import RegisterWeights
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
-from cg.construction.solvers.register_weights import RegisterWeights
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
@@ -72,15 +72,6 @@ def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float
     return layout, RegisterWeights(layout).guess(guess) if settings.registers else guess
 
 
-def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
-    """Return the largest residual at binary128 coefficients, and whether it counts as zero."""
-    largest = float(np.abs(system.residual_quad(bits)).max())
-    if not np.isfinite(largest):
-        largest = np.inf
-    scale = max(1.0, float(np.abs(quads.to_float(bits)).max()))
-    return largest, largest <= EXACT * scale
-
-
 @single_threads()
 def run_start(settings: Settings, index: int) -> RandomStart:
     """Run the start of a number: guess, solve in double, refine in real(16)."""
@@ -96,7 +87,11 @@ def run_start(settings: Settings, index: int) -> RandomStart:
     else:
         decimals = tuple(map(quads.to_decimal, quads.decode(bits)))
         bits = quads.encode(map(Fraction, decimals))
-    return RandomStart(index, double, refined, decimals, *_accuracy(system, bits))
+    largest = float(np.abs(system.residual_quad(bits)).max())
+    scale = max(1.0, float(np.abs(quads.to_float(bits)).max()))
+    # rounding errors count as zero
+    exact = largest <= EXACT * scale
+    return RandomStart(index, double, refined, decimals, _finite(largest), exact)
 
 
 def _run_lmdif(
@@ -141,5 +136,5 @@ def _run_minimum_norm(
 
 
 def _finite(f: float) -> float:
-    """Return a sum of squares; infinity if it overflowed or isn't a number."""
+    """Return a number; infinity if it overflowed or isn't one."""
     return float(f) if np.isfinite(f) else np.inf

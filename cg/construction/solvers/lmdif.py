@@ -153,41 +153,28 @@ def lmdif(
     if not callable(f):
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
-    scale = None if diag is None else _scale_factors(diag, start.size)
-    limit = (
-        200 * (start.size + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
-    )
+    n = start.size
+    limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
     arguments = (
         check_real("ftol", ftol),
         check_real("xtol", xtol),
         check_real("gtol", gtol),
         limit,
         check_real("epsfcn", epsfcn),
-        np.ones(start.size) if scale is None else scale,
-        _SCALE_BY_COLUMNS if scale is None else _SCALE_AS_GIVEN,
+        np.ones(n) if diag is None else _scale_factors(diag, n),
+        _SCALE_BY_COLUMNS if diag is None else _SCALE_AS_GIVEN,
         check_real("factor", factor, positive=True),
     )
-
-    callback = _Callback(f, start)
-    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif(
-        callback.evaluate, callback.rows, start, *arguments
-    )
-    callback.raise_failure()
+    evaluate, rows, failures = _callback(f, start)
+    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif(evaluate, rows, start, *arguments)
+    if failures:
+        raise failures.pop()  # kept by no frame, so that the solver's arrays aren't either
     if not np.isfinite(fjac).all():
         raise ValueError(f"f varies too much: its differences overflow near x = {x}")
-
-    result = LmdifResult(
-        x=x,
-        fvec=fvec,
-        info=Status(info),
-        nfev=int(nfev),
-        fjac=fjac,
-        ipvt=ipvt.astype(np.intp) - 1,
-        qtf=qtf,
-    )
-    for array in (result.x, result.fvec, result.fjac, result.ipvt, result.qtf):
+    ipvt = ipvt.astype(np.intp) - 1
+    for array in (x, fvec, fjac, ipvt, qtf):
         array.setflags(write=False)
-    return result
+    return LmdifResult(x, fvec, Status(info), int(nfev), fjac, ipvt, qtf)
 
 
 def fit_lmdif(
@@ -214,42 +201,28 @@ def fit_lmdif(
     return results
 
 
-class _Callback:
-    """The user's function as the compiled solver calls it: no exception leaves `evaluate`."""
+def _callback(
+    f: Residual, start: Vector
+) -> tuple[Callable[[Vector], tuple[Vector, int]], int, list[BaseException]]:
+    """Return the function that compiled code calls, its number of rows, and what f raises in it."""
+    first = _residuals(f, start, None)
+    rows = first.size
+    if rows < start.size:
+        raise ValueError(
+            f"f must return at least as many residuals as x0 has elements: "
+            f"{rows} residuals, {start.size} unknowns"
+        )
+    # the solver's first call is at the start
+    known, failures = [first], list[BaseException]()
 
-    def __init__(self, f: Residual, start: Vector) -> None:
-        self._f = f
-        # The solver's first call is at the start; its result is reused.
-        self._first: Vector | None = _residuals(f, start, None)
-        self.rows = self._first.size
-        self._failure: BaseException | None = None
-        if self.rows < start.size:
-            raise ValueError(
-                f"f must return at least as many residuals as x0 has elements: "
-                f"{self.rows} residuals, {start.size} unknowns"
-            )
-
-    def evaluate(self, x: Vector) -> tuple[Vector, int]:
+    def evaluate(x: Vector) -> tuple[Vector, int]:
         try:
-            if self._first is not None:
-                values, self._first = self._first, None
-            else:
-                values = _residuals(self._f, x, self.rows)
+            return known.pop() if known else _residuals(f, x, rows), 0
         except BaseException as error:
-            self._failure = error
-            return np.zeros(self.rows), int(Status.STOPPED_BY_USER)
-        return values, 0
+            failures.append(error)
+            return np.zeros(rows), int(Status.STOPPED_BY_USER)
 
-    def raise_failure(self) -> None:
-        """Raise the exception that ended the solver, if there was one."""
-        failure, self._failure = self._failure, None
-        try:
-            if failure is not None:
-                raise failure
-        finally:
-            # The traceback refers to this frame: without this, the solver's arrays would be kept
-            # until the next collection of cycles.
-            del failure
+    return evaluate, rows, failures
 
 
 def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:

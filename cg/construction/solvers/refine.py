@@ -1,24 +1,32 @@
-"""Refinement of a zero of the order conditions to the accuracy of binary128.
+"""Refinement of zeros of the order conditions, to the accuracy of binary128 and beyond.
 
-Newton's method ``x - J⁺ r(x)`` with residuals r in real(16) and the pseudo-inverse J⁺ of the double
-Jacobian, computed once: each correction gains some ten digits, and no linear algebra in real(16) is
-needed. J⁺ leaves small singular values out, so that conditions may depend on each other as long as
-they are consistent.
+Newton's method ``x - J⁺ r(x)`` with the pseudo-inverse J⁺ of the double Jacobian, computed once:
+each correction gains some ten digits, and no linear algebra beyond double is needed. J⁺ leaves
+small singular values out, so that conditions may depend on each other as long as they are
+consistent. `refine` computes the residuals r in real(16), whose rounding errors exceed a unit in
+the last digit that is written; `polish` computes them as fractions.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.construction import conditions
 from cg.construction.solvers.singular import pseudo_inverse
-from cg.construction.solvers.system import ConditionSystem
+from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support import quads
 from cg.support.parallel import raise_if_stopped
 
 _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
+
+_ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
+_BELOW = Fraction(1, 10**44)
+_GRID = 10**60
+_MAX_CORRECTIONS = 20
 
 
 @dataclass(frozen=True)
@@ -63,3 +71,100 @@ def refine(
         step[moving] = inverse @ residual
         x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
     return Refined(best, best_size, rank, iterations)
+
+
+@dataclass(frozen=True)
+class RationalZero:
+    """The best point of a refinement, its residuals, and the number of useful corrections."""
+
+    x: tuple[Fraction, ...]
+    residuals: tuple[Fraction, ...]
+    iterations: int
+
+    @property
+    def largest_residual(self) -> Fraction:
+        """Magnitude of the largest residual."""
+        return max(map(abs, self.residuals), default=Fraction(0))
+
+
+def refine_rational(
+    residuals: Callable[[Sequence[Fraction]], Sequence[Fraction]],
+    x: Sequence[Fraction],
+    inverse: NDArray[np.float64],
+    *,
+    below: Fraction = _BELOW,
+    grid: int = _GRID,
+) -> RationalZero:
+    """Correct a point until its residuals are at most `below` or stop getting smaller.
+
+    `inverse` is J⁺. Corrections are rounded to multiples of ``1/grid``, so that numerators and
+    denominators stay short.
+    """
+    best = RationalZero(tuple(x), tuple(residuals(x)), 0)
+    largest = best.largest_residual
+    while largest > below and best.iterations < _MAX_CORRECTIONS:
+        scaled = np.array([float(residual / largest) for residual in best.residuals])
+        trial = tuple(
+            entry - Fraction(round(Fraction(move) * largest * grid), grid)
+            for entry, move in zip(best.x, (inverse @ scaled).tolist(), strict=True)
+        )
+        corrected = RationalZero(trial, tuple(residuals(trial)), best.iterations + 1)
+        if corrected.largest_residual >= largest:
+            break
+        best, largest = corrected, corrected.largest_residual
+    return best
+
+
+def polish(
+    x: Sequence[Fraction],
+    system: ConditionSystem,
+    *,
+    movable: Sequence[int] | NDArray[np.intp] | None = None,
+) -> RationalZero:
+    """Correct packed weights until the exact residuals of the independent conditions are small.
+
+    Only the entries `movable` change. The structure of the system isn't used.
+    """
+    start = list(system.complete(list(map(Fraction, x))))
+    system = replace(system, structure=Structure.GENERAL)
+    moving = system.moving(movable).tolist()
+    jac = system.jacobian(np.array([float(entry) for entry in start]))
+    inverse, _ = pseudo_inverse(jac[:, moving], _RANK_TOLERANCE)
+
+    def whole(entries: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        changed = dict(zip(moving, entries, strict=True))
+        return tuple(system.complete([changed.get(k, entry) for k, entry in enumerate(start)]))
+
+    end = refine_rational(
+        lambda entries: _residuals(whole(entries), system),
+        [start[k] for k in moving],
+        inverse,
+    )
+    return replace(end, x=whole(end.x))
+
+
+def polish_zeros(
+    x: Sequence[Fraction], system: ConditionSystem, movable: Sequence[int] | NDArray[np.intp]
+) -> RationalZero:
+    """Polish the entries `movable`, and set those to zero that are zero up to rounding in real(16).
+
+    If the conditions can't be solved with these zeros, the weights keep their values.
+    """
+    polished = polish(x, system, movable=movable)
+    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _ROUNDING}
+    rest = [k for k in movable if k not in tiny]
+    if not tiny or not rest:
+        return polished
+    start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
+    sparse = polish(start, system, movable=rest)
+    return sparse if sparse.largest_residual <= max(polished.largest_residual, _BELOW) else polished
+
+
+def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
+    tree = system.layout.tree(x)
+    residuals = conditions.residuals(tree, system.order, independent=True, arithmetic="exact")
+    if system.layout.pair:
+        residuals += conditions.residuals(
+            tree, system.order - 1, independent=True, embedded=True, arithmetic="exact"
+        )
+    return residuals

@@ -1,13 +1,21 @@
-"""Steps close to solutions, from the singular value decomposition of the Jacobian.
+"""Levenberg–Marquardt steps, and steps close to solutions by singular values.
 
-A step is ``-J⁺ r``, of least norm, with the pseudo-inverse J⁺ of the Jacobian J = U S Vᵀ without
-its small singular values; the last columns of V are the `kernel`, along which solutions continue
-(Golub and Van Loan, Matrix Computations, section 5.5).
+A damped step v solves ``(Jᵀ J + λ) v = -Jᵀ r``. The acceleration a solves the same system with the
+second derivative of the residual along v in place of r; the accelerated step is ``v + a/2`` [1]_.
+A step of least norm is ``-J⁺ r`` with the pseudo-inverse J⁺ of the Jacobian J = U S Vᵀ without its
+small singular values; the last columns of V are the `kernel`, along which solutions continue [2]_.
 
-Order conditions depend on each other, and trees of points often have fewer unknowns than there are
-conditions. Nonzero singular values go down to 1e-9 of the largest; smaller ones are rounding
-errors. Normal equations square the singular values and stall at sums of squares between 1e-15 and
-1e-21, so they aren't used here.
+Far from a solution the normal equations are fast and accurate enough. Order conditions depend on
+each other, and trees of points often have fewer unknowns than there are conditions: nonzero
+singular values of J go down to 1e-9 of the largest; smaller ones are rounding errors. Normal
+equations square the singular values and stall at sums of squares between 1e-15 and 1e-21. Close to
+a solution, steps are computed from the singular value decomposition.
+
+References
+----------
+.. [1] M. K. Transtrum, J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for
+   nonlinear least-squares minimization", arXiv:1201.5885 (2012).
+.. [2] G. H. Golub, C. F. Van Loan, "Matrix Computations", section 5.5.
 """
 
 from dataclasses import dataclass
@@ -16,10 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.solvers.damped import PROBE, DampedSteps, is_straight
 from cg.construction.solvers.system import ConditionSystem
 
 Vector = NDArray[np.float64]
+
+PROBE = 0.1
+"""Fraction of a step used for the finite difference of the second derivative along it."""
+
+_MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
+
 Indices = NDArray[np.intp]
 
 _RANK_TOLERANCE = 1e-11  # part of the largest singular value; rounding leaves 1e-15
@@ -30,6 +43,51 @@ _RENEWALS = 4  # evaluations of the Jacobian in `retract`
 _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
+
+
+class DampedSteps:
+    """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
+
+    def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
+        self.jacobian = jacobian
+        self._by_singular_values = by_singular_values
+        if by_singular_values:
+            self._left, self._values, self._right = linalg.svd(
+                jacobian, full_matrices=False, check_finite=False
+            )
+            self._largest = float(self._values[0]) ** 2
+        else:
+            self._gram = jacobian.T @ jacobian
+            self._largest = float(np.max(np.diag(self._gram)))
+
+    def damp(self, damping: float) -> bool:
+        """Set λ relative to the largest entry of Jᵀ J; return whether the system is regular."""
+        if self._by_singular_values:
+            self._factors = self._values / (self._values**2 + damping * self._largest)
+            return True
+        shifted = self._gram + damping * self._largest * np.eye(len(self._gram))
+        try:
+            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
+        except linalg.LinAlgError:
+            return False
+        return True
+
+    def step(self, residual: Vector) -> Vector:
+        """Return the damped step v for a residual r; shapes (n,) and (m,)."""
+        if self._by_singular_values:
+            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
+        right = -self.jacobian.T @ residual
+        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
+
+    def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
+        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
+        slope = (residual_ahead - residual) / PROBE
+        return self.step(2 / PROBE * (slope - self.jacobian @ v))
+
+
+def is_straight(v: Vector, a: Vector) -> bool:
+    """Return whether the acceleration is small enough to be trusted."""
+    return bool(np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v))
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from cg.construction.conditions import condition_trees, core_calls, count
 from cg.construction.conditions.counts import check_order
 from cg.construction.layouts.layout import Layout, Rows
 from cg.construction.layouts.points import check_tree
-from cg.construction.solvers.held import Held, Hold
-from cg.construction.solvers.register_weights import RegisterWeights
+from cg.construction.solvers.held import Held, Hold, RegisterWeights
 from cg.construction.trees.ordered import OrderedTree, forest
 from cg.support import quads
+from cg.support.checks import check_instance
 from cg.support.shared_numbers import ConditionOwner, StageEquation
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
@@ -77,8 +77,7 @@ class ConditionSystem:
     def __post_init__(self) -> None:
         order = check_order(self.order)  # the compiled core checks neither order nor layout
         object.__setattr__(self, "order", order)
-        if not isinstance(self.layout, Layout):
-            raise TypeError(f"layout must be a Layout, got {self.layout!r}")
+        check_instance("layout", self.layout, Layout)
         if self.rows is None:
             check_tree(self.layout.tree([Fraction(1)] * self.size))
         if self.layout.pair and self.order < 2:
@@ -158,7 +157,7 @@ class ConditionSystem:
 
     def texts(self, x: Sequence[Fraction]) -> list[str]:
         """Return entries as decimals, those that are held themselves as rationals."""
-        return list(map(quads.to_decimal, x)) if self.held is None else self.held.texts(x)
+        return self.held.texts(x) if isinstance(self.held, Held) else list(map(quads.to_decimal, x))
 
     @property
     def equations(self) -> int:

@@ -16,8 +16,8 @@ residuals, this is a linear relation between these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache, cached_property
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -27,14 +27,16 @@ from numpy.typing import NDArray
 from cg.construction.conditions.word_weights import Quantity, Weights
 from cg.construction.conditions.words import (
     Condition,
+    Word,
     add_multiple,
     condition_words,
     conditions_of,
+    nodes,
     reciprocal_density,
+    shuffle,
 )
 from cg.construction.layouts.layout import Layout
 from cg.construction.proofs.dependent.pairings import Pairing, pairings
-from cg.construction.proofs.dependent.reduction import Reduction
 from cg.construction.proofs.dependent.spanned import Spanned, independent_rows
 from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
@@ -45,6 +47,8 @@ _REGULARITY_BITS = 128
 _PROBES = 4
 
 _Doubles = NDArray[np.float64]
+
+Combination = dict[Word, Any]
 
 
 def follow(
@@ -344,3 +348,61 @@ def _alike(nonzero: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
         if any(row):
             sets.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
     return sets
+
+
+@cache
+def _conditions(count: int) -> frozenset[Word]:
+    return frozenset(condition_words(count))
+
+
+@cache
+def _first_condition(word: Word) -> int:
+    """Return the length of the longest condition that the word begins with."""
+    lengths = range(len(word), 0, -1)
+    return next(k for k in lengths if word[:k] in _conditions(nodes(word[:k])))
+
+
+class Reduction:
+    """Residuals of words as combinations of those of independent conditions.
+
+    Weights multiply by shuffles, and so do their values for the exact solution. So for words u and
+    v
+
+        Σ_{w in u ⧢ v} residual(w) = 1/γ(u) residual(v) + Φ(v) residual(u),
+
+    and a word that is no condition is expressed by shuffling its first condition with the rest.
+    `number` makes a coefficient of a Fraction. `weight` returns Φ of a word: a ball that contains
+    it, or the `number` of its value for the exact solution.
+    """
+
+    def __init__(self, number: Callable[[Any], Any], weight: Callable[[Word], Any]) -> None:
+        self._number, self._weight = number, weight
+        self._known: dict[Word, Combination] = {}
+
+    def __call__(self, word: Word) -> Combination:
+        """Return the coefficients by condition."""
+        if word not in self._known:
+            self._known[word] = self._reduced(word)
+        return self._known[word]
+
+    def total(self, terms: Iterable[tuple[Word, Any]]) -> Combination:
+        """Return a combination of residuals of words, coefficients of the number type."""
+        total: Combination = {}
+        for word, factor in terms:
+            for one, value in self(word).items():
+                add_multiple(total, one, factor * value)
+        return total
+
+    def _reduced(self, word: Word) -> Combination:
+        cut = _first_condition(word)
+        if cut == len(word):
+            return {word: self._number(1)}
+        first, rest = word[:cut], word[cut:]
+        shuffled = shuffle(first, rest)
+        share = self._number(1) / shuffled[word]
+        terms = [
+            (rest, share * self._number(reciprocal_density(first))),
+            (first, share * self._weight(rest)),
+        ]
+        terms += [(w, -share * m) for w, m in shuffled.items() if w != word]
+        return self.total(terms)
