@@ -349,7 +349,7 @@ def _distribute(
     if executor is not None:
         _check_pickle(work)
     count, parts = len(problem.points), count_workers(executor, workers)
-    parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
+    parts *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
     chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
     items = ((chunk, problem.data(chunk)) for chunk in chunks)

@@ -100,6 +100,11 @@ class Problem:
         return bool(self.own_inputs) or (self.inertia is not None and self.inertia.apart)
 
     @property
+    def vectorized(self) -> bool:
+        """Whether a function takes many members at a time."""
+        return self.rhs.vectorized or (self.events is not None and self.events.has_vectorized)
+
+    @property
     def keeps_points(self) -> bool:
         """Whether points are stored at output times."""
         return self.observer is None or self.observer.keeps_points
@@ -283,8 +288,9 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
 def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
     """Return the events after checking that compiled ones get their data."""
     in_python = isinstance(rhs, PythonRhs)
-    table = EventTable(events, frame, rhs.inputs is not None, in_python)
-    if in_python and (rhs.inputs is not None or rhs.parameters is not None):
+    has_inputs, has_parameters = rhs.inputs is not None, rhs.parameters is not None
+    table = EventTable(events, frame, has_inputs, in_python, has_parameters)
+    if in_python and (has_inputs or has_parameters):
         table.check_data()
     return table
 

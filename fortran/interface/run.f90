@@ -1,6 +1,7 @@
 ! Runs of any number of trajectories. A run has lanes, each of which integrates one member at a time
-! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
-! vectorized function, which is called once for all lanes that need coefficients.
+! and takes the next one when it has ended: one lane for functions of one point, many lanes for a
+! vectorized function, which is called once for all lanes that need coefficients, or values of an
+! event.
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
@@ -21,7 +22,7 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wp
+  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wake, wp
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -42,7 +43,7 @@ module run_m
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    logical, allocatable :: asks(:)          ! (lanes) whether it still waits for coefficients
+    logical, allocatable :: asks(:)          ! (lanes) whether it still waits for coefficients or values
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
@@ -68,10 +69,23 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
+  ! Lets all lanes go on with their members, but for those that a terminal event has ended.
+  subroutine wake(run)
+    type(run_t), intent(inout) :: run
+
+    run%busy = run%problem%goes_on .or. run%lanes%status /= terminal_event
+    run%asks = .false.
+    run%next = size(run%lanes) + 1
+    run%record%ended = count(.not. run%busy, kind=c_int64_t)
+    run%record%failed = 0
+    run%record%raised = 0
+  end subroutine wake
+
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   ! Others of a vectorized function advance together, whatever the budget is: it ends a call where
-  ! all lanes wait for coefficients, so that calls of the function don't depend on it.
+  ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
+  ! of events come first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
@@ -81,7 +95,7 @@ contains
 
     budget = run%record%budget
     together = size(run%lanes) > 1 .and. .not. run%problem%common &
-               .and. .not. associated(run%problem%field)
+               .and. (.not. associated(run%problem%field) .or. run%events%together)
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
@@ -95,14 +109,14 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        status = needs_field
+        status = run%lanes(i)%status
         if (.not. run%asks(i)) then
           if (.not. (run%problem%common .or. together)) share(i) = budget
           budget = budget - share(i)
           status = advance_lane(run, i, share(i))
           budget = budget + share(i)
         end if
-        run%asks(i) = status == needs_field
+        run%asks(i) = status == needs_field .or. status == needs_events
         select case (status)
         case (needs_field)
           count = count + 1
@@ -117,6 +131,8 @@ contains
       end do
       if (together .and. (stops .or. budget <= 0)) then
         exit
+      else if (any(run%asks .and. run%lanes%status == needs_events)) then
+        call evaluate_events(run)
       else if (count > 0) then
         call evaluate(run, requests(:count))
         run%asks = .false.
@@ -148,7 +164,8 @@ contains
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
-        if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return
+        if (any(status == [needs_field, needs_events, needs_minimum, needs_maximum, paused, &
+                           buffer_full])) return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
@@ -208,7 +225,7 @@ contains
       if (run%busy(i)) call store_lane(run, i)
     end do
     run%record%budget = budget
-    run%record%step_size = run%lanes(1)%h
+    run%record%step_size = run%lanes(max(1, findloc(run%lanes%status /= terminal_event, .true., 1)))%h
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
 
@@ -266,5 +283,57 @@ contains
       end do
     end associate
   end subroutine evaluate
+
+  ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
+  ! once.
+  subroutine evaluate_events(run)
+    type(run_t), intent(inout) :: run
+    integer :: waiting(size(run%lanes)), last(0:size(run%lanes))  ! lanes; where their points end
+    real(wp), allocatable :: t(:), member(:), points(:, :), values(:)
+    integer :: count, event, i, j, k, memory
+    logical :: failed
+
+    count = 0
+    do i = 1, size(run%lanes)
+      if (.not. run%asks(i) .or. run%lanes(i)%status /= needs_events) cycle
+      run%asks(i) = .false.
+      count = count + 1
+      waiting(count) = i
+    end do
+    associate (lanes => run%lanes, n => sum(run%lanes(waiting(:count))%wanted))
+      allocate (t(n), member(n), points(run%frame%point_size, n), values(n), stat=memory)
+      if (memory /= 0) lanes(waiting(:count))%status = out_of_memory
+      if (memory /= 0) return
+      last(0) = 0
+      do event = 1, run%events%count
+        k = 0
+        do i = 1, count
+          associate (lane => lanes(waiting(i)))
+            do j = 1, lane%wanted
+              if (all(nint(lane%wanted_at(1, j)) /= [0, event])) cycle
+              k = k + 1
+              t(k) = lane%wanted_at(2, j)
+              points(:, k) = lane%wanted_at(3:, j)
+              member(k) = real(lane%member - 1, wp)
+            end do
+            last(i) = k
+          end associate
+        end do
+        if (run%events%vectorized(event) .and. k > 0) then
+          call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
+                                [points(:, :k)], values(:k))
+        else
+          do j = 1, k
+            call run%events%value(nint(member(j)) + 1, event, t(j), points(:, j), values(j), failed)
+          end do
+        end if
+        do i = 1, count
+          associate (tape => lanes(waiting(i))%tapes(event))
+            tape%values = [tape%values, values(last(i - 1) + 1:last(i))]
+          end associate
+        end do
+      end do
+    end associate
+  end subroutine evaluate_events
 
 end module run_m

@@ -17,8 +17,8 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, set_start, &
-            start
+  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
+            forget_values, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -29,6 +29,7 @@ module trajectory_m
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
+    logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
     logical :: at_once = .false.             ! and is evaluated at all stages of a step at once
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
@@ -99,9 +100,16 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
+    real(wp), allocatable :: small(:)        ! (events) values that count as zero after events
     type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
+
+  ! Values of an event that have been requested, in the order of the requests
+  type :: tape_t
+    real(wp), allocatable :: values(:)
+    integer :: used = 0                      ! by what is done again since some weren't known
+  end type tape_t
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
@@ -167,6 +175,10 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! and when inner points of the step were prepared
     type(event_state_t) :: events
+    type(tape_t), allocatable :: tapes(:)    ! (events), none if values aren't requested
+    integer :: wanted = 0                    ! points at which values of events are requested
+    ! (2 + point_size, capacity) an event or 0 for all, then time and point
+    real(wp), allocatable :: wanted_at(:, :)
     type(last_step_t) :: last
   end type trajectory_t
 
@@ -218,8 +230,11 @@ contains
       associate (control => x%control, events => x%events)
         allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
                   events%after(k), events%count(k), events%time(k), events%value_after(k), &
-                  stat=memory)
-        if (memory == 0) allocate (events%came_from(k), source=0, stat=memory)
+                  events%small(k), events%came_from(k), x%wanted_at(2 + frame%point_size, 0), stat=memory)
+        if (memory /= 0) return
+        events%came_from = 0
+        if (associated(problem%events)) k = merge(k, 0, problem%events%together)
+        allocate (x%tapes(k), stat=memory)
       end associate
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
@@ -300,7 +315,19 @@ contains
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    call forget_values(x)
   end subroutine continue_trajectory
+
+  ! Forgets the values of events that were requested, when what needs them is done.
+  pure elemental subroutine forget_values(x)
+    type(trajectory_t), intent(inout) :: x
+    integer :: i
+
+    do i = 1, size(x%tapes)
+      x%tapes(i) = tape_t([real(wp) ::])
+    end do
+    x%wanted = 0
+  end subroutine forget_values
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t)
