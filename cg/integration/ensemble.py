@@ -263,8 +263,6 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
-    if problem.common and problem.events is not None and problem.events.has_jumps:
-        raise ValueError("events must have no jumps with common_steps, which all members share")
     _count_steps(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:

@@ -481,6 +481,8 @@ def make_problem(
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
+        if options["common_steps"] and events.has_jumps:
+            raise ValueError("events must have no jumps with common_steps, which all members share")
     if math.isinf(stop) and not (events and events.has_terminal):
         raise ValueError(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "

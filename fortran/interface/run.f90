@@ -18,7 +18,7 @@ module run_m
   use output_m, only: store_point, store_step, output_t
   use accepted_step_m, only: fail_to_observe
   use shared_numbers
-  use trajectory_m, only: problem_t, set_start, trajectory_t
+  use trajectory_m, only: problem_t, set_start, store_values, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none
   private
@@ -285,52 +285,57 @@ contains
   end subroutine evaluate
 
   ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
-  ! once.
+  ! once. A lane waits for the values of all events or of single ones, in increasing order.
   subroutine evaluate_events(run)
     type(run_t), intent(inout) :: run
-    integer :: waiting(size(run%lanes)), last(0:size(run%lanes))  ! lanes; where their points end
-    real(wp), allocatable :: t(:), member(:), points(:, :), values(:)
-    integer :: count, event, i, j, k, memory
-    logical :: failed
+    integer :: last(0:size(run%lanes))       ! the last point of each of the lanes that wait
+    integer, allocatable :: waiting(:), taken(:)       ! these lanes; how many points were taken of them
+    real(wp), allocatable :: t(:), member(:), points(:), values(:)
+    integer :: event, i, j, k, memory, of_all, total
+    logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))
 
-    count = 0
-    do i = 1, size(run%lanes)
-      if (.not. run%asks(i) .or. run%lanes(i)%status /= needs_events) cycle
-      run%asks(i) = .false.
-      count = count + 1
-      waiting(count) = i
-    end do
-    associate (lanes => run%lanes, n => sum(run%lanes(waiting(:count))%wanted))
-      allocate (t(n), member(n), points(run%frame%point_size, n), values(n), stat=memory)
-      if (memory /= 0) lanes(waiting(:count))%status = out_of_memory
+    waits = run%asks .and. run%lanes%status == needs_events
+    for_all = [(waits(i) .and. .not. run%lanes(i)%wanted_at(1, 1) > 0, i=1, size(waits))]
+    of_all = count(for_all)
+    allocate (waiting(count(waits)), taken(count(waits)), source=0)
+    waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
+    waiting(of_all + 1:) = pack([(i, i=1, size(waits))], waits .and. .not. for_all)
+    run%asks(waiting) = .false.
+    total = sum(run%lanes(waiting)%wanted)
+    associate (lanes => run%lanes, n => run%frame%point_size)
+      allocate (t(total), member(total), points(n * total), values(total), stat=memory)
+      if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       last(0) = 0
       do event = 1, run%events%count
-        k = 0
-        do i = 1, count
+        do i = merge(1, of_all + 1, event == 1), size(waiting)
+          k = last(i - 1)
           associate (lane => lanes(waiting(i)))
-            do j = 1, lane%wanted
-              if (all(nint(lane%wanted_at(1, j)) /= [0, event])) cycle
+            do while (taken(i) < lane%wanted)
+              if (nint(lane%wanted_at(1, taken(i) + 1)) > event) exit
+              taken(i) = taken(i) + 1
               k = k + 1
-              t(k) = lane%wanted_at(2, j)
-              points(:, k) = lane%wanted_at(3:, j)
+              t(k) = lane%wanted_at(2, taken(i))
               member(k) = real(lane%member - 1, wp)
+              points((k - 1) * n + 1:k * n) = lane%wanted_at(3:, taken(i))
             end do
-            last(i) = k
           end associate
+          last(i) = k
         end do
-        if (run%events%vectorized(event) .and. k > 0) then
+        k = last(size(waiting))
+        if (k == 0) cycle
+        if (run%events%vectorized(event)) then
           call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
-                                [points(:, :k)], values(:k))
+                                points(:n * k), values(:k))
         else
           do j = 1, k
-            call run%events%value(nint(member(j)) + 1, event, t(j), points(:, j), values(j), failed)
+            call run%events%value(nint(member(j)) + 1, event, t(j), points((j - 1) * n + 1:j * n), &
+                                  values(j), failed)
           end do
         end if
-        do i = 1, count
-          associate (tape => lanes(waiting(i))%tapes(event))
-            tape%values = [tape%values, values(last(i - 1) + 1:last(i))]
-          end associate
+        do i = 1, size(waiting)
+          if (last(i) > last(i - 1)) &
+            call store_values(lanes(waiting(i)), event, values(last(i - 1) + 1:last(i)))
         end do
       end do
     end associate

@@ -48,7 +48,7 @@ contains
       x%status = finished
     case (needs_events)
       x%status = finished
-      x%tapes%used = 0
+      x%used = 0
       x%wanted = 0
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)

@@ -2,7 +2,7 @@
 ! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
 ! is called again with the answer, so that one call can answer many trajectories. In the same way
 ! values of events are requested if a function takes many members at a time; what needs them begins
-! again when they are known, and finds them on the tapes of the trajectory.
+! again when they are known, and finds them on the tape of the trajectory.
 module requests_m
   use kinds, only: wp
   use constrained_motion_m, only: add_constraint_forces
@@ -218,7 +218,7 @@ contains
     end do
   end subroutine evaluate_events
 
-  ! Whether the next values of an event, or of all for event 0, are known; takes them from the tapes.
+  ! Whether the next values of an event, or of all for event 0, are known; takes them from the tape.
   logical function recalls(x, event, t, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -229,11 +229,11 @@ contains
     recalls = x%problem%events%together
     if (.not. recalls) return
     do i = 1, size(values)
-      associate (tape => x%tapes(max(event - 1, 0) + i))
-        recalls = tape%used < size(tape%values)
+      associate (of => max(event - 1, 0) + i)
+        recalls = x%used(of) < x%known(of)
         if (.not. recalls) return
-        tape%used = tape%used + 1
-        values(i) = tape%values(tape%used)
+        x%used(of) = x%used(of) + 1
+        values(i) = x%tape(x%used(of), of)
       end associate
     end do
     if (.not. all(abs(values) <= huge(values))) call fail(x, raised, t)
@@ -253,7 +253,9 @@ contains
       call move_alloc(more, x%wanted_at)
     end if
     x%wanted = x%wanted + 1
-    x%wanted_at(:, x%wanted) = [real(event, wp), t, y]
+    x%wanted_at(1, x%wanted) = real(event, wp)
+    x%wanted_at(2, x%wanted) = t
+    x%wanted_at(3:, x%wanted) = y
     x%status = needs_events
   end subroutine request_values
 

@@ -18,7 +18,7 @@ module trajectory_m
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
-            forget_values, set_start, start
+            forget_values, set_start, start, store_values
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -105,12 +105,6 @@ module trajectory_m
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
 
-  ! Values of an event that have been requested, in the order of the requests
-  type :: tape_t
-    real(wp), allocatable :: values(:)
-    integer :: used = 0                      ! by what is done again since some weren't known
-  end type tape_t
-
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: kept = .false.
@@ -175,7 +169,10 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! and when inner points of the step were prepared
     type(event_state_t) :: events
-    type(tape_t), allocatable :: tapes(:)    ! (events), none if values aren't requested
+    ! (capacity, events) values of events that were requested, in the order of the requests
+    real(wp), allocatable :: tape(:, :)
+    ! (events) how many there are, and have been used by what is done again since some were missing
+    integer, allocatable :: known(:), used(:)
     integer :: wanted = 0                    ! points at which values of events are requested
     ! (2 + point_size, capacity) an event or 0 for all, then time and point
     real(wp), allocatable :: wanted_at(:, :)
@@ -230,13 +227,12 @@ contains
       associate (control => x%control, events => x%events)
         allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
                   events%after(k), events%count(k), events%time(k), events%value_after(k), &
-                  events%small(k), events%came_from(k), x%wanted_at(2 + frame%point_size, 0), stat=memory)
+                  events%small(k), events%came_from(k), x%wanted_at(2 + frame%point_size, 0), &
+                  stat=memory)
+        if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
         if (memory /= 0) return
         events%came_from = 0
-        if (associated(problem%events)) k = merge(k, 0, problem%events%together)
-        allocate (x%tapes(k), stat=memory)
       end associate
-      if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
       x%last%kept = .true.
@@ -321,13 +317,29 @@ contains
   ! Forgets the values of events that were requested, when what needs them is done.
   pure elemental subroutine forget_values(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: i
 
-    do i = 1, size(x%tapes)
-      x%tapes(i) = tape_t([real(wp) ::])
-    end do
+    x%known = 0
+    x%used = 0
     x%wanted = 0
   end subroutine forget_values
+
+  ! Stores values of an event that were requested.
+  pure subroutine store_values(x, event, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: values(:)
+    real(wp), allocatable :: longer(:, :)
+
+    associate (n => x%known(event) + size(values))
+      if (n > size(x%tape, 1)) then
+        allocate (longer(2 * n, size(x%known)))
+        longer(:size(x%tape, 1), :) = x%tape
+        call move_alloc(longer, x%tape)
+      end if
+      x%tape(x%known(event) + 1:n, event) = values
+      x%known(event) = n
+    end associate
+  end subroutine store_values
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t)

@@ -163,8 +163,9 @@ class Results:
 
 
 def split_events(of: Any, values: Array, members: int, events: int) -> list[list[Array]]:
-    """Return values of events, of each event those of each member; ``of`` has members and events.
+    """Return values of events, of each event those of each member.
 
+    ``of`` are the member and the event of each value.
     """
     keys = members * of[:, 1] + of[:, 0]
     order = np.argsort(keys, kind="stable")

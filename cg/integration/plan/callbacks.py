@@ -109,12 +109,11 @@ class Callbacks:
     def _call_vectorized_event(self, a: Array, y: Array) -> Array:
         assert self.rhs is not None
         assert self.events is not None
-        event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
-        points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
+        event, count = int(a[0]), len(a) // 2
+        t, members = a[1 : 1 + count], a[1 + count :].astype(np.intp)
+        points = y.view(self.frame.dtype).reshape(count, *self.frame.point_shape)
         try:
-            return self.events.values(
-                event, t.copy(), points, self.rhs.arguments(members.astype(np.intp))
-            )
+            return self.events.values(event, t, points, self.rhs.arguments(members))
         except Exception:
             first = int(members[0]) if len(t) == 1 else None
             self.failed_event = f"events[{event}]", float(t[0]), first

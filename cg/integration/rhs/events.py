@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.integration.rhs.checks import is_finite, read_finite, read_value
+from cg.integration.rhs.checks import read_finite, read_value
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.support.arrays import Array, Points
@@ -219,14 +219,18 @@ class EventTable:
 
     def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the values of an event's vectorized function, after checking them."""
-        t.flags.writeable = y.flags.writeable = False
-        name = f"events[{index}]"
-        raw = self.events[index].function(t, y, *arguments)
-        values = read_value(raw, name, t.shape, t, "member")
-        if not is_finite(values):
+        t.setflags(write=False)
+        y.setflags(write=False)
+        event = self.events[index]
+        values = event.function(t, y, *arguments)
+        plain = type(values) is np.ndarray and values.dtype == np.float64
+        if not plain or values.shape != t.shape:
+            values = read_value(values, f"events[{index}]", t.shape, t, "member")
+        # a finite square takes less time than what it makes superfluous
+        if not (math.isfinite(values.dot(values)) or np.isfinite(values).all()):
             bad = int(np.flatnonzero(~np.isfinite(values))[0])
-            read_finite(values.item(bad), name, (), t[bad])
-        if self.events[index].period is not None:
+            read_finite(values.item(bad), f"events[{index}]", (), t[bad])
+        if event.period is not None:
             values = np.array([self.wrapped(index, value) for value in values.tolist()])
         return values
 
