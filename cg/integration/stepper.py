@@ -233,7 +233,8 @@ class Stepper:
     @property
     def _stopped(self) -> NDArray[np.bool_]:
         """Which members a terminal event has ended, none of a single point, which may go on."""
-        return (self._run.status == _TERMINAL) & self._many
+        stopped: NDArray[np.bool_] = np.logical_and(self._run.status == _TERMINAL, self._many)
+        return stopped
 
     def _events(self, part: Any) -> list[Any] | None:
         """Return an array for each event, of an ensemble for each member, of times or points."""

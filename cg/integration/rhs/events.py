@@ -222,7 +222,7 @@ class EventTable:
         t.setflags(write=False)
         y.setflags(write=False)
         event = self.events[index]
-        values = event.function(t, y, *arguments)
+        values: Array = event.function(t, y, *arguments)
         plain = type(values) is np.ndarray and values.dtype == np.float64
         if not plain or values.shape != t.shape:
             values = read_value(values, f"events[{index}]", t.shape, t, "member")

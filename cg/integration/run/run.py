@@ -121,8 +121,9 @@ class Run:
         return Record(
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
             goes_on=keep_last and not problem.many, t0=problem.t0, segments=len(problem.stops),
-            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            of_time=problem.of_time, event_functions=self._functions,
+            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
+            data=data, data_stride=stride, of_time=problem.of_time,
+            event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
@@ -288,10 +289,10 @@ class Run:
             member = unobserved[0]
             failed = _FAILED[int(self.flag[member])], float(self.failed_at[member]), member
         if failed is not None:
-            name, t, member = failed
+            name, t, of = failed
             first = getattr(self.rhs, "first", None)
             u = "" if self.rhs.inputs is None else "u, "
-            which = "" if first is None or member is None else f" in member {first + member}"
+            which = "" if first is None or of is None else f" in member {first + of}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
