@@ -551,10 +551,12 @@ class Stepper:
         """
         run = self._run
         stopped = run.problem.events is not None and bool((run.status == _TERMINAL).all())
-        if target is None or stopped:  # members may have stopped before
-            self.t = self.direction * max((self.direction * run.reached).tolist())
-        else:
+        if target is not None and not stopped:
             self.t = target
+        elif self._many:  # some may have stopped before
+            self.t = self.direction * float((self.direction * run.reached).max())
+        else:
+            self.t = run.reached.item(0)
         if cut:
             self._end_at_state()
             self._cut_output = self._interpolate()

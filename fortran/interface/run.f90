@@ -43,7 +43,7 @@ module run_m
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    logical, allocatable :: asks(:)          ! (lanes) whether it still waits for coefficients or values
+    logical, allocatable :: asks(:)          ! (lanes) whether it waits for coefficients or values
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
@@ -225,7 +225,8 @@ contains
       if (run%busy(i)) call store_lane(run, i)
     end do
     run%record%budget = budget
-    run%record%step_size = run%lanes(max(1, findloc(run%lanes%status /= terminal_event, .true., 1)))%h
+    i = max(1, findloc(run%lanes%status /= terminal_event, .true., 1))
+    run%record%step_size = run%lanes(i)%h
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
 
@@ -289,7 +290,7 @@ contains
   subroutine evaluate_events(run)
     type(run_t), intent(inout) :: run
     integer :: last(0:size(run%lanes))       ! the last point of each of the lanes that wait
-    integer, allocatable :: waiting(:), taken(:)       ! these lanes; how many points were taken of them
+    integer, allocatable :: waiting(:), taken(:)       ! these lanes, and their points that are done
     real(wp), allocatable :: t(:), member(:), points(:), values(:)
     integer :: event, i, j, k, memory, of_all, total
     logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))

@@ -224,6 +224,7 @@ contains
       associate (events => x%events)
         events%small = max(small_value * max(abs(events%before), abs(events%after)), &
                            2 * abs(events%value_after))
+        events%known = .false.
       end associate
       x%phase = phase_after_events
     end if

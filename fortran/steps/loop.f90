@@ -3,21 +3,22 @@
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
-! at wanted_at; needs_minimum,
-! needs_maximum: of a number over all trajectories with common steps; buffer_full; paused) and is
-! called again with the answer. The phase says where to continue. Phases follow each other as
+! of events at wanted_at; needs_minimum, needs_maximum: of a number over all trajectories with common
+! steps; buffer_full; paused) and is called again with the answer. The phase says where to continue.
+! Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               |'------------ rejected --------------'          v
 !        |                               '------------- [tried again] ------ [interpolant, events]
-!        '-------- [jump] <- store output <- complete step <------------------------------'
+!        '- [after events] <- store output <- complete step <-----------------------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use method_m, only: kind_polynomial
   use output_m, only: has_room, output_t
-  use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, store_output
+  use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
+                             prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &

@@ -17,8 +17,8 @@ module requests_m
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, request, &
-            retry_or_store, share_error, share_step, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, &
+            request, retry_or_store, share_error, share_step, within_segment
 
 contains
 

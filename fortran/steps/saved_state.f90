@@ -30,7 +30,7 @@ contains
                 [x%slope_known, x%events%known, x%control%after_rejection, &
                  x%newton%has_jacobian, x%newton%fresh, x%newton%moved]), &
                 int(x%control%suspicion, int64), x%control%attempts, x%grid%steps, x%grid_done]
-    integers(1) = int(x%status, int64)       ! which counters of members have in their records alone
+    integers(1) = int(x%status, int64)       ! counts have it in results alone
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
     slopes(:, 3:2 + size(x%f, 2)) = x%f
