@@ -85,10 +85,7 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-      x%slope_known = .true.
-      x%phase = phase_next_stage
-      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+      call store_slope(x)
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
@@ -126,5 +123,15 @@ contains
       call begin_after_events(x)
     end select
   end subroutine advance
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_slope(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+    x%slope_known = .true.
+    x%phase = phase_next_stage
+    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+  end subroutine store_slope
 
 end module loop_m
