@@ -263,8 +263,6 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
-    if problem.common and problem.events is not None and problem.events.has_jumps:
-        raise ValueError("events must have no jumps with common_steps, which all members share")
     _count_steps(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
@@ -349,7 +347,7 @@ def _distribute(
     if executor is not None:
         _check_pickle(work)
     count, parts = len(problem.points), count_workers(executor, workers)
-    parts *= _BATCHES_PER_WORKER if problem.rhs.vectorized else _CHUNKS_PER_WORKER
+    parts *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
     chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
     items = ((chunk, problem.data(chunk)) for chunk in chunks)

@@ -100,6 +100,11 @@ class Problem:
         return bool(self.own_inputs) or (self.inertia is not None and self.inertia.apart)
 
     @property
+    def vectorized(self) -> bool:
+        """Whether a function takes many members at a time."""
+        return self.rhs.vectorized or (self.events is not None and self.events.has_vectorized)
+
+    @property
     def keeps_points(self) -> bool:
         """Whether points are stored at output times."""
         return self.observer is None or self.observer.keeps_points
@@ -283,8 +288,9 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
 def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
     """Return the events after checking that compiled ones get their data."""
     in_python = isinstance(rhs, PythonRhs)
-    table = EventTable(events, frame, rhs.inputs is not None, in_python)
-    if in_python and (rhs.inputs is not None or rhs.parameters is not None):
+    has_inputs, has_parameters = rhs.inputs is not None, rhs.parameters is not None
+    table = EventTable(events, frame, has_inputs, in_python, has_parameters)
+    if in_python and (has_inputs or has_parameters):
         table.check_data()
     return table
 
@@ -475,6 +481,8 @@ def make_problem(
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
+        if options["common_steps"] and events.has_jumps:
+            raise ValueError("events must have no jumps with common_steps, which all members share")
     if math.isinf(stop) and not (events and events.has_terminal):
         raise ValueError(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "

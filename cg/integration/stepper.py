@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import Any, Never, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
@@ -32,6 +32,7 @@ from cg.integration.arguments import (
 from cg.integration.friction import check_members
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.output.dense import DenseOutput, EnsembleOutput
+from cg.integration.output.member_results import split_events
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs, check_inputs
@@ -53,6 +54,7 @@ _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _PAUSED, _FINISHED = int(Stop.PAUSED), int(Stop.FINISHED)
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # much faster than members
+_NOT_FAILED = _PAUSED, _FINISHED, _TERMINAL
 _KEPT = (
     "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
     "_breakpoints", "_stops", "_failure", "_calls", "_found", "_cut_output",
@@ -80,9 +82,10 @@ class Stepper:
     vectorized, common_steps
         As for `cg.solve_ensemble`.
     events
-        As for `cg.solve_ivp`, for a single point. ``step`` and ``advance`` stop at a terminal
+        As for `cg.solve_ivp`. For a single point ``step`` and ``advance`` stop at a terminal
         event, behind its jump if it has one, and go on from there when they are called again; an
-        event that is terminal the third time stops each third time.
+        event that is terminal the third time stops each third time. A member of an ensemble stays
+        at its terminal event, before its jump, as in `cg.solve_ensemble`, and the others go on.
 
     Attributes
     ----------
@@ -100,11 +103,14 @@ class Stepper:
     n
         Number of coefficients, ``frame.dim``.
     status
-        ``"running"``, ``"event"`` at a terminal event, ``"finished"`` at ``t_bound``, or
-        ``"failed"``.
+        ``"running"``, ``"event"`` at a terminal event, of an ensemble at those of all members,
+        ``"finished"`` at ``t_bound``, or ``"failed"``.
+    stopped
+        Which members of an ensemble a terminal event has ended, shape ``(members,)``; their points
+        in ``y`` are those at their events. None for a single point.
     t_events, y_events, y_after
         For each event its times so far, and the points before and after its jumps, as in a
-        `Solution`; None without events.
+        `Solution`, of an ensemble as in an `EnsembleSolution`; None without events.
     nfev, njev, nlu, nexp, nrejected
         Counts so far, for an ensemble summed over the members.
 
@@ -161,8 +167,6 @@ class Stepper:
         many = is_many(frame, y0)
         if bound < start and given["thermostat"] is not None:
             raise ValueError("thermostat must be None backward in time, which noise doesn't go")
-        if many and given["events"] is not None:
-            raise ValueError("events must be None for an ensemble, whose members stop apart")
         first, breakpoints = given["first_step"], given["breakpoints"]
         given["breakpoints"], given["common_steps"] = None, common_steps
         given["first_step"] = None if given["h"] is None else first  # may exceed the span here
@@ -188,7 +192,7 @@ class Stepper:
         self._found: list[tuple[Any, Array, Points]] = []  # events of each call, see `Run.events`
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
-        self._run.restart(start, self._run.end, self._first_step)
+        self._run.restart(start, self._run.end, self._first_step, self._stopped)
         self._stops_are_set = True  # whether compiled code uses `_stops`
 
     def _open(self) -> None:
@@ -221,14 +225,26 @@ class Stepper:
     def __repr__(self) -> str:
         return f"Stepper(t={self.t!r}, status={self.status!r}, method={self.table.name!r})"
 
-    def _events(self, part: Any) -> list[Array] | None:
-        """Return an array for each event, of all times or of a part of all points."""
+    @property
+    def stopped(self) -> NDArray[np.bool_] | None:
+        """Which members a terminal event has ended."""
+        return self._stopped if self._many else None
+
+    @property
+    def _stopped(self) -> NDArray[np.bool_]:
+        """Which members a terminal event has ended, none of a single point, which may go on."""
+        stopped: NDArray[np.bool_] = np.logical_and(self._run.status == _TERMINAL, self._many)
+        return stopped
+
+    def _events(self, part: Any) -> list[Any] | None:
+        """Return an array for each event, of an ensemble for each member, of times or points."""
         table = self._problem.events
         if table is None:
             return None
         each = [*self._found, self._run.events()]
         of, t, y = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
-        return [part(t, y)[of[:, 1] == i] for i in range(len(table))]
+        parts = split_events(of, part(t, y), self._run.members, len(table))
+        return parts if self._many else [members[0] for members in parts]
 
     t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
     y_events = property(lambda self: self._events(lambda t, y: y[:, 0]), doc="Points before jumps.")
@@ -360,7 +376,7 @@ class Stepper:
         Parameters
         ----------
         t, y
-            Time and point.
+            Time and point. Either lets members go on that have stopped at a terminal event.
         args, parameters
             Arguments of ``f``.
         inputs
@@ -394,14 +410,16 @@ class Stepper:
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
         if run.rhs.inputs is not None and (t is not None or inputs is not None):
             self._stops = self._with_corners(run.rhs.inputs, time)
-        run.restart(time, rows, first)
+        run.restart(time, rows, first, self._stopped & (t is None and y is None))
         self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
+        if self._stopped.all():
+            self.status = "event"
 
     def dense_output(self) -> DenseOutput:
         """Return the solution within the last step, before a jump at its end.
 
-        It takes evaluations of ``f``.
+        It takes evaluations of ``f``. Members that have stopped are NaN.
 
         Raises
         ------
@@ -409,7 +427,7 @@ class Stepper:
             If no step has been taken since the beginning or the last restart, or members have
             steps of their own.
         """
-        if self.t_old is None or (self._many and not self._common):
+        if self.t_old is None or (self._many and (not self._common or self._stopped.all())):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
@@ -490,11 +508,11 @@ class Stepper:
         """Take steps up to a time or, if it is None, one step; return a message if that failed."""
         run, begin = self._run, self.t
         self._cut_output, self.status = None, "running"
-        start = run.end.copy() if self._many else None
+        start = (run.end.copy(), self._stopped, len(self._found)) if self._many else None
         steps = int(run.counters[0, _STEPS])
         message, is_complete = None, False
         try:
-            message = self._take_step(steps) if target is None else self._take_steps()
+            message = self._take_step() if target is None else self._take_steps()
             is_complete = message is None
         finally:
             cut = run.problem.events is not None and self._collect_events()
@@ -502,10 +520,11 @@ class Stepper:
                 self._end_early(start, steps)
         return self._arrive(begin, target, cut) if is_complete else message
 
-    def _take_step(self, steps: int) -> str | None:
-        """Take a step after some number of them; return a message if it failed."""
-        run, record, counters = self._run, self._run.record, self._run.counters
-        taken = False
+    def _take_step(self) -> str | None:
+        """Take a step; return a message if it failed."""
+        run, record = self._run, self._run.record
+        counters = run.counters[self._stopped.argmin() if self._many else 0]  # it hasn't stopped
+        steps, taken = counters.item(_STEPS), False
         while not taken or counters.item(0) == _FULL:
             record.budget = 0 if taken else run.members  # zero only to empty a buffer
             run.call()
@@ -531,8 +550,13 @@ class Stepper:
         ``cut`` tells whether an event ended the last step.
         """
         run = self._run
-        stopped = run.problem.events is not None and run.status[0] == _TERMINAL
-        self.t = run.reached.item(0) if target is None or stopped else target
+        stopped = run.problem.events is not None and bool((run.status == _TERMINAL).all())
+        if target is not None and not stopped:
+            self.t = target
+        elif self._many:  # some may have stopped before
+            self.t = self.direction * float((self.direction * run.reached).max())
+        else:
+            self.t = run.reached.item(0)
         if cut:
             self._end_at_state()
             self._cut_output = self._interpolate()
@@ -553,12 +577,14 @@ class Stepper:
         return TERMINAL_EVENT if stopped and self.t != target is not None else None
 
     def _collect_events(self) -> bool:
-        """Keep the events of the run; return whether the last one ended a step."""
+        """Keep the events of the run; return whether the last one ended a step of one point."""
         run = self._run
         of, t, y = run.take_events()
         if not len(t):
             return False
         self._found.append((of, t, y))
+        if self._many:
+            return False
         table = run.problem.events
         assert table is not None
         ends = run.status[0] == _TERMINAL or table.rows[of[:, 1], 4].any()
@@ -569,18 +595,20 @@ class Stepper:
         self.t_old = float(self._run.state()[0][0, 3])
         self.step_size = abs(self.t - self.t_old)
 
-    def _end_early(self, start: Points | None, steps: int) -> None:
-        """Return an ensemble to its points ``start``; set the time of the last step of one point.
+    def _end_early(self, start: Any, steps: int) -> None:
+        """Return an ensemble to its ``start``; set the time of the last step of one point.
 
-        Of the members some are ahead of others. ``steps`` is the count before the call.
+        Of the members some are ahead of others. The start has the points, which members had
+        stopped, and the number of calls with events; ``steps`` is the count before the call.
         """
         run = self._run
         self._stops_are_set = False
         if start is not None:
+            points, stopped, found = start
             self.t_old = None
-            run.restart(self.t, start, self._first_step)
+            del self._found[found:]
+            run.restart(self.t, points, self._first_step, stopped)
             return
-        run.clear_ends()
         self.t = float(run.reached[0])
         if run.counters[0, _STEPS] > steps:
             self._end_at_state()
@@ -594,24 +622,24 @@ class Stepper:
         self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
         steps = run.last_interpolants()
         begin = float(steps.t[0, 0])
-        outputs = []
-        for own in map(steps.of, range(run.members)):
-            point = run.plan.points(own.y[:1, 0], (1,))[0]
+        outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
+        for own, has_stopped in zip(map(steps.of, range(run.members)), self._stopped, strict=True):
+            point = run.plan.points(nowhere if has_stopped else own.y[:1, 0], (1,))[0]
             outputs.append(DenseOutput(own, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:
         """Raise RuntimeError unless the integration goes on."""
-        if self.status not in ("running", "event"):
+        if self.status not in ("running", "event") or (self._many and self.status == "event"):
             why = f": {self._failure}" if self.status == "failed" else ""
-            raise RuntimeError(
-                f"the integration has {self.status} at t = {self.t:.17g}{why}; restart it"
-            )
+            what = "stopped" if self.status == "event" else self.status
+            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}{why}; restart it")
 
     def _check_failures(self) -> str:
         """Return the message for failed steps; raise other errors."""
         run = self._run
-        bad = np.flatnonzero((run.status != _PAUSED) & (run.status != _FINISHED)).tolist()
+        has_failed = ~np.isin(run.status, _NOT_FAILED) & (run.status < Stop.NEEDS_FIELD)
+        bad = np.flatnonzero(has_failed).tolist()
         self.status = "failed"
         failure = explain_failure(run, bad[0])
         self._failure = str(failure)

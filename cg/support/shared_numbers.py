@@ -38,6 +38,7 @@ class Stop(IntEnum):
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
+    NEEDS_EVENTS = 24  # values of events at the requested times and points
     NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
     NEEDS_MAXIMUM = 22  # largest error of them
     BUFFER_FULL = 23  # the caller must empty the output arrays
@@ -82,6 +83,7 @@ class Operation(IntEnum):
     DEXPINV = 8
     FIELDS = 9  # coefficients at points of several members
     EVENT = 10
+    EVENTS = 18  # values of an event at points of several members
     JUMP = 11
     JACOBIAN = 12  # derivatives of f, for Newton's method
     FACTOR = 13  # the matrices of Newton's method, if they are sparse

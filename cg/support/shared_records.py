@@ -10,6 +10,7 @@ RECORD = {
     "common": "integer",  # whether all members take the same steps
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
+    "goes_on": "integer",  # whether members may go on after terminal events
     "unique_flows": "integer",  # whether small coefficients determine the end of their flow
     "jacobian": "integer",  # a `JacobianKind`, of f
     "t0": "real",
@@ -162,6 +163,7 @@ EVENT = {
     "limit": "integer",  # the event of this number ends the trajectory
     "jumps": "integer",  # whether the solution jumps
     "period": "real",  # its multiples are zeros too; 0 without one
+    "vectorized": "integer",  # whether the function takes many members at a time
 }
 """A function whose zeros are events."""
 

@@ -192,34 +192,38 @@ subroutine loop_set_output(address)
   call set_output(run_at(address))
 end subroutine loop_set_output
 
-! Lets all trajectories continue with other ends of segments. There are as many lanes as members.
+! Lets trajectories continue with other ends of segments, but for members that a terminal event has
+! ended. There are as many lanes as members.
 subroutine loop_continue(address, segments, stops)
-  use run_m, only: c_intptr_t, run_at, run_t, wp
+  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
   use trajectory_m, only: continue_trajectory
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
   real(wp), intent(in) :: stops(segments)
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
   run%problem%stops = stops
-  call continue_trajectory(run%lanes)
-  run%busy = .true.
-  run%asks = .false.
-  run%next = size(run%lanes) + 1
+  call wake(run)
+  do i = 1, size(run%lanes)
+    if (run%busy(i)) call continue_trajectory(run%lanes(i))
+  end do
 end subroutine loop_continue
 
-! Starts all trajectories from other points or another time, with other data of the field.
-subroutine loop_restart(address, n, members, t, y, first_step, data_address)
+! Starts trajectories from other points or another time, with other data of the field.
+subroutine loop_restart(address, n, members, t, y, first_step, data_address, stopped)
   use open_run_m, only: set_inputs
-  use run_m, only: c_intptr_t, run_at, run_t, wp
+  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
+  use shared_numbers, only: terminal_event
   use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
   real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
   integer(c_intptr_t), intent(in) :: data_address
+  integer, intent(in) :: stopped(members)              ! 1 for those that a terminal event has ended
   type(run_t), pointer :: run
   integer :: i
 
@@ -228,25 +232,27 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   run%events%member_data = data_address
   call set_inputs(run)
   do i = 1, members
-    call set_start(t, y(:, i), first_step, run%lanes(i))
+    if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
+    if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
   end do
-  run%busy = .true.
-  run%asks = .false.
-  run%next = members + 1
+  call wake(run)
 end subroutine loop_restart
 
-! Requests the interpolants of the last steps, which the next call of loop_drive stores.
+! Requests the interpolants of the last steps, which the next call of loop_drive stores, but for
+! members that a terminal event has ended.
 subroutine loop_interpolate(address)
-  use run_m, only: c_intptr_t, run_at, run_t
+  use run_m, only: c_intptr_t, run_at, run_t, wake
   use within_step_m, only: request_interpolant
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
-  call request_interpolant(run%lanes)
-  run%busy = .true.
-  run%asks = .false.
+  call wake(run)
+  do i = 1, size(run%lanes)
+    if (run%busy(i)) call request_interpolant(run%lanes(i))
+  end do
 end subroutine loop_interpolate
 
 ! Reads or writes the states of all trajectories.
@@ -254,7 +260,7 @@ subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, int
                       slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t
   use collocation_m, only: refactor
-  use run_m, only: c_intptr_t, run_at, run_t, wp
+  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
   use saved_state_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -275,10 +281,7 @@ subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, int
       call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
     end if
   end do
-  if (.not. write) return
-  run%busy = .true.
-  run%asks = .false.
-  run%next = members + 1
+  if (write) call wake(run)
 end subroutine loop_state
 
 ! Evaluates stored interpolants.

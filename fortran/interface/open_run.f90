@@ -70,6 +70,7 @@ contains
       problem%method => plan%method
       problem%scheme => plan%scheme
       problem%common = record%common /= 0
+      problem%goes_on = record%goes_on /= 0
       problem%of_time = record%of_time /= 0
       ! of few trajectories; the coefficients of many are evaluated stage by stage
       problem%at_once = problem%of_time .and. record%vectorized /= 0 &
@@ -187,6 +188,8 @@ contains
       run%events%limit = table%limit
       run%events%jumps = table%jumps /= 0
       run%events%period = table%period
+      run%events%vectorized = table%vectorized /= 0
+      run%events%together = any(run%events%vectorized) .and. record%lanes > 1
       run%events%member_data = record%data
       run%events%stride = record%data_stride
       run%events%callback = run%python

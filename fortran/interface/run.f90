@@ -1,6 +1,7 @@
 ! Runs of any number of trajectories. A run has lanes, each of which integrates one member at a time
-! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
-! vectorized function, which is called once for all lanes that need coefficients.
+! and takes the next one when it has ended: one lane for functions of one point, many lanes for a
+! vectorized function, which is called once for all lanes that need coefficients, or values of an
+! event.
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
@@ -17,11 +18,11 @@ module run_m
   use output_m, only: store_point, store_step, output_t
   use accepted_step_m, only: fail_to_observe
   use shared_numbers
-  use trajectory_m, only: problem_t, set_start, trajectory_t
+  use trajectory_m, only: problem_t, set_start, store_values, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wp
+  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wake, wp
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -42,7 +43,7 @@ module run_m
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    logical, allocatable :: asks(:)          ! (lanes) whether it still waits for coefficients
+    logical, allocatable :: asks(:)          ! (lanes) whether it waits for coefficients or values
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
@@ -68,10 +69,23 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
+  ! Lets all lanes go on with their members, but for those that a terminal event has ended.
+  subroutine wake(run)
+    type(run_t), intent(inout) :: run
+
+    run%busy = run%problem%goes_on .or. run%lanes%status /= terminal_event
+    run%asks = .false.
+    run%next = size(run%lanes) + 1
+    run%record%ended = count(.not. run%busy, kind=c_int64_t)
+    run%record%failed = 0
+    run%record%raised = 0
+  end subroutine wake
+
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   ! Others of a vectorized function advance together, whatever the budget is: it ends a call where
-  ! all lanes wait for coefficients, so that calls of the function don't depend on it.
+  ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
+  ! of events come first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
@@ -81,7 +95,7 @@ contains
 
     budget = run%record%budget
     together = size(run%lanes) > 1 .and. .not. run%problem%common &
-               .and. .not. associated(run%problem%field)
+               .and. (.not. associated(run%problem%field) .or. run%events%together)
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
@@ -95,14 +109,14 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        status = needs_field
+        status = run%lanes(i)%status
         if (.not. run%asks(i)) then
           if (.not. (run%problem%common .or. together)) share(i) = budget
           budget = budget - share(i)
           status = advance_lane(run, i, share(i))
           budget = budget + share(i)
         end if
-        run%asks(i) = status == needs_field
+        run%asks(i) = status == needs_field .or. status == needs_events
         select case (status)
         case (needs_field)
           count = count + 1
@@ -117,6 +131,8 @@ contains
       end do
       if (together .and. (stops .or. budget <= 0)) then
         exit
+      else if (any(run%asks .and. run%lanes%status == needs_events)) then
+        call evaluate_events(run)
       else if (count > 0) then
         call evaluate(run, requests(:count))
         run%asks = .false.
@@ -148,7 +164,8 @@ contains
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
-        if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return
+        if (any(status == [needs_field, needs_events, needs_minimum, needs_maximum, paused, &
+                           buffer_full])) return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
@@ -208,7 +225,8 @@ contains
       if (run%busy(i)) call store_lane(run, i)
     end do
     run%record%budget = budget
-    run%record%step_size = run%lanes(1)%h
+    i = max(1, findloc(run%lanes%status /= terminal_event, .true., 1))
+    run%record%step_size = run%lanes(i)%h
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
 
@@ -266,5 +284,62 @@ contains
       end do
     end associate
   end subroutine evaluate
+
+  ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
+  ! once. A lane waits for the values of all events or of single ones, in increasing order.
+  subroutine evaluate_events(run)
+    type(run_t), intent(inout) :: run
+    integer :: last(0:size(run%lanes))       ! the last point of each of the lanes that wait
+    integer, allocatable :: waiting(:), taken(:)       ! these lanes, and their points that are done
+    real(wp), allocatable :: t(:), member(:), points(:), values(:)
+    integer :: event, i, j, k, memory, of_all, total
+    logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))
+
+    waits = run%asks .and. run%lanes%status == needs_events
+    for_all = [(waits(i) .and. .not. run%lanes(i)%wanted_at(1, 1) > 0, i=1, size(waits))]
+    of_all = count(for_all)
+    allocate (waiting(count(waits)), taken(count(waits)), source=0)
+    waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
+    waiting(of_all + 1:) = pack([(i, i=1, size(waits))], waits .and. .not. for_all)
+    run%asks(waiting) = .false.
+    total = sum(run%lanes(waiting)%wanted)
+    associate (lanes => run%lanes, n => run%frame%point_size)
+      allocate (t(total), member(total), points(n * total), values(total), stat=memory)
+      if (memory /= 0) lanes(waiting)%status = out_of_memory
+      if (memory /= 0) return
+      last(0) = 0
+      do event = 1, run%events%count
+        do i = merge(1, of_all + 1, event == 1), size(waiting)
+          k = last(i - 1)
+          associate (lane => lanes(waiting(i)))
+            do while (taken(i) < lane%wanted)
+              if (nint(lane%wanted_at(1, taken(i) + 1)) > event) exit
+              taken(i) = taken(i) + 1
+              k = k + 1
+              t(k) = lane%wanted_at(2, taken(i))
+              member(k) = real(lane%member - 1, wp)
+              points((k - 1) * n + 1:k * n) = lane%wanted_at(3:, taken(i))
+            end do
+          end associate
+          last(i) = k
+        end do
+        k = last(size(waiting))
+        if (k == 0) cycle
+        if (run%events%vectorized(event)) then
+          call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
+                                points(:n * k), values(:k))
+        else
+          do j = 1, k
+            call run%events%value(nint(member(j)) + 1, event, t(j), points((j - 1) * n + 1:j * n), &
+                                  values(j), failed)
+          end do
+        end if
+        do i = 1, size(waiting)
+          if (last(i) > last(i - 1)) &
+            call store_values(lanes(waiting(i)), event, values(last(i - 1) + 1:last(i)))
+        end do
+      end do
+    end associate
+  end subroutine evaluate_events
 
 end module run_m

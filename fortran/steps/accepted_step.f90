@@ -13,13 +13,14 @@ module accepted_step_m
   use step_events_m, only: crosses, find_zeros, rotates_far
   use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step
   use phases_m
-  use trajectory_m, only: fail, forget_step, trajectory_t
+  use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends, time_at
   use iso_fortran_env, only: int64
   use shared_numbers
   implicit none
   private
-  public :: complete_step, detect_events, examine_step, fail_to_observe, prepare_inner, store_output
+  public :: begin_after_events, complete_step, detect_events, examine_step, fail_to_observe, &
+            prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -34,15 +35,18 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
+    x%seeks_events = size(x%events%before) > 0
+    if (x%seeks_events) then
+      call evaluate_events(x, 0, x%t_end, x%y(:, x%result), x%events%after)
+      if (x%status /= finished) return
+      call forget_values(x)
+    end if
     x%counts%steps = x%counts%steps + 1
     x%grid_done = x%grid_done + 1
-    x%seeks_events = size(x%events%before) > 0
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) then
       associate (events => x%events)
-        call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
-        if (x%status /= finished) return
         x%needs_interpolant = any(events%came_from /= 0) &
           .or. any(crosses(events%before, events%after, x%problem%events%direction, &
                            x%problem%events%period) &
@@ -69,7 +73,7 @@ contains
     logical :: may_cut(size(x%events%before))
 
     associate (events => x%problem%events)
-      may_cut = x%last%kept .and. (events%jumps .or. events%limit <= 2_int64**53)
+      may_cut = x%problem%goes_on .and. (events%jumps .or. events%limit <= 2_int64**53)
     end associate
   end function may_cut
 
@@ -83,7 +87,7 @@ contains
 
     if (tries_shorter(x)) return
     call find_zeros(x, .true.)
-    if (.not. allocated(x%events%zeros)) return   ! the step turns too far, or there was no memory
+    if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
     x%phase = phase_complete_step
     associate (zeros => x%events%zeros)
       cuts = may_cut(x)
@@ -209,37 +213,40 @@ contains
     if (x%slope_known) x%slope(:) = x%end_slope
     if (jumps) call forget_step(x)
     if (ends) x%phase = phase_begin_segment
-    if (size(x%events%before) > 0) call begin_after_events(x, t, y, ended)
-  end subroutine begin_next_step
-
-  ! Prepares the functions of events for the next step.
-  subroutine begin_after_events(x, t, y, ended)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)
-    logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: terminal
-    real(wp) :: sizes(size(x%events%before))
-
-    sizes = max(abs(x%events%before), abs(x%events%after))
-    x%events%before(:) = x%events%after
-    if (.not. ended) return
-    terminal = any(x%events%count >= x%problem%events%limit)
-    if (terminal .and. .not. x%last%kept) then
+    if (.not. ended) then
+      x%events%before(:) = x%events%after
+    else if (ends_trajectory(x) .and. .not. x%problem%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
-      return
-    end if
-    if (x%events%jumps_in_place > max_stuck) then
+    else if (x%events%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
-      return
+    else
+      associate (events => x%events)
+        events%small = max(small_value * max(abs(events%before), abs(events%after)), &
+                           2 * abs(events%value_after))
+        events%known = .false.
+      end associate
+      x%phase = phase_after_events
     end if
-    call evaluate_at_start(x, t, y, max(small_value * sizes, 2 * abs(x%events%value_after)))
-    if (x%status == raised) return
+  end subroutine begin_next_step
+
+  ! Whether an event has happened as often as it may
+  pure logical function ends_trajectory(x)
+    type(trajectory_t), intent(in) :: x
+
+    ends_trajectory = any(x%events%count >= x%problem%events%limit)
+  end function ends_trajectory
+
+  ! Prepares the functions of events for the step after one that an event ended.
+  subroutine begin_after_events(x)
+    type(trajectory_t), intent(inout) :: x
+
+    call evaluate_at_start(x, x%events%small)
+    if (x%status /= finished) return
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
-    if (.not. terminal) return
+    if (.not. ends_trajectory(x)) return
     x%status = terminal_event                        ! from which a stepper goes on
     where (x%events%count >= x%problem%events%limit) x%events%count = 0
   end subroutine begin_after_events

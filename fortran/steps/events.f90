@@ -21,6 +21,8 @@ module events_m
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
     ! (count) of a function whose multiples are zeros too, positive; its values are next to zero
     real(wp), allocatable :: period(:)
+    logical, allocatable :: vectorized(:)    ! (count) whether it takes many members at a time
+    logical :: together = .false.            ! whether trajectories request values, see requests_m
     type(callback_t) :: callback
     integer(c_intptr_t), allocatable :: address(:), data(:)    ! (count)
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own

@@ -2,21 +2,23 @@
 ! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
-! returns with a status (needs_field: coefficients at request%t and request%y; needs_minimum,
-! needs_maximum: of a number over all trajectories with common steps; buffer_full; paused) and is
-! called again with the answer. The phase says where to continue. Phases follow each other as
+! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
+! of events at wanted_at; needs_minimum, needs_maximum: of a number over all trajectories with common
+! steps; buffer_full; paused) and is called again with the answer. The phase says where to continue.
+! Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               |'------------ rejected --------------'          v
 !        |                               '------------- [tried again] ------ [interpolant, events]
-!        '-------- [jump] <- store output <- complete step <------------------------------'
+!        '- [after events] <- store output <- complete step <-----------------------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use method_m, only: kind_polynomial
   use output_m, only: has_room, output_t
-  use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, store_output
+  use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
+                             prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
@@ -26,7 +28,8 @@ module loop_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, paused
+  use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
+                            needs_minimum, paused
   implicit none
   private
   public :: resume
@@ -44,6 +47,10 @@ contains
       call check_coefficients(x, x%request%y, x%request%received)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
+    case (needs_events)
+      x%status = finished
+      x%used = 0
+      x%wanted = 0
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
@@ -78,10 +85,7 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-      x%slope_known = .true.
-      x%phase = phase_next_stage
-      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+      call store_slope(x)
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
@@ -115,7 +119,19 @@ contains
       call retry_or_store(x)
     case (phase_store_output)
       call store_output(x, output)
+    case (phase_after_events)
+      call begin_after_events(x)
     end select
   end subroutine advance
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_slope(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+    x%slope_known = .true.
+    x%phase = phase_next_stage
+    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+  end subroutine store_slope
 
 end module loop_m

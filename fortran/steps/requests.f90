@@ -1,6 +1,8 @@
 ! Requests of a trajectory for coefficients of the right-hand side and for values of events. If the
 ! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
-! is called again with the answer, so that one call can answer many trajectories.
+! is called again with the answer, so that one call can answer many trajectories. In the same way
+! values of events are requested if a function takes many members at a time; what needs them begins
+! again when they are known, and finds them on the tape of the trajectory.
 module requests_m
   use kinds, only: wp
   use constrained_motion_m, only: add_constraint_forces
@@ -10,13 +12,13 @@ module requests_m
   use shared_numbers
   use method_m, only: kind_splitting
   use phases_m
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m, only: fail, forget_values, trajectory_t
   use vector_field_m, only: evaluate
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
-            retry_or_store, share_error, share_step, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, &
+            request, retry_or_store, share_error, share_step, within_segment
 
 contains
 
@@ -194,36 +196,84 @@ contains
     if (x%problem%common) x%status = needs_maximum
   end subroutine share_error
 
-  ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
-  subroutine evaluate_events(x, t, y, values)
+  ! Evaluates the function of an event at a point, or those of all for event 0, or requests values;
+  ! the trajectory fails if a function does.
+  subroutine evaluate_events(x, event, t, y, values)
     type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), intent(inout) :: values(:)               ! (events)
+    real(wp), intent(inout) :: values(:)               ! (1) or (events)
     logical :: failed
     integer :: i
 
+    if (x%problem%events%together) then
+      if (.not. recalls(x, event, t, values)) call request_values(x, event, t, y)
+      return
+    end if
     do i = 1, size(values)
-      call x%problem%events%value(x%member, i, t, y, values(i), failed)
+      call x%problem%events%value(x%member, max(event - 1, 0) + i, t, y, values(i), failed)
       if (failed) call fail(x, raised, t)
       if (failed) return
     end do
   end subroutine evaluate_events
 
-  ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
-  ! or a jump has left its function at zero, this zero isn't another event.
-  subroutine evaluate_at_start(x, t, y, small)
+  ! Whether the next values of an event, or of all for event 0, are known; takes them from the tape.
+  logical function recalls(x, event, t, values)
     type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: t
+    real(wp), intent(inout) :: values(:)               ! (1) or (events)
+    integer :: i
+
+    recalls = x%problem%events%together
+    if (.not. recalls) return
+    do i = 1, size(values)
+      associate (of => max(event - 1, 0) + i)
+        recalls = x%used(of) < x%known(of)
+        if (.not. recalls) return
+        x%used(of) = x%used(of) + 1
+        values(i) = x%tape(x%used(of), of)
+      end associate
+    end do
+    if (.not. all(abs(values) <= huge(values))) call fail(x, raised, t)
+  end function recalls
+
+  ! Requests the value of an event at a point, or those of all for event 0.
+  subroutine request_values(x, event, t, y)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
-    real(wp) :: values(size(small))
+    real(wp), allocatable :: more(:, :)
 
-    call evaluate_events(x, t, y, values)
-    if (x%status == raised) return
-    associate (events => x%events, size_of_y => maxval(abs(y(:x%problem%events%width))))
+    if (x%wanted == size(x%wanted_at, 2)) then
+      allocate (more(2 + size(y), 2 * x%wanted + 1))
+      more(:, :x%wanted) = x%wanted_at
+      call move_alloc(more, x%wanted_at)
+    end if
+    x%wanted = x%wanted + 1
+    x%wanted_at(1, x%wanted) = real(event, wp)
+    x%wanted_at(2, x%wanted) = t
+    x%wanted_at(3:, x%wanted) = y
+    x%status = needs_events
+  end subroutine request_values
+
+  ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
+  ! or a jump has left its function at zero, this zero isn't another event.
+  subroutine evaluate_at_start(x, small)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
+    real(wp) :: values(size(small)), smallest
+
+    call evaluate_events(x, 0, x%t, x%y(:, 0), values)
+    if (x%status /= finished) return
+    call forget_values(x)
+    smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
+    associate (events => x%events)
+      events%known = .true.
       events%before = values
-      where (events%came_from /= 0 .and. abs(values) <= max(small, epsilon(t) * size_of_y))
+      where (events%came_from /= 0 .and. abs(values) <= max(small, smallest))
         events%before = 0.0_wp
         events%value_after = values
       elsewhere

@@ -3,12 +3,13 @@
 ! they don't (R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
-  use shared_numbers, only: raised
-  use trajectory_m, only: fail, trajectory_t
+  use requests_m, only: evaluate_events, recalls
+  use shared_numbers, only: finished
+  use trajectory_m, only: trajectory_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: event_function_t, find_root
+  public :: event_function_t, find_root, values_at
 
   type :: event_function_t
     type(trajectory_t), pointer :: trajectory => null()
@@ -26,18 +27,30 @@ module root_m
 
 contains
 
-  ! Evaluates the function at a fraction of the step; the trajectory fails if there is no value.
+  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step.
+  subroutine values_at(x, event, theta, y, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) for the point there
+    real(wp), intent(inout) :: values(:)               ! (1) or (events)
+
+    if (recalls(x, event, time_at(x, theta), values)) return
+    call point_at(x, theta, y)
+    call evaluate_events(x, event, time_at(x, theta), y, values)
+  end subroutine values_at
+
+  ! Evaluates the function at a fraction of the step.
   subroutine value(self, theta, found)
     class(event_function_t), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), intent(out) :: found
+    real(wp) :: values(1)
 
-    associate (trajectory => self%trajectory)
-      call point_at(trajectory, theta, self%y)
-      call trajectory%problem%events%value(trajectory%member, self%event, &
-                                           time_at(trajectory, theta), self%y, found, self%stopped)
-      if (self%stopped) call fail(trajectory, raised, trajectory%t_end)
-    end associate
+    values = 0.0_wp
+    call values_at(self%trajectory, self%event, theta, self%y, values)
+    found = values(1)
+    self%stopped = self%trajectory%status /= finished
   end subroutine value
 
   ! Finds a zero of g between low and high.

@@ -3,7 +3,7 @@ module saved_state_m
   use kinds, only: wp
   use time_grid_m, only: grid_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: integers_of_state, reals_of_state
+  use shared_numbers, only: integers_of_state, reals_of_state, terminal_event
   use trajectory_m, only: continue_trajectory, trajectory_t
   implicit none
   private
@@ -30,6 +30,7 @@ contains
                 [x%slope_known, x%events%known, x%control%after_rejection, &
                  x%newton%has_jacobian, x%newton%fresh, x%newton%moved]), &
                 int(x%control%suspicion, int64), x%control%attempts, x%grid%steps, x%grid_done]
+    integers(1) = int(x%status, int64)       ! counts have it in results alone
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
     slopes(:, 3:2 + size(x%f, 2)) = x%f
@@ -108,6 +109,7 @@ contains
     end associate
     x%weighted_by = 0.0_wp
     call continue_trajectory(x)
+    if (integers(1) == terminal_event) x%status = terminal_event
   end subroutine load_state
 
 end module saved_state_m

@@ -3,7 +3,8 @@ module simultaneous_events_m
   use controller_m, only: smallest_size
   use kinds, only: wp
   use output_m, only: store_event, output_t
-  use trajectory_m, only: fail, trajectory_t
+  use requests_m, only: evaluate_events
+  use trajectory_m, only: fail, forget_values, trajectory_t
   use within_step_m, only: point_at, time_at
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, raised
@@ -64,8 +65,7 @@ contains
     real(wp), intent(in) :: until                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
-    real(wp) :: value
-    logical :: failed
+    real(wp) :: value(1)
     integer :: k
 
     associate (zeros => x%events%zeros, t => time_at(x, until))
@@ -73,15 +73,15 @@ contains
         if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + together
         if (happen(k)) cycle
-        call x%problem%events%value(x%member, zeros(k)%event, t, y, value, failed)
-        if (failed) call fail(x, raised, x%t_end)
-        if (failed) return
-        happen(k) = value * real(zeros(k)%from, wp) <= 0 &
+        call evaluate_events(x, zeros(k)%event, t, y, value)
+        if (x%status /= finished) return
+        happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         ! its zero is yet to come, and isn't another event
-        if (happen(k)) x%events%value_after(zeros(k)%event) = value
+        if (happen(k)) x%events%value_after(zeros(k)%event) = value(1)
       end do
     end associate
+    call forget_values(x)
   end subroutine find_together
 
   ! Stores events that happen together. Those without a jump come first, at the point before all
@@ -102,7 +102,7 @@ contains
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1
-          jumps(k) = happen(k) .and. events%jumps(of) .and. (x%last%kept &
+          jumps(k) = happen(k) .and. events%jumps(of) .and. (x%problem%goes_on &
                      .or. x%events%count(of) < events%limit(of))
           if (.not. happen(k)) cycle
           x%events%time(of) = t

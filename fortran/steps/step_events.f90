@@ -10,11 +10,10 @@ module step_events_m
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
   use method_m, only: kind_splitting
-  use requests_m, only: evaluate_events
-  use root_m, only: event_function_t, find_root
-  use shared_numbers, only: out_of_memory, raised, resting_contact, step_too_long_for_events
-  use trajectory_m, only: fail, trajectory_t, zero_t
-  use within_step_m, only: point_at, time_at
+  use root_m, only: event_function_t, find_root, values_at
+  use shared_numbers, only: finished, needs_events, out_of_memory, raised, resting_contact, &
+                            step_too_long_for_events
+  use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
   implicit none
   private
   public :: crosses, find_zeros, rotates_far
@@ -40,11 +39,31 @@ contains
     if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
   end function crosses
 
-  ! Finds the zeros of all events in a step, unless a function fails. If `detects` is true, the
-  ! times of zeros aren't computed.
+  ! Finds the zeros of all events in a step, unless a function fails or values are requested: then
+  ! the trajectory is left as it was. If `detects` is true, the times of zeros aren't computed.
   subroutine find_zeros(x, detects)
     type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
     logical, intent(in) :: detects
+    integer :: came_from(size(x%events%came_from))
+    real(wp) :: after(size(x%events%after))
+
+    came_from = x%events%came_from
+    after = x%events%after
+    call seek_zeros(x, detects)
+    if (x%status == needs_events) then
+      x%events%came_from = came_from
+      x%events%after = after
+      if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    else
+      call forget_values(x)
+    end if
+  end subroutine find_zeros
+
+  ! Finds the zeros of all events in a step, as far as values are known.
+  subroutine seek_zeros(x, detects)
+    type(trajectory_t), target, intent(inout) :: x
+    logical, intent(in) :: detects
+    logical :: waits
     type(event_function_t) :: g
     real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
@@ -71,24 +90,29 @@ contains
     x%events%zeros = [zero_t ::]
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call point_at(x, theta(k), g%y)
-        call evaluate_events(x, time_at(x, theta(k)), g%y, values(:, k))
+        call values_at(x, 0, theta(k), g%y, values(:, k))
         if (x%status == raised) return
       end do
+      if (x%status == needs_events) return
       if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
         associate (low => minval(values(:, ::2), 2), high => maxval(values(:, ::2), 2))
           if (all(max(low, -high) > high - low)) return
         end associate
       end if
     end do
+    waits = .false.
     do i = 1, size(values, 1)
       g%event = i
       own(:) = values(i, :)
       if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own)
       if (.not. g%stopped) call find_zeros_of(g, theta, own)
-      if (g%stopped) return
+      if (g%stopped .and. x%status /= needs_events) exit
+      waits = waits .or. g%stopped           ! the other events request their values, too
+      if (g%stopped) x%status = finished
+      g%stopped = .false.
     end do
-  end subroutine find_zeros
+    if (waits) x%status = needs_events
+  end subroutine seek_zeros
 
   ! The number of parts whose ends are compared
   pure integer function parts(x)

@@ -14,7 +14,7 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, needs_minimum, raised, slope_not_finite, step_too_small, &
+  use shared_numbers, only: finished, needs_minimum, slope_not_finite, step_too_small, &
                             time_not_finite, too_many_steps
   implicit none
   private
@@ -34,6 +34,10 @@ contains
       end if
       return
     end if
+    if (associated(x%problem%events) .and. .not. x%events%known) then
+      call evaluate_at_start(x, 8 * abs(x%events%value_after))
+      if (x%status /= finished) return
+    end if
     associate (stop => x%problem%stops(x%segment))
       if (.not. (x%problem%adaptive .or. associated(x%problem%sizes))) call prepare_grid(x, stop)
       x%h = sign(x%h, stop - x%t)
@@ -43,10 +47,6 @@ contains
       x%phase = phase_guess_size
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end if
-    if (.not. associated(x%problem%events)) return
-    if (x%events%known) return
-    call evaluate_at_start(x, x%t, x%y(:, 0), 8 * abs(x%events%value_after))
-    x%events%known = x%status /= raised
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.

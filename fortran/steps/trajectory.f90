@@ -17,8 +17,8 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, set_start, &
-            start
+  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
+            forget_values, set_start, start, store_values
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -29,6 +29,7 @@ module trajectory_m
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
+    logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
     logical :: at_once = .false.             ! and is evaluated at all stages of a step at once
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
@@ -99,6 +100,7 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
+    real(wp), allocatable :: small(:)        ! (events) values that count as zero after events
     type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
@@ -167,6 +169,13 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! and when inner points of the step were prepared
     type(event_state_t) :: events
+    ! (capacity, events) values of events that were requested, in the order of the requests
+    real(wp), allocatable :: tape(:, :)
+    ! (events) how many there are, and have been used by what is done again since some were missing
+    integer, allocatable :: known(:), used(:)
+    integer :: wanted = 0                    ! points at which values of events are requested
+    ! (2 + point_size, capacity) an event or 0 for all, then time and point
+    real(wp), allocatable :: wanted_at(:, :)
     type(last_step_t) :: last
   end type trajectory_t
 
@@ -218,10 +227,12 @@ contains
       associate (control => x%control, events => x%events)
         allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
                   events%after(k), events%count(k), events%time(k), events%value_after(k), &
+                  events%small(k), events%came_from(k), x%wanted_at(2 + frame%point_size, 0), &
                   stat=memory)
-        if (memory == 0) allocate (events%came_from(k), source=0, stat=memory)
+        if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
+        if (memory /= 0) return
+        events%came_from = 0
       end associate
-      if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
       x%last%kept = .true.
@@ -300,7 +311,35 @@ contains
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    call forget_values(x)
   end subroutine continue_trajectory
+
+  ! Forgets the values of events that were requested, when what needs them is done.
+  pure elemental subroutine forget_values(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%known = 0
+    x%used = 0
+    x%wanted = 0
+  end subroutine forget_values
+
+  ! Stores values of an event that were requested.
+  pure subroutine store_values(x, event, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: values(:)
+    real(wp), allocatable :: longer(:, :)
+
+    associate (n => x%known(event) + size(values))
+      if (n > size(x%tape, 1)) then
+        allocate (longer(2 * n, size(x%known)))
+        longer(:size(x%tape, 1), :) = x%tape
+        call move_alloc(longer, x%tape)
+      end if
+      x%tape(x%known(event) + 1:n, event) = values
+      x%known(event) = n
+    end associate
+  end subroutine store_values
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t)

@@ -19,7 +19,7 @@ module within_step_m
 contains
 
   ! Requests the interpolant of the last step, and no further step.
-  impure elemental subroutine request_interpolant(x)
+  subroutine request_interpolant(x)
     type(trajectory_t), intent(inout) :: x
     integer :: memory
 

@@ -1,7 +1,10 @@
 """Steppers of ensembles."""
 
+import copy
+
 import numpy as np
 import pytest
+from bouncing_ball import bounce, fall, height
 from numpy.testing import assert_array_equal
 from refusals import refuses
 from turning import OPTIONS, turning
@@ -104,3 +107,86 @@ def test_what_lets_the_next_step_be_chosen_anew():
     fixed = cg.Stepper(f, 0.0, np.eye(3), frame=SO3(), h=0.1, method="CF4", args=(1.0,))
     fixed.restart(t=1.0)
     assert fixed.next_step == 0.1
+
+
+HEIGHTS = np.array([[0.5, 0.0], [1.0, 0.0], [8.0, 1.0]])
+LANDS = cg.Event(height, direction=-1, terminal=True)
+HALF = cg.Event(lambda t, y: y[0] - 0.25)
+
+
+def dropped(events, t_bound=np.inf, f=fall, **options):
+    given = {"frame": Euclidean(2), "events": events, "rtol": 1e-9, "atol": 1e-9}
+    return cg.Stepper(f, 0.0, HEIGHTS, t_bound, **given | options)
+
+
+@pytest.mark.parametrize(
+    ("events", "common"),
+    [
+        ([LANDS, HALF], False),
+        ([LANDS, HALF], True),
+        ([cg.Event(height, direction=-1, terminal=2, jump=bounce), HALF], False),
+    ],
+)
+def test_members_stay_at_terminal_events_as_in_an_ensemble(events, common):
+    stepper = dropped(events, 1.2, common_steps=common)
+    whole = cg.solve_ensemble(
+        fall, (0, 1.2), HEIGHTS, frame=Euclidean(2), events=events, common_steps=common,
+        rtol=1e-9, atol=1e-9,
+    )  # fmt: skip
+    assert stepper.advance(1.2) is None
+    assert stepper.status == "finished"
+    assert_array_equal(stepper.stopped, whole.status == 1)
+    assert 0 < stepper.stopped.sum() < 3
+    for name in ("t_events", "y_events", "y_after"):
+        for own, others in zip(getattr(stepper, name), getattr(whole, name), strict=True):
+            for k in range(3):
+                assert_array_equal(own[k], others[k])
+    for k, point in enumerate(stepper.y):
+        end = whole.y_events[0][k][-1] if stepper.stopped[k] else whole.y[-1, k]
+        assert_array_equal(point, end)
+
+
+@pytest.mark.parametrize("common", [False, True])
+def test_members_that_stopped_stay_through_restarts_and_copies(common):
+    stepper = dropped([LANDS, HALF], common_steps=common)
+    while not stepper.stopped.any():
+        stepper = copy.copy(stepper)
+        assert (stepper.step() if common else stepper.advance(stepper.t + 0.1)) is None
+    stepper.restart()
+    stepper = copy.copy(stepper)
+    first = stepper.y[0]
+    if common:
+        stepper.step()
+        middle = stepper.dense_output()(stepper.t)
+        assert_array_equal(np.isnan(middle[:, 0]), stepper.stopped)
+    assert stepper.advance(0.9) is None
+    assert stepper.stopped.tolist() == [True, True, False]
+    assert_array_equal(stepper.y[0], first)
+    message = stepper.advance(3.0)
+    assert message.startswith("A terminal event")
+    assert stepper.status == "event"
+    assert stepper.t == max(t[0] for t in stepper.t_events[0])
+    refuses(RuntimeError, "has stopped at t = ", stepper.advance, 3.0)
+    stepper.restart(y=HEIGHTS)
+    assert not stepper.stopped.any()
+    assert stepper.advance(stepper.t + 0.2) is None
+
+
+def test_a_call_that_fails_has_no_events_and_stops_no_member():
+    def f(t, y):
+        if broken and y[0] < 0.2 and y[1] < -4.5:
+            raise KeyError("third")
+        return fall(t, y)
+
+    broken = True
+    stepper = dropped([LANDS, HALF], f=f)
+    stepper.advance(0.35)
+    before, events = stepper.stopped, stepper.t_events
+    refuses(KeyError, "third", stepper.advance, 3.0)
+    assert stepper.t == 0.35
+    assert_array_equal(stepper.stopped, before)
+    for own, others in zip(stepper.t_events, events, strict=True):
+        assert list(map(len, own)) == list(map(len, others))
+    broken = False
+    assert stepper.advance(0.7) is None
+    assert stepper.stopped.tolist() == [True, True, False]

@@ -78,8 +78,8 @@ class TestFailures:
         assert stepper.advance(stepper.t + 0.1) is None
 
     def test_refused_arguments(self):
-        with pytest.raises(ValueError, match="events must be None for an ensemble"):
-            cg.Stepper(fall, 0, [UP, UP], events=FLOOR, **OPTIONS)
+        with pytest.raises(ValueError, match="events must have no jumps with common_steps"):
+            cg.Stepper(fall, 0, [UP, UP], events=FLOOR, common_steps=True, **OPTIONS)
         with pytest.raises(TypeError, match="events must be a function"):
             cg.Stepper(fall, 0, UP, events=3, **OPTIONS)
         assert cg.Stepper(fall, 0, UP, **OPTIONS).t_events is None

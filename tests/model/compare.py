@@ -34,6 +34,14 @@ def counted(*arguments):
     return f(*arguments)
 def observe(t, y, *rest): return [t, float(np.abs(y).sum())]
 s = cg.solve_ivp(NAME, span, y0, **options, observe=observe, store=STORE)"""
+TOGETHER = """def together(event):
+    def rows(t, y, *rest):
+        rest = [zip(*each) if isinstance(each, tuple) else each for each in rest]
+        return np.array([event.function(*one) for one in zip(t.tolist(), y, *rest)])
+    return cg.Event(rows, event.terminal, event.direction, event.jump, event.period, True)
+many = {"events": [together(event) for event in options.get("events", ())]}
+"""
+EVENTS_TOGETHER = (" | many", " | many, vectorized=True")
 VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
 STEPPING = """others = "t_eval dense_output linear derivatives control_derivatives P0 noise".split()
 stepping = {k: v for k, v in options.items() if k not in others}
@@ -420,12 +428,18 @@ def processes(case: Case) -> None:
 
 def members(
     case: Case,
-    ways: Sequence[str] = ("", ", workers=2", *VECTORIZED),
-    common: Sequence[str] = (", common_steps=True", ", common_steps=True, vectorized=True"),
+    ways: Sequence[str] = ("", ", workers=2", *VECTORIZED, *EVENTS_TOGETHER),
+    common: Sequence[str] = (
+        ", common_steps=True",
+        ", common_steps=True, vectorized=True",
+        " | many, common_steps=True",
+    ),
 ) -> None:
     """Members of an ensemble are equal to single solutions, however they are computed."""
     program = case.program
-    code = "several, second = dict(options), dict(options)\n"
+    code = f"{TOGETHER}several, second = dict(options), dict(options)\n"
+    ways, common = ([way for way in each if program.events or "many" not in way]
+                    for each in (ways, common))  # fmt: skip
     if program.inputs:
         code += f"several['inputs'] = {program.named_inputs('members')}\n"
         code += f"second['inputs'] = {program.named_inputs('mirrored')}\n"

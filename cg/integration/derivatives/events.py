@@ -64,7 +64,11 @@ class VariationalEvents(EventTable):
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
-        return super().value(index, t, self.field.split(y)[0], arguments)
+        return self.table.value(index, t, self.field.split(y)[0], arguments)
+
+    def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
+        """Return the values of a vectorized function at points with derivatives."""
+        return self.table.values(index, t, self.field.split(y)[0], arguments)
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump with its derivatives."""

@@ -97,15 +97,16 @@ class Results:
         assert part.events is not None
         assert self.problem.events is not None
         of, t, y = part.events
-        order = np.argsort(of[:, 0], kind="stable")
-        of, t, y = of[order], t[order], y[order]
-        bounds = np.searchsorted(of[:, 0], np.arange(len(part.status) + 1)).tolist()
-        for k, (begin, end) in enumerate(pairwise(bounds), first):
-            which, t_k, y_k = of[begin:end, 1], t[begin:end], y[begin:end]
-            self._marks[k] = t_k, y_k[:, 1]
-            self._events[k] = [
-                (t_k[which == i], y_k[which == i]) for i in range(len(self.problem.events))
-            ]
+        if self.problem.dense:
+            order = np.argsort(of[:, 0], kind="stable")
+            bounds = np.searchsorted(of[order, 0], np.arange(len(part.status) + 1)).tolist()
+            for k, (begin, end) in enumerate(pairwise(bounds), first):
+                own = order[begin:end]
+                self._marks[k] = t[own], y[own, 1]
+        count = len(self.problem.events)
+        times, points = (split_events(of, each, len(part.status), count) for each in (t, y))
+        for k in range(len(part.status)):
+            self._events[first + k] = [(times[i][k], points[i][k]) for i in range(count)]
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
@@ -159,6 +160,19 @@ class Results:
             "y_events": [[row[i][1][:, 0] for row in rows] for i in events],
             "y_after": [[row[i][1][:, 1] for row in rows] for i in events],
         }
+
+
+def split_events(of: Any, values: Array, members: int, events: int) -> list[list[Array]]:
+    """Return values of events, of each event those of each member.
+
+    ``of`` are the member and the event of each value.
+    """
+    keys = members * of[:, 1] + of[:, 0]
+    order = np.argsort(keys, kind="stable")
+    values = values[order]
+    bounds = np.searchsorted(keys[order], np.arange(members * events + 1)).tolist()
+    parts = [values[begin:end] for begin, end in pairwise(bounds)]
+    return [parts[members * i : members * (i + 1)] for i in range(events)]
 
 
 def solution_of(problem: Problem, part: MemberResults) -> Solution:

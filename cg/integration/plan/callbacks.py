@@ -26,7 +26,8 @@ class Callbacks:
     a vector.
 
     ``last_error`` is the last exception that compiled code treats as a step that is too long;
-    ``failed_event`` the name of an event's function that raised an exception, its time and member.
+    ``failed_event`` the name of an event's function that raised an exception, its time and member,
+    None if there were several.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class Callbacks:
         self.plan, self.frame = plan, plan.frame
         self.rhs, self.events, self.jacobian = rhs, events, jacobian
         self.last_error: Exception | None = None
-        self.failed_event: tuple[str, float, int] | None = None
+        self.failed_event: tuple[str, float, int | None] | None = None
 
     @cached_property
     def _dexpinv(self) -> Dexpinv:
@@ -105,6 +106,19 @@ class Callbacks:
         points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
         return self.rhs.at_members(t, members.astype(np.intp), points)
 
+    def _call_vectorized_event(self, a: Array, y: Array) -> Array:
+        assert self.rhs is not None
+        assert self.events is not None
+        event, count = int(a[0]), len(a) // 2
+        t, members = a[1 : 1 + count], a[1 + count :].astype(np.intp)
+        points = y.view(self.frame.dtype).reshape(count, *self.frame.point_shape)
+        try:
+            return self.events.values(event, t, points, self.rhs.arguments(members))
+        except Exception:
+            first = int(members[0]) if len(t) == 1 else None
+            self.failed_event = f"events[{event}]", float(t[0]), first
+            raise
+
     def _call_event(self, a: Array, y: Array, is_jump: bool) -> Any:
         assert self.rhs is not None
         assert self.events is not None
@@ -131,6 +145,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.BRACKET: lambda self, u, v: self.frame.bracket(u, v),
     Operation.FIELDS: Callbacks._evaluate,
     Operation.EVENT: lambda self, a, y: self._call_event(a, y, False),
+    Operation.EVENTS: Callbacks._call_vectorized_event,
     Operation.JUMP: lambda self, a, y: self._call_event(a, y, True),
     Operation.JACOBIAN: Callbacks._evaluate_jacobian,
     Operation.FACTOR: Callbacks._factor,

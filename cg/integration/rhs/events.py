@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.integration.rhs.checks import read_finite
+from cg.integration.rhs.checks import read_finite, read_value
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.support.arrays import Points
+from cg.support.arrays import Array, Points
+from cg.support.checks import check_flag
 from cg.support.copies import filled
 from cg.support.shared_records import EVENT
 
@@ -55,6 +56,11 @@ class Event:
         Period of a function that is known up to its multiples, such as ``2 * np.pi`` of an angle:
         the event is at all multiples, and where the value wraps there is none. Between two
         comparisons of signs the function must change by less than half a period.
+    vectorized
+        Whether ``function`` takes many members of an ensemble at a time: times ``(k,)``, points
+        ``(k, *frame.point_shape)``, and rows of parameters and inputs, as a vectorized ``f`` of
+        `cg.solve_ensemble`. It returns ``k`` numbers. For a single point k is one. ``jump`` takes
+        one member in any case.
 
     Examples
     --------
@@ -78,6 +84,7 @@ class Event:
     direction: float = 0.0
     jump: Callable[..., Any] | None = None
     period: float | None = None
+    vectorized: bool = False
 
     def __post_init__(self) -> None:
         self._check("event", "function")
@@ -108,6 +115,9 @@ class Event:
         period = self.period
         if period is not None and not (_is_real(period) and 0.0 < period < math.inf):
             raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
+        flag = check_flag(f"{name}.vectorized", self.vectorized)
+        if flag and compiled_event(self.function) is not None:
+            raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")
         return limit, (direction > 0.0) - (direction < 0.0)
 
 
@@ -118,17 +128,24 @@ def _is_real(number: object) -> bool:
 class EventTable:
     """The events of one integration, after checking.
 
-    With ``inputs`` functions in Python get those of a `Reader`. If ``f`` is ``in_python``, compiled
-    functions don't get its data.
+    With ``inputs`` functions in Python get those of a `Reader`, and with ``parameters`` a row of
+    these. If ``f`` is ``in_python``, compiled functions don't get its data.
 
     ``rows`` is the table that compiled code reads: of each event the addresses of the function and
-    of its data, the sign of its direction, its limit, whether it jumps, and the bits of its period.
+    of its data, the sign of its direction, its limit, whether it jumps, the bits of its period, and
+    whether it is vectorized.
     """
 
     def __init__(
-        self, events: Any, frame: Frame, inputs: bool = False, in_python: bool = False
+        self,
+        events: Any,
+        frame: Frame,
+        inputs: bool = False,
+        in_python: bool = False,
+        parameters: bool = False,
     ) -> None:
         self.given, self.inputs, self.in_python = events, inputs, in_python
+        self.parameters = parameters
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
             given: Sequence[Any] = (events,)
         elif isinstance(events, Sequence) and not isinstance(events, str):
@@ -149,6 +166,7 @@ class EventTable:
                 "limit": limit,
                 "jumps": event.jump is not None,
                 "period": np.float64(event.period or 0.0).view(np.int64),
+                "vectorized": event.vectorized,
             }
             rows.append([row[name] for name in EVENT])
         if inputs:
@@ -156,7 +174,9 @@ class EventTable:
         self.rows: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, len(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.given, self.frame, self.inputs, self.in_python)
+        return type(self), (
+            self.given, self.frame, self.inputs, self.in_python, self.parameters
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.events)
@@ -171,6 +191,11 @@ class EventTable:
         """Whether an event can end the integration."""
         return bool((self.rows[:, 3] < _UNLIMITED).any())
 
+    @property
+    def has_vectorized(self) -> bool:
+        """Whether a function takes many members at a time."""
+        return bool(self.rows[:, 6].any())
+
     def check_data(self) -> None:
         """Raise ValueError if compiled functions have no data, for inputs or parameters."""
         for i, source in enumerate(self.compiled):
@@ -182,11 +207,32 @@ class EventTable:
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of an event's function in Python, after checking it."""
+        if self.events[index].vectorized:
+            if self.parameters:
+                arguments = *arguments[:-1], arguments[-1][None]
+            return float(self.values(index, np.array([t]), y[None], arguments)[0])
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
         if not (isinstance(raw, float) and math.isfinite(raw)):
             raw = float(read_finite(raw, f"events[{index}]", (), t, number=True))
         return self.wrapped(index, raw)
+
+    def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
+        """Return the values of an event's vectorized function, after checking them."""
+        t.setflags(write=False)
+        y.setflags(write=False)
+        event = self.events[index]
+        values: Array = event.function(t, y, *arguments)
+        plain = type(values) is np.ndarray and values.dtype == np.float64
+        if not plain or values.shape != t.shape:
+            values = read_value(values, f"events[{index}]", t.shape, t, "member")
+        # a finite square takes less time than what it makes superfluous
+        if not (math.isfinite(values.dot(values)) or np.isfinite(values).all()):
+            bad = int(np.flatnonzero(~np.isfinite(values))[0])
+            read_finite(values.item(bad), f"events[{index}]", (), t[bad])
+        if event.period is not None:
+            values = np.array([self.wrapped(index, value) for value in values.tolist()])
+        return values
 
     def wrapped(self, index: int, value: float) -> float:
         """Return a value of an event's function, next to zero if it has a period."""
@@ -217,5 +263,6 @@ def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
     defaults = {"terminal": False, "direction": 0, "jump": None, "period": None}
+    defaults["vectorized"] = False
     given = {name: getattr(event, name, value) for name, value in defaults.items()}
     return filled(Event, {"function": event, **given})  # checked later, with its index in messages

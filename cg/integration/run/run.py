@@ -74,7 +74,7 @@ class Run:
         self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
         self.members = members = len(problem.points)
         if lanes is None:
-            lanes = members if problem.common else _LANES if self.rhs.vectorized else 1
+            lanes = members if problem.common else _LANES if problem.vectorized else 1
         self._lanes = min(lanes, members)
         events, jacobian = problem.events, problem.jacobian
         self._functions = 0 if events is None else len(events)
@@ -120,9 +120,10 @@ class Run:
         rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
         return Record(
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
-            t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
-            function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            of_time=problem.of_time, event_functions=self._functions,
+            goes_on=keep_last and not problem.many, t0=problem.t0, segments=len(problem.stops),
+            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
+            data=data, data_stride=stride, of_time=problem.of_time,
+            event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
@@ -288,10 +289,10 @@ class Run:
             member = unobserved[0]
             failed = _FAILED[int(self.flag[member])], float(self.failed_at[member]), member
         if failed is not None:
-            name, t, member = failed
+            name, t, of = failed
             first = getattr(self.rhs, "first", None)
             u = "" if self.rhs.inputs is None else "u, "
-            which = "" if first is None else f" in member {first + member}"
+            which = "" if first is None or of is None else f" in member {first + of}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
@@ -332,23 +333,20 @@ class Run:
             self._dense.clear()
             self.record.dense_capacity = 0
 
-    def restart(self, t: float, rows: Array, first_step: float | None) -> None:
-        """Start all trajectories anew at a time, from points as doubles."""
+    def restart(
+        self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
+    ) -> None:
+        """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
         data = self.rhs.data_address
-        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data)
+        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data, stopped)
         if rows is not self.end:
             self.end[...] = rows
-        self.reached[...] = t
-        self.clear_ends()
+        self.reached[~stopped] = t
+        self.status[~stopped] = Stop.PAUSED
 
     def resume(self, stops: Array) -> None:
-        """Continue all trajectories with other ends of segments."""
+        """Continue trajectories with other ends of segments."""
         self._core.loop_continue(self.address, stops)
-        self.clear_ends()
-
-    def clear_ends(self) -> None:
-        """Forget that trajectories have ended."""
-        self.record.ended = self.record.failed = self.record.raised = 0
 
     def saved(self) -> dict[str, Any]:
         """Return what another run of the same problem needs to go on."""
