@@ -223,7 +223,8 @@ contains
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero)
     associate (events => g%trajectory%events)
-      events%zeros = [events%zeros, zero_t(zero, g%event, merge(-1, 1, values(1) < 0))]
+      events%zeros = [events%zeros, zero_t(max(zero, tiny(zero)), g%event, &
+                                           merge(-1, 1, values(1) < 0))]
     end associate
   end subroutine add_zero
 

@@ -176,3 +176,20 @@ def test_events_nearer_than_the_resolution_of_time_happen_once(t0, gap):
         )  # fmt: skip
         assert [len(t) for t in solution.t_events] == [1, 1]
         np.testing.assert_allclose(solution.y[-1], [2, 2], rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("late", [0.0, 1.0, 2.0])
+def test_a_jump_right_behind_a_breakpoint_has_a_time_of_its_own(late, sign):
+    """So that the points before and behind it are both in order."""
+    stop = sign * 0.3
+    event = cg.Event(lambda t, y: t - (stop + late * np.spacing(stop)), jump=lambda t, y: [5.0])
+    solution = cg.solve_ivp(
+        lambda t, y: [1.0], (0, sign), [0.0], frame=Euclidean(1), events=event, breakpoints=[stop],
+        dense_output=True,
+    )  # fmt: skip
+    assert (sign * np.diff(solution.t) > 0.0).all()
+    (at,) = solution.t_events[0]
+    assert abs(at - stop) <= 2 * abs(np.spacing(stop))
+    assert solution.y[solution.t == at, 0].tolist() == [5.0]
+    assert solution.sol(at).tolist() == [5.0]
