@@ -349,8 +349,14 @@ def forces(t, y):
     return PENDULUM.forces
 
 
-def test_derivatives_of_solutions():
-    options = {"rtol": 1e-10, "atol": 1e-10}
+BOUNCE = [
+    cg.Event(lambda t, y: y[PENDULUM.heights[1]] + 2.25, jump=lambda t, y: [*y[:24], *-y[24:]])
+]
+
+
+@pytest.mark.parametrize("events", [[], BOUNCE], ids=["smooth", "jump"])
+def test_derivatives_of_solutions(events):
+    options = {"rtol": 1e-10, "atol": 1e-10, "events": events or None}
     run = cg.solve_variational(PENDULUM.f, (0.0, 0.3), PENDULUM.y0, frame=PENDULUM.frame, **options)
     frame, end = PENDULUM.frame, run.y[-1]
     assert frame.membership_error(run.y).max() < 2e-14
@@ -360,6 +366,7 @@ def test_derivatives_of_solutions():
     moved = PENDULUM.run("auto", (0.0, 0.3), y0=near, **options).y[-1]
     expected = run.transition[-1] @ frame.exp_coordinates(PENDULUM.y0, near)
     assert np.abs(frame.exp_coordinates(end, moved) - expected).max() < 3e-9
+    assert not events or len(run.t_events[0])
 
 
 def test_separate_kicks_and_drifts_are_refused():

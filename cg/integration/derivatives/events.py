@@ -68,9 +68,9 @@ class VariationalEvents(EventTable):
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump with its derivatives."""
-        field, jump = self.field, self.table.jump
+        field = self.field
         before, x = field.split(y)
-        after = jump(index, t, before, arguments)
+        after = self.table.jump(index, t, before, arguments)
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
             raise ValueError(
@@ -81,7 +81,9 @@ class VariationalEvents(EventTable):
         n, m = self.frame.dim, field.directions
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
-            return self.frame.local_coordinates(after, jump(index, time, point, extra))
+            # a point nearby may open the joints of a phase space
+            moved = self.table.jump_within(math.inf, index, time, point, extra)
+            return self.frame.local_coordinates(after, moved)
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)
