@@ -5,10 +5,12 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from cg.frames.base import Frame
 from cg.integration.derivatives.field import VariationalField, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
@@ -61,6 +63,10 @@ class VariationalEvents(EventTable):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEvents, (self.table, self.field)
+
+    def on_frame(self, frame: Frame) -> VariationalEvents:
+        """Return the events on another frame of the same points without derivatives."""
+        return VariationalEvents(self.table.on_frame(frame), replace(self.field, frame=frame))
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""

@@ -159,6 +159,10 @@ class EventTable:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.given, self.frame, self.inputs, self.in_python)
 
+    def on_frame(self, frame: Frame) -> EventTable:
+        """Return the events on another frame of the same points."""
+        return EventTable(self.given, frame, self.inputs, self.in_python)
+
     def __len__(self) -> int:
         return len(self.events)
 
