@@ -149,10 +149,14 @@ class Problem:
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs, plan = self.rhs.with_data(self.rhs.args, parameters, inputs, first), self.plan
+        events = self.events
         if inertia is not None and inertia.apart:
             frame = inertia.frame(0, plan.frame)
             plan, rhs, inertia = plan_of(frame, plan.method), rhs.on_frame(frame), None
-        one = replace(self, plan=plan, points=points, rhs=rhs, first=first, inertia=inertia)
+            events = events and events.on_frame(frame)
+        one = replace(
+            self, plan=plan, points=points, rhs=rhs, events=events, first=first, inertia=inertia
+        )
         if self.shared_stops is None:
             return one
         tolerance = self.control.tolerance

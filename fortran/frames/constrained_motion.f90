@@ -88,7 +88,7 @@ contains
     type(constraints_t) :: c
     real(wp) :: v(frame%dimension), last, size_before
     real(wp), allocatable :: x(:)
-    integer :: i, j
+    integer :: i
 
     last = huge(last)
     associate (linkage => frame%linkage)
@@ -97,9 +97,7 @@ contains
         if (status /= finished) return
         if (i == 1) size_before = maxval(max(c%size, c%least))
         if (is_closed(c, last)) then
-          do j = 1, 2                                  ! the second time what is left by rounding
-            call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
-          end do
+          call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
           if (size_before > 0 .and. maxval(c%size) > far * size_before) status = joints_not_solved
           if (.not. axes_coincide(linkage, frame%blocks, y)) status = joints_not_solved
           return
@@ -114,16 +112,20 @@ contains
     status = joints_not_solved
   end subroutine close_joints
 
-  ! Removes the momenta that would open joints.
+  ! Removes the momenta that would open joints; the second time what is left by rounding, which may
+  ! be more than what moves.
   pure subroutine remove_opening(frame, c, momenta)
     type(frame_t), intent(in) :: frame
     type(constraints_t), intent(in) :: c
     real(wp), intent(inout) :: momenta(:)
     real(wp) :: x(size(c%g))
+    integer :: i
 
-    x = -rates(frame%linkage, frame%blocks, c, momenta)
-    call solve_constraints(frame%linkage, c, x)
-    call constraint_impulse(frame%linkage, frame%blocks, c, .false., x, momenta)
+    do i = 1, 2
+      x = -rates(frame%linkage, frame%blocks, c, momenta)
+      call solve_constraints(frame%linkage, c, x)
+      call constraint_impulse(frame%linkage, frame%blocks, c, .false., x, momenta)
+    end do
   end subroutine remove_opening
 
   ! Closes the joints of a point between steps, unless it has none or they can't be closed.

@@ -49,7 +49,9 @@ def test_derivatives_are_those_of_frames_of_their_own(options, how):
         )
         for name in ("y", "transition", "sensitivity", "covariance")[: 3 + bool(adaptive)]:
             assert np.array_equal(getattr(result, name)[:, k], getattr(alone, name)), name
-        assert np.array_equal(result[k].t_events[0], alone.t_events[0])
+        assert len(alone.t_events[0])
+        for name in ("t_events", "dt_events"):
+            assert np.array_equal(getattr(result[k], name)[0], getattr(alone, name)[0]), name
 
 
 def gravity(t, y, p):
@@ -57,7 +59,10 @@ def gravity(t, y, p):
 
 
 def height(t, y, p):
-    return y[8] - 0.5
+    return y[8]
+
+
+BOUNCE = cg.Event(lambda t, y: y[6] - 0.995, jump=lambda t, y: [*y[:7], *-y[7:]])
 
 
 def test_jointed_members_move_as_with_frames_of_their_own():
@@ -72,7 +77,8 @@ def test_jointed_members_move_as_with_frames_of_their_own():
     for options in (
         {"method": "RATTLE4", "h": 0.05, "dense_output": True},
         {"method": "RATTLE", "h": 0.05, "thermostat": bath},
-        {"rtol": 1e-6}, {"rtol": 1e-6, "derivatives": "forward"},
+        {"method": "RATTLE4", "h": 0.05, "events": BOUNCE},
+        {"rtol": 1e-6, "derivatives": "forward", "events": BOUNCE},
     ):  # fmt: skip
         result = cg.solve_ensemble(
             lambda t, y: force, (0, 1), y0, frame=frames[0], inertia=rows, **options
@@ -87,6 +93,9 @@ def test_jointed_members_move_as_with_frames_of_their_own():
                 assert np.array_equal(result[k].sol(0.33), alone.sol(0.33))
             if "derivatives" in options:
                 assert np.array_equal(result.transition[-1, k], alone.transition[-1])
+                assert np.array_equal(result[k].dt_events[0], alone.dt_events[0])
+            if "events" in options:
+                assert len(alone.t_events[0])
     refuses(ValueError, r"y0 must be a point of PhaseSpace.*0\.371", cg.solve_ensemble,
             lambda t, y: force, (0, 1), y0[0], frame=frames[0], inertia=rows)  # fmt: skip
 

@@ -30,7 +30,7 @@ _INTEGRALS = (
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _BISECTIONS = 20
 _MIXED = 8
-_LARGEST_NORM = 1e5  # the number of intervals is proportional to it
+_LARGEST = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
 _MANY = 8  # intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
@@ -170,7 +170,7 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
         start, size = np.concatenate(again, axis=1)
         if not start.size:
             return parts
-        if start.size > max(_LARGEST_NORM, _MANY * len(edges)):
+        if start.size > max(_LARGEST, _MANY * len(edges)):
             break
         if (np.abs(size) < _SHORT * np.spacing(np.abs(start))).any():
             break
@@ -191,11 +191,13 @@ def _at(equation: Equation, start: Array, size: Array, span: float) -> tuple[Int
     times = start[:, None] + size[:, None] * _NODES
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
-    norms = np.abs(size[:, None] * np.abs(matrix).sum(axis=-1).max(axis=-1)).max(axis=1)
-    if not norms.sum() <= _LARGEST_NORM:
+    amount = float(np.abs(size) @ np.abs(matrix).sum(axis=-1).max(axis=(1, 2)))
+    if _LARGEST < amount < np.inf:  # norms grow with coordinates that are large, eigenvalues don't
+        amount = float(np.abs(size) @ np.abs(np.linalg.eigvals(matrix)).max(axis=(1, 2)))
+    if not amount <= _LARGEST:
         raise ValueError(
             "derivatives must not be 'adjoint' for an equation that is this stiff: the integral of "
-            f"the norm of its Jacobian is {norms.sum():.2g}, more than {_LARGEST_NORM:.0g}"
+            f"the largest eigenvalue of its Jacobian is {amount:.2g}, more than {_LARGEST:.0g}"
         )
     maps, errors = _collocate(matrix, size)
     errors = errors * (span / np.maximum(np.abs(size), np.finfo(float).tiny))

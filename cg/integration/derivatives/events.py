@@ -5,10 +5,12 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from cg.frames.base import Frame
 from cg.integration.derivatives.field import VariationalField, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
@@ -62,6 +64,10 @@ class VariationalEvents(EventTable):
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEvents, (self.table, self.field)
 
+    def on_frame(self, frame: Frame) -> VariationalEvents:
+        """Return the events on another frame of the same points without derivatives."""
+        return VariationalEvents(self.table.on_frame(frame), replace(self.field, frame=frame))
+
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
         return self.table.value(index, t, self.field.split(y)[0], arguments)
@@ -72,9 +78,9 @@ class VariationalEvents(EventTable):
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump with its derivatives."""
-        field, jump = self.field, self.table.jump
+        field = self.field
         before, x = field.split(y)
-        after = jump(index, t, before, arguments)
+        after = self.table.jump(index, t, before, arguments)
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
             raise ValueError(
@@ -85,7 +91,9 @@ class VariationalEvents(EventTable):
         n, m = self.frame.dim, field.directions
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
-            return self.frame.local_coordinates(after, jump(index, time, point, extra))
+            # a point nearby may open the joints of a phase space
+            moved = self.table.jump_within(math.inf, index, time, point, extra)
+            return self.frame.local_coordinates(after, moved)
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)

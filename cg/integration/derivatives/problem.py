@@ -91,7 +91,7 @@ def _finish(
     problem: Problem, derivatives: Derivatives, joint: Problem, found: EnsembleSolution
 ) -> EnsembleSolution:
     """Split the points of the joint problem, and look at the forces along them."""
-    solution = derivatives.finish(joint, found)
+    solution = derivatives.finish(problem, joint.events, found)
     check_path(problem.plan, problem.rhs, solution.t, solution.y, int(solution.nfev.sum()))
     return solution
 

@@ -11,6 +11,7 @@ from cg.integration.derivatives.events import VariationalEvents
 from cg.integration.derivatives.field import VariationalField
 from cg.integration.output.results import EnsembleSolution
 from cg.integration.problem import Problem
+from cg.integration.rhs.events import EventTable
 from cg.support.arrays import Array
 
 
@@ -57,16 +58,22 @@ class Derivatives:
                 array.flags.writeable = False
         return parts
 
-    def finish(self, problem: Problem, joint: EnsembleSolution) -> EnsembleSolution:
-        """Return the solution with its derivatives, of one whose points hold them."""
-        split, table, events = self.field.split, problem.events, {}
+    def finish(
+        self, problem: Problem, table: EventTable | None, joint: EnsembleSolution
+    ) -> EnsembleSolution:
+        """Return the solution of a problem with its derivatives, of one whose points hold them."""
+        split, events = self.field.split, {}
         if isinstance(table, VariationalEvents):
+            tables = [table] * len(problem.points)
+            if (inertia := problem.inertia) is not None:
+                frames = (inertia.frame(k, self.field.frame) for k in range(len(tables)))
+                tables = [table.on_frame(frame) for frame in frames]
             assert joint.t_events is not None
             assert joint.y_events is not None
             before = zip(joint.t_events, joint.y_events, strict=True)
             events["dt_events"] = [
                 [
-                    table.time_derivatives(index, *at, problem.arguments(member))
+                    tables[member].time_derivatives(index, *at, problem.arguments(member))
                     for member, at in enumerate(zip(times, points, strict=True))
                 ]
                 for index, (times, points) in enumerate(before)

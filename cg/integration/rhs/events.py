@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.checks import read_finite, read_value
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
@@ -178,6 +179,10 @@ class EventTable:
             self.given, self.frame, self.inputs, self.in_python, self.parameters
         )  # fmt: skip
 
+    def on_frame(self, frame: Frame) -> EventTable:
+        """Return the events on another frame of the same points."""
+        return EventTable(self.given, frame, self.inputs, self.in_python, self.parameters)
+
     def __len__(self) -> int:
         return len(self.events)
 
@@ -241,12 +246,20 @@ class EventTable:
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump, after checking it."""
+        return self.jump_within(MEMBERSHIP_TOLERANCE, index, t, y, arguments)
+
+    def jump_within(
+        self, tolerance: float, index: int, t: float, y: Points, arguments: tuple[Any, ...]
+    ) -> Points:
+        """Return the point after a jump, after checking that it is near the manifold."""
         y.flags.writeable = False
         jump = self.events[index].jump
         assert jump is not None
         raw = jump(t, y, *arguments)
         try:
-            return self.frame.check_point(raw, name=f"events[{index}].jump(t, y)")
+            return self.frame.check_point(
+                raw, tolerance=tolerance, name=f"events[{index}].jump(t, y)"
+            )
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}, at t = {t:.17g}") from error
 
