@@ -321,7 +321,8 @@ contains
         if (rows(1)%form /= between_axes .or. .not. rows(1)%length > 0) cycle
         do j = 1, 2
           k = rows(1)%body(j)
-          call place(blocks, linkage%attitude(k), linkage%position(k), y, x, r(:, :, j))
+          if (k == 0) call place(blocks, 0, 0, y, x, r(:, :, j))               ! the ground
+          if (k > 0) call place(blocks, linkage%attitude(k), linkage%position(k), y, x, r(:, :, j))
         end do
         do k = 1, 3                                    ! each row has the next axis of the second body
           first(:, k) = turned(r(:, :, 1), rows(k)%axis(:, 1))
