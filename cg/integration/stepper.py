@@ -354,8 +354,8 @@ class Stepper:
             self._target[0] = target
             return self._target
         # a breakpoint at the target is repeated, so that the step up to it ends before it
-        reached = self._stops[self.direction * (self._stops - target) <= 0.0]
-        return np.append(reached, target)
+        inner = self._stops[:-1]
+        return np.append(inner[self.direction * (inner - target) <= 0.0], target)
 
     def restart(
         self,

@@ -211,3 +211,10 @@ def test_pairs_of_tableaux(order, stages, rows):
 
 def largest(method):
     return max(abs(float(coefficient.value)) for coefficient in method.coefficients)
+
+
+@pytest.mark.parametrize(("shape", "text"), [({}, "there is no w;"), ({"flows": 5}, "only have")])
+def test_unknown_names_are_refused_with_the_argument(shape, text):
+    name = "b[2]" if shape else "w"
+    with pytest.raises(ValueError, match=f"nonnegative: .*{text}"):
+        search(3, 4, 1, nonnegative=name, **shape)

@@ -115,3 +115,17 @@ def test_events_at_the_end_of_a_step_that_go_on_cost_nothing():
     assert stepper.t_events[0] == [0.5]
     fine = cg.solve_ivp(fall, (0, 1), UP, dense_output=True, **OPTIONS)
     np.testing.assert_allclose(stepper.dense_output()(middle), fine.sol(middle), rtol=0, atol=3e-13)
+
+
+@pytest.mark.parametrize("members", [1, 5])
+def test_events_of_a_call_stay_as_they_are_in_later_calls(members):
+    def f(t, y):
+        return [np.pi * y[1], -np.pi * y[0]]  # a zero at k + 1/2
+
+    y0 = [[1.0, 0.0]] * members if members > 1 else [1.0, 0.0]
+    options = {"frame": Euclidean(2), "method": "CF4", "h": 0.25, "events": lambda t, y: y[0]}
+    stepper = cg.Stepper(f, 0.0, y0, **options)
+    for end in np.arange(45 // members, 150 // members, 45 // members):  # 45 events in each call
+        stepper.advance(float(end))
+        times = np.reshape(stepper.t_events[0], (members, -1))
+        np.testing.assert_allclose(times, [np.arange(end) + 0.5] * members, rtol=0, atol=0.4)

@@ -67,7 +67,9 @@ class Requirements:
         if layout is not None:
             self.limits(layout)
         elif unknown := {name for name, _, _ in self.bounds} - {_ALL, "c", "w"}:
-            raise ValueError(f"bound: drawn trees only have c and w, got {min(unknown)}")
+            raise ValueError(
+                f"bound, nonnegative: drawn trees only have c and w, got {min(unknown)}"
+            )
         positive = {name for name, lower, _ in self.bounds if lower >= 0}
         if order >= 3 and positive & {_ALL, "b", "w"}:
             refuse(
@@ -92,7 +94,9 @@ class Requirements:
                 if name in (key, key.rpartition("_")[0]) or (name == _ALL and key[:2] != "c_")
             ]  # fmt: skip
             if not found:
-                raise ValueError(f"bound: there is no {name}; names are {', '.join(sums)}")
+                raise ValueError(
+                    f"bound, nonnegative: there is no {name}; names are {', '.join(sums)}"
+                )
             inside = margin * min((most - least) / 2, max(1.0, abs(least)), max(1.0, abs(most)))
             for row in found:
                 rows.append(np.isin(np.arange(layout.size), row).astype(float))

@@ -301,7 +301,8 @@ class Run:
     def _collect(self, taken: list[list[Array]], count: int, *names: str) -> None:
         """Collect the used parts of buffers, as copies if the buffers are used again."""
         parts = [self._buffers[name][:count] for name in names]
-        if self.record.ended < self.members or 2 * count < self._capacity:  # or little is used
+        goes_on = self.record.keep_last or self.record.ended < self.members
+        if goes_on or 2 * count < self._capacity:  # or little is used
             parts = [part.copy() for part in parts]
         taken.append(parts)
 
