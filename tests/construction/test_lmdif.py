@@ -97,7 +97,7 @@ def test_iterates_equal_minpack_bitwise(name, factor):
     if (name, factor) in OVERFLOWS:
         # MINPACK goes on with infinities: its path is ours up to the first of them
         ours = Recorded(problem)
-        with pytest.raises(ValueError, match="f must"):
+        with pytest.raises(ValueError, match="the residuals must be finite"):
             cg.lmdif(ours, problem.start(factor), epsfcn=DebianMinpack.EPS)
         first = next(k for k, value in enumerate(run.values) if not np.isfinite(value).all())
         assert first > problem.n
