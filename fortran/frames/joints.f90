@@ -37,9 +37,10 @@ module joints_m
     integer :: forces = 0                    ! momenta
     integer :: before = 0                    ! entries of a point before the momenta
     integer :: after = 0                     ! and up to their end
-    integer, allocatable :: attitude(:), position(:)   ! (0:bodies) blocks, 0 for none
+    integer, allocatable :: attitude(:), position(:)   ! (bodies) blocks, 0 for none
     type(row_t), allocatable :: row(:)
-    integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies
+    integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies, 0 of
+                                             ! the ground
     integer, allocatable :: first(:)         ! (rows + own) the first column in the envelope
     integer, allocatable :: start(:)         ! (rows + own) its place in the factor, less one
     type(callback_t) :: python               ! evaluates rows of one's own
@@ -320,9 +321,7 @@ contains
       associate (rows => linkage%row(i:i + 2))
         if (rows(1)%form /= between_axes .or. .not. rows(1)%length > 0) cycle
         do j = 1, 2
-          k = rows(1)%body(j)
-          if (k == 0) call place(blocks, 0, 0, y, x, r(:, :, j))               ! the ground
-          if (k > 0) call place(blocks, linkage%attitude(k), linkage%position(k), y, x, r(:, :, j))
+          call place(blocks, linkage%block(2 * j - 1, i), linkage%block(2 * j, i), y, x, r(:, :, j))
         end do
         do k = 1, 3                                    ! each row has the next axis of the second body
           first(:, k) = turned(r(:, :, 1), rows(k)%axis(:, 1))

@@ -236,13 +236,13 @@ def test_energy_stays_for_long_times():
 
 @pytest.mark.slow
 def test_energy_stays_over_a_hundred_thousand_swings():
-    times = np.linspace(0.0, 84000.0, 840001)
-    run = PENDULUM.run("RATTLE", (0.0, 84000.0), h=0.02, t_eval=times)
+    times = np.linspace(0.0, 90000.0, 900001)
+    run = PENDULUM.run("RATTLE", (0.0, 90000.0), h=0.02, t_eval=times)
     height = run.y[:, PENDULUM.heights[0]]
-    assert (np.diff(np.sign(np.diff(height))) < 0).sum() > 9e4  # chaotic, so that rounding counts
+    assert (np.diff(np.sign(np.diff(height))) < 0).sum() > 1e5 - 1e3
     energy = PENDULUM.energy(run.y) - PENDULUM.energy(PENDULUM.y0)
     assert np.abs(energy).max() < 0.02
-    assert abs(energy[-84000:].mean() - energy[:84000].mean()) < 3e-4
+    assert abs(energy[-90000:].mean() - energy[:90000].mean()) < 3e-4
     assert PENDULUM.frame.membership_error(run.y).max() < 1e-13
 
 
