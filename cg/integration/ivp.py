@@ -149,8 +149,8 @@ def solve_ivp(
         (SIAM J. Sci. Comput. 26 (2005), 1838-1851). It may be compiled as an event may.
     thermostat
         A heat bath on a `cg.frames.PhaseSpace`, for symmetric splitting methods: `cg.Langevin`.
-        Steps end at the times of ``t_eval`` then. Events are found along an interpolant, which is
-        smoother than the process.
+        Steps end at the times of ``t_eval`` then. Events are found along smooth motion, before and
+        after the noise in the middle of a step.
     linear
         Whether the coefficients depend on time alone. Then ``f`` is ``f(t, *args)``, without
         ``y``, and a compiled one that reads the point it gets is refused. Steps are chosen by the

@@ -424,9 +424,11 @@ class Stepper:
         Raises
         ------
         RuntimeError
-            If no step has been taken since the beginning or the last restart, or members have
-            steps of their own.
+            If no step has been taken since the beginning or the last restart, members have
+            steps of their own, or there is a thermostat.
         """
+        if self._problem.thermostat is not None:
+            raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
         if self.t_old is None or (self._many and (not self._common or self._stopped.all())):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()

@@ -17,6 +17,9 @@
 ! Where the fields don't span all directions there may be no such v. That of the nearest tangent
 ! removes the leading error of P too, whose direction is a combination of fields; what is left of
 ! y1 - y(1) is of the order of the errors of y1 and y.
+!
+! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
+! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
 module flow_interpolant_m
   use kinds, only: wp
   use coordinates_m, only: difference
@@ -53,6 +56,7 @@ module flow_interpolant_m
     type(frame_t), pointer :: frame => null()
     type(scheme_t), pointer :: scheme => null()
     logical :: on_algebra = .false., complete = .false.
+    logical :: noisy = .false.               ! whether noise is in the middle of the step
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
     integer :: node = 0                      ! the next one, of the interpolant with more nodes
     integer :: nexp = 0                      ! flows that it took
@@ -140,12 +144,16 @@ contains
   ! Computes the last flow, which reaches the end of the step.
   subroutine add_last_flow(self)
     type(interpolant_t), intent(inout) :: self
-    real(wp) :: reached(self%frame%point_size), v(self%frame%dimension)
+    real(wp), dimension(self%frame%point_size) :: reached, aim
+    real(wp) :: v(self%frame%dimension)
 
     self%field(:, self%known + 1) = 0.0_wp
     reached = self%y0
-    call follow_flows(self, 1.0_wp, reached)
-    call difference_nearby(self%frame, reached, self%y1, nearest_operation, v)
+    aim = self%y1
+    call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
+    if (self%noisy) call follow_flows(self, 0.5_wp, aim)
+    call difference_nearby(self%frame, reached, aim, nearest_operation, v)
+    if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
     if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
     self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
     self%node = 2
@@ -170,11 +178,13 @@ contains
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
-    real(wp) :: basis(self%known, size(self%scheme%c)), w
+    real(wp) :: basis(self%known, size(self%scheme%c)), begin, w
     integer :: i
 
+    begin = merge(1.0_wp, 0.0_wp, self%noisy .and. theta >= 0.5_wp)
+    if (begin > 0) y = self%y1
     associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)
-      call lagrange(self%scheme, n, theta, self%h, basis)
+      call lagrange(self%scheme, n, begin, theta - begin, self%h, basis)
       do i = 1, last - 1
         call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), self%field, &
                      v(:, i))
@@ -183,9 +193,10 @@ contains
       do i = n + 1, 0, -1
         w = w * theta + self%scheme%blend(i, n)
       end do
+      if (self%noisy) w = theta - begin
       v(:, last) = w * self%field(:, n + 1)
       if (allocated(self%scheme%drift)) then
-        call move_by_impulses(self%frame, v, theta * self%h * self%scheme%drift, y)
+        call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
         call make_tangential(self%frame, y, y(self%frame%before + 1:))
       else
@@ -194,20 +205,20 @@ contains
     end associate
   end subroutine follow_flows
 
-  ! Lagrange's polynomials at the abscissae of the stages, times the step from 0 to theta
-  pure subroutine lagrange(scheme, n, theta, h, basis)
+  ! Lagrange's polynomials at the abscissae of the stages of a part of the step, times its size
+  pure subroutine lagrange(scheme, n, begin, length, h, basis)
     type(scheme_t), intent(in) :: scheme
     integer, intent(in) :: n
-    real(wp), intent(in) :: theta, h
+    real(wp), intent(in) :: begin, length, h
     real(wp), intent(out) :: basis(:, :)                     ! (n, stages)
     integer :: i, j, k
 
     do k = 1, size(scheme%c)
       do j = 1, n
-        basis(j, k) = theta * h
+        basis(j, k) = length * h
         do i = 1, n
           if (i == j) cycle
-          basis(j, k) = basis(j, k) * ((theta * scheme%c(k) - scheme%node(i, n)) &
+          basis(j, k) = basis(j, k) * ((begin + length * scheme%c(k) - scheme%node(i, n)) &
                                        / (scheme%node(j, n) - scheme%node(i, n)))
         end do
       end do

@@ -80,6 +80,7 @@ contains
     integer :: status
 
     associate (last => x%last, interpolant => x%interpolant)
+      interpolant%noisy = x%problem%bath%present
       if (x%interpolate_only) then
         call set_ends(interpolant, last%t, last%h, last%y, x%y(:, 0), last%slope, x%slope)
       else

@@ -88,6 +88,7 @@ def test_streams_depend_on_nothing_else():
     for copy in (stepper, pickle.loads(pickle.dumps(stepper))):
         copy.advance(4.0)
         assert np.array_equal(copy.y, end[0])
+    refuses(RuntimeError, "dense_output must not come", stepper.dense_output)
     other = cg.Langevin(1.0, 0.7, seed=12)
     assert not np.array_equal(
         cg.solve_ivp(top.f, (0, 4), top.y0, **options | {"thermostat": other}).y[-1], end[0]
@@ -116,6 +117,34 @@ def test_steps_end_at_output_times():
     solution = cg.solve_ivp(spring, (0, 1), np.ones(2), t_eval=[0.0, 0.3, 1.0], **options)
     one = cg.solve_ivp(spring, (0, 0.3), np.ones(2), **options).y[-1]
     assert np.array_equal(solution.y[1], one)
+
+
+@pytest.mark.parametrize(("method", "rod"), [("Leapfrog", False), ("RATTLE4", True)])
+def test_equilibrium_above_a_floor(method, rod):
+    """Heights are exponential, on a rod up to its length; crossings have <p²> = 2 T m."""
+    joints = [Joint("distance", (None, [0.0, 0, 0]), (0, [0.0, 0, 0]), length=1.0)] * rod
+    frame = PhaseSpace(Euclidean(3), 0.5, joints=joints)
+
+    def bounce(t, y):
+        return np.concatenate([y[:5], [-y[5]]])
+
+    rng = np.random.default_rng(4)
+    angle, height = rng.uniform(0, 6, 300), rng.uniform(0, 1, 300)
+    across = np.sqrt(1.0 - height**2)
+    q = np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+    solution = cg.solve_ensemble(
+        lambda t, y: [0.0, 0.0, -1.0], (0, 24), frame.join(q, frame.random_momentum(q, 0.7, rng)),
+        frame=frame, method=method, h=0.1, thermostat=BATH, t_eval=np.arange(6.0, 25.0),
+        events=cg.Event(lambda t, y: y[2], direction=-1, jump=bounce),
+    )  # fmt: skip
+    heights = solution.y[..., 2].mean(axis=0)
+    error = heights.std() / np.sqrt(300)
+    mean = 0.7 - rod / np.expm1(1 / 0.7)
+    assert solution.y[..., 2].min() > 0.0
+    assert abs(heights.mean() - mean) < 4 * error < 0.12
+    speed = np.concatenate([points[:, 5] for points in solution.y_events[0]])
+    assert speed.max() < 0.0
+    assert abs((speed**2).mean() - 0.7) < 0.07
 
 
 @pytest.mark.parametrize("h", [1.0, 0.5])
