@@ -322,6 +322,12 @@ def test_constraints_in_python():
 
     broken = double_pendulum(second, constraints=failing)
     refuses(KeyError, "lost", broken.run, "RATTLE", (0.0, 5.0), h=0.01)
+    edge = PhaseSpace(Euclidean(2), constraints=lambda q: [q[1] if q[0] < 1 else np.nan])
+    for force, reason in ((0.0, "no forces that keep joints closed"), (np.inf, "f must return")):
+        push = lambda t, y, force=force: [force if y[0] > 0.9 else 0.0, 0.0]
+        run = cg.solve_ivp(push, (0, 2), [0.0, 0.0, 1.0, 0.0], frame=edge)
+        assert reason in run.message
+        assert "however small the step" in run.message
 
 
 def test_events_ensembles_and_steppers():

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import has_brackets
 from cg.integration.plan.stage_solver import STAGE_SOLVERS, ConvergenceError
 from cg.integration.run.messages import DERIVATIVES, StepTooLongError
@@ -20,6 +21,7 @@ _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warn
 _SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
 _MAX_DIM = 1000  # larger frames would need much memory for the check of the length of steps
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
+_NO_FORCES = "there are no forces that keep joints closed"
 
 
 def explain_failure(run: Run, member: int) -> Exception | str | None:
@@ -81,8 +83,8 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             error = StepTooLongError(t, stop is Stop.STEP_TOO_LONG_FOR_EVENTS)
         case Stop.JOINTS_NOT_SOLVED:
             error = ArithmeticError(
-                f"there are no forces that keep joints closed {where}: the step is too long, or "
-                "their constraints depend on each other there"
+                f"{_NO_FORCES} {where}: the step is too long, or their constraints depend on each "
+                "other there"
             )
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
@@ -113,7 +115,11 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
         moved = frame.flow(ahead * slope, point)
         is_finite = bool(np.isfinite(moved).all())
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
-            return f"{_not_finite(run)} next to t = {t:.17g}, however small the step"
+            reason = _not_finite(run)
+            if isinstance(frame, PhaseSpace) and frame.jointed:
+                force = run.rhs.answer(member, t + ahead, moved)
+                reason = _NO_FORCES if np.isfinite(force).all() else reason
+            return f"{reason} next to t = {t:.17g}, however small the step"
     except (ValueError, ArithmeticError, RuntimeError):
         is_finite = True
     if is_finite:
