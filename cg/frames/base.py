@@ -223,6 +223,7 @@ class Frame(Manifold, FieldAlgebra):
         `Hyperbolic` and Euclidean spaces, their products and powers, the v_i are tangents of
         geodesics, so that it is Karcher's mean, where the sum of :math:`w_i d_i^2` of geodesic
         distances is least. Other frames, such as `SE3` and `Stiefel`, have no metric of their own.
+        On a `PhaseSpace` momenta along points of spheres are removed, and joints are closed.
 
         Parameters
         ----------

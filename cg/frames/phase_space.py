@@ -14,7 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
-from cg.support.arrays import Array, Size, check_random, real_array
+from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.caches import cached_by_value
 from cg.support.checks import check_generator, check_real
 
@@ -272,6 +272,9 @@ class PhaseSpace(Product):
             if np.isfinite(y).all():
                 return y
         raise ValueError(f"joints must be closed near random points of {self.configuration!r}")
+
+    def mean(self, points: ArrayLike, weights: ArrayLike | None = None) -> Points:
+        return self.join(*self.split(super().mean(points, weights)))
 
     def velocity(self, y: ArrayLike) -> Array:
         r"""Return the velocities :math:`\omega = J^{-1} \mu`, shape ``(..., configuration.dim)``.

@@ -64,6 +64,16 @@ def test_means_of_known_points():
     refuses(ValueError, "points must be near", fr.Sphere(2).mean, [[0, 0, 1.0], [0, 0, -1.0]])
 
 
+def test_means_of_mechanical_systems_are_points_of_them():
+    rod = fr.Joint("distance", (None, [0.0, 0, 0]), (0, [0.0, 0, 0]), length=1.0)
+    q = fr.Sphere(2).flow(np.outer([0.1, 0.2, 0.9, 1.1], [1.0, 0.0, 0.0]), [0.0, 0.0, 1.0])
+    for frame in (fr.PhaseSpace(fr.Sphere(2)), fr.PhaseSpace(fr.Euclidean(3), joints=[rod])):
+        y = frame.join(q, np.tile([0.0, 1.0, 1.0], (4, 1)))
+        mean = frame.mean(y, [0.3, 0.3, 0.2, 0.2])
+        assert abs(mean[:3] @ mean[3:]) < 1e-15
+        assert frame.membership_error(mean) < 1e-15
+
+
 def test_mean_on_a_half_circle():
     """The top of the geodesic between two points at equal heights."""
     mean = fr.Hyperbolic(2).mean([[0.0, 1.0], [2.0, 1.0]])
