@@ -35,13 +35,15 @@ def quadrature(sol, density, start, end, p0):
 
 def test_noise_on_a_phase_space():
     frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
-    y0, q = frame.join(np.eye(3), [0.1, 0.2, 0.3]), density_of(frame)(0.0, np.zeros(1))
-    run = cg.solve_variational(
-        lambda t, y: [np.sin(t), 0.1 * y[0], 0.2], (0, 1), y0, frame=frame, noise=q,
-        control_derivatives=True, dense_output=True, **TIGHT,
-    )  # fmt: skip
-    expected = quadrature(run.sol, lambda t, y: q, 0.0, 1.0, np.zeros((6, 6)))
-    np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=8e-12)
+    y0, density = frame.join(np.eye(3), [0.1, 0.2, 0.3]), density_of(frame)
+    q = density(0.0, np.zeros(1))
+    for noise, function in ((q, lambda t, y: q), (density, density)):
+        run = cg.solve_variational(
+            lambda t, y: [np.sin(t), 0.1 * y[0], 0.2], (0, 1), y0, frame=frame, noise=noise,
+            control_derivatives=True, dense_output=True, **TIGHT,
+        )  # fmt: skip
+        expected = quadrature(run.sol, function, 0.0, 1.0, np.zeros((6, 6)))
+        np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=8e-12)
 
 
 def test_a_compiled_density(affine):

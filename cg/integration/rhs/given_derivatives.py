@@ -54,7 +54,7 @@ def derivative_of(
             return None
         if not callable(function):
             raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
-    if isinstance(frame, PhaseSpace):
+    if isinstance(frame, PhaseSpace) and kind is Derivative:
         # f returns forces, and derivatives would be those of all coefficients
         raise ValueError(
             f"{name} must be None on a phase space, where derivatives are differences, got "
