@@ -319,15 +319,17 @@ class Linkage:
         )
 
     def _value(self, q: Points) -> Array:
-        return real_array(self._g(np.array(q)), "the value of constraints")
+        value = real_array(self._g(np.array(q)), "the value of constraints")
+        if value.ndim != 1 or not value.size or len(value) != (self.own or len(value)):
+            shape = f"({self.own or 'm'},)"
+            raise ValueError(f"constraints must return shape {shape}, got {value.shape}")
+        return value
 
     def _count(self) -> int:
         """Return how many constraints there are, after checking values and derivatives."""
         frame = self._frame.configuration
         point = frame.random_point(np.random.default_rng(0))
         value = self._value(point)
-        if value.ndim != 1 or not value.size:
-            raise ValueError(f"constraints must return shape (m,), got {value.shape}")
         if self._dg is not None:
             given, differences = self._slopes(point), self._differences(point)
             check_finite(given, "the derivatives of constraints")
@@ -345,7 +347,7 @@ class Linkage:
         if self._dg is None:
             return self._differences(q)
         slopes = real_array(self._dg(np.array(q)), "the derivatives of constraints")
-        shape = len(self._value(q)), self._frame.configuration.dim
+        shape = self.own or len(self._value(q)), self._frame.configuration.dim
         if slopes.shape != shape:
             raise ValueError(
                 f"the derivatives of constraints must have shape {shape}, got {slopes.shape}"

@@ -328,6 +328,12 @@ def test_constraints_in_python():
         run = cg.solve_ivp(push, (0, 2), [0.0, 0.0, 1.0, 0.0], frame=edge)
         assert reason in run.message
         assert "however small the step" in run.message
+    more = PhaseSpace(Euclidean(2), constraints=lambda q: [q[1]] * (1 + (q[0] > 1)))
+    for options in ({}, {"method": "RATTLE", "h": 0.1}):
+        with pytest.raises(ValueError, match=r"must return shape \(1,\), got \(2,\)"):
+            cg.solve_ivp(
+                lambda t, y: [0.0, 0.0], (0, 2), [0.0, 0.0, 1.0, 0.0], frame=more, **options
+            )
 
 
 def test_events_ensembles_and_steppers():
