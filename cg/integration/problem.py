@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
+from cg.frames.power import Power
+from cg.frames.product import Product
 from cg.integration.arguments import (
     RTOL,
     check_algebra,
@@ -264,6 +266,11 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
+    if not isinstance(frame, PhaseSpace) and _has_joints(frame):
+        raise ValueError(
+            "frame must not have a phase space with joints as a factor, whose forces would be "
+            f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
+        )
     if isinstance(method, str) and method == AUTO:
         return table_of(choose_method(frame, rtol, linear))
     chosen = table_of(method)
@@ -287,6 +294,15 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=linear)
     return chosen
+
+
+def _has_joints(frame: Frame) -> bool:
+    """Return whether a frame, or one of its factors, is a phase space with joints."""
+    if isinstance(frame, PhaseSpace):
+        return frame.jointed
+    if isinstance(frame, Power):
+        return _has_joints(frame.factor)
+    return isinstance(frame, Product) and any(map(_has_joints, frame.factors))
 
 
 def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
