@@ -38,6 +38,10 @@ class Manifold(ABC):
         """
         return self.membership_error(y)
 
+    def state_error(self, y: ArrayLike) -> Array:
+        """Return the relative error of points that are states, as far as these have conditions."""
+        return self.relative_error(y)
+
     def project(self, y: ArrayLike) -> Points:
         """Return the points of the manifold that are nearest to arrays near it.
 
@@ -111,7 +115,7 @@ class Manifold(ABC):
         """Return ``y`` as a new array of type ``dtype`` after checking that it is one point.
 
         ValueError if it isn't numeric (real, unless points are complex), has another shape, isn't
-        finite or has a larger `relative_error` than ``tolerance``; it calls the argument ``name``.
+        finite or has a larger `state_error` than ``tolerance``; it calls the argument ``name``.
         """
         check_name(name)
         if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
@@ -124,7 +128,7 @@ class Manifold(ABC):
             )
         if not np.isfinite(point).all():
             raise ValueError(f"{name} must be finite, got {point}")
-        error = float(self.relative_error(point))
+        error = float(self.state_error(point))
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
             why = self._reason(point) or self._projection_hint(point, name)

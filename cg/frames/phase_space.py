@@ -18,6 +18,7 @@ from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.caches import cached_by_value
 from cg.support.checks import check_generator, check_real
 
+_ALONG = 1e-2  # of a momentum
 _TRIES = 200  # to close the joints of random points
 
 
@@ -158,6 +159,11 @@ class PhaseSpace(Product):
         return f"PhaseSpace({self.configuration!r}{inertia}{joints}{own})"
 
     @property
+    def has_conditions(self) -> bool:
+        """Whether points of the factors aren't points of the phase space."""
+        return self.jointed or any(body.sphere for body in self._bodies)
+
+    @property
     def jointed(self) -> bool:
         """Whether there are joints or constraints."""
         return bool(self.joints) or self.constraints is not None
@@ -263,7 +269,7 @@ class PhaseSpace(Product):
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         if not self.jointed:
-            return super().random_point(rng, size)
+            return self._tangential_join(self.split(super().random_point(rng, size)))
         y = np.full((*check_random(rng, size), *self.point_shape), np.nan)
         for _ in range(_TRIES):
             lost = ~np.isfinite(y).all(axis=-1)
@@ -355,6 +361,29 @@ class PhaseSpace(Product):
 
     def relative_error(self, y: ArrayLike) -> Array:
         return self._with_joints(y, super().relative_error(y), relative=True)
+
+    def state_error(self, y: ArrayLike) -> Array:
+        """Return the relative error, or the part of momenta along points of spheres.
+
+        This is left out where it may be an error of steps, whose forces are tangential at other
+        points than their ends.
+        """
+        return np.asarray(np.maximum(self.relative_error(y), self._along(self._points(y))))
+
+    def _along(self, y: Array) -> Array:
+        largest = np.zeros(y.shape[:-1])
+        for body in self._bodies:
+            if body.sphere:
+                q, momentum = y[..., body.points], y[..., self._point_slices[1]][..., body.vectors]
+                along = np.abs(np.vecdot(q, momentum)) / np.linalg.norm(q, axis=-1)
+                is_large = along > _ALONG * np.linalg.norm(momentum, axis=-1)
+                largest = np.maximum(largest, np.where(is_large, along, 0.0))
+        return largest
+
+    def _reason(self, point: Points) -> str:
+        if self._along(point):
+            return "; join(q, momentum) removes the momentum along points of spheres"
+        return super()._reason(point)
 
     def _with_joints(self, y: ArrayLike, error: Array, relative: bool = False) -> Array:
         if not self.jointed:

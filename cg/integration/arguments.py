@@ -279,7 +279,7 @@ def _worst(frame: Frame, points: Points) -> int:
     if not finite.all():
         return int(np.argmin(finite))
     starts = range(0, len(points), _POINTS_AT_A_TIME)
-    errors = [frame.relative_error(points[k : k + _POINTS_AT_A_TIME]) for k in starts]
+    errors = [frame.state_error(points[k : k + _POINTS_AT_A_TIME]) for k in starts]
     return int(np.argmax(np.concatenate(errors)))
 
 

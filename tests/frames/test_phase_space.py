@@ -7,6 +7,7 @@ import pytest
 from mechanics import INERTIA, MATRIX
 from refusals import refuses
 
+import cg
 from cg.frames import (
     SE3,
     SO,
@@ -96,3 +97,24 @@ def test_other_mistakes():
     with pytest.raises(ValueError, match="parts must be a configuration and a momentum, got 1"):
         FRAMES[0].join(np.eye(3))
     refuses(ValueError, r"parts\[1\] must have shape", FRAMES[0].join, np.eye(3), [1.0, 2.0])
+
+
+def test_momenta_along_points_of_spheres_are_refused():
+    frame = PhaseSpace(Product(SO3(), Sphere(2)), ([1.0, 1.6, 2.3], 2.0))
+    good = frame.random_point(np.random.default_rng(0), 3)
+    np.testing.assert_array_equal(frame.join(*frame.split(good)), good)
+    bad = good + np.array([*np.zeros(15), *(0.1 * good[1, 9:12])])
+
+    def f(t, y):
+        return np.zeros(6)
+
+    def turn(t, y):
+        return bad[1]
+
+    for start in bad[1], list(bad):
+        with pytest.raises(ValueError, match=r"join\(q, momentum\) removes the momentum along"):
+            (cg.solve_ivp if start is bad[1] else cg.solve_ensemble)(f, (0, 1), start, frame=frame)
+    jumps = {"frame": frame, "events": cg.Event(lambda t, y: t - 0.5, jump=turn)}
+    refuses(ValueError, "momentum along", cg.solve_ivp, f, (0, 1), good[1], **jumps)
+    stepper = cg.Stepper(f, 0.0, good[1], frame=frame)
+    refuses(ValueError, "momentum along", stepper.restart, y=bad[1])

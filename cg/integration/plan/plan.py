@@ -128,7 +128,8 @@ class Plan:
 
     def surely_on_manifold(self, points: Points) -> bool:
         """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
-        if not self.compiled or self._linkage is not None:
+        space = self.frame
+        if not self.compiled or (isinstance(space, PhaseSpace) and space.has_conditions):
             return False
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
