@@ -210,8 +210,9 @@ def _turning(frame: Frame, v: Array) -> float:
     factors = getattr(frame, "factors", None)
     if type(frame) is Power:
         factors = (frame.factor,) * frame.n
-    if factors is None:
-        return float(np.linalg.norm(v))
+    if factors is None:  # translations turn nothing, however large their unit makes them
+        group = getattr(frame, "group", None)
+        return float(np.linalg.norm(v)) if group is None else _turning(group, v[: group.dim])
     ends = np.cumsum([factor.dim for factor in factors])
     return max(map(_turning, factors, np.split(v, ends[:-1])))
 

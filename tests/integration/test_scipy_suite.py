@@ -268,6 +268,14 @@ def test_the_default_is_that_for_derivatives(wrap):
     np.testing.assert_allclose(run.y[:, -1], ours.y[-1].ravel(), rtol=0, atol=1e-14)
 
 
+def test_large_translations_limit_no_step():
+    frame = cg.frames.Semidirect(cg.frames.SO3(), 2)
+    v = [0.01, 0.02, 0.03] + [1e3] * 6
+    f = lambda t, y: frame.field(v, y.reshape(5, 5)).ravel()
+    run = integrate.solve_ivp(f, (0, 10), np.eye(5).ravel(), cg.scipy.Solver(frame))
+    assert len(run.t) < 20
+
+
 def test_wrong_sizes_are_named():
     with pytest.raises(ValueError, match=r"fun must return 7 numbers, got shape \(3,\)"):
         integrate.solve_ivp(lambda t, y: y[:3], (0, 1), Y0, SOLVER)
