@@ -223,7 +223,7 @@ def _of_coordinates(frame: Frame, tolerances: Array) -> Array:
         return tolerances
     if isinstance(frame, Product):
         each = zip(frame.factors, frame.split(tolerances), strict=True)
-        return np.concatenate([_of_coordinates(factor, part.real) for factor, part in each])
+        return np.concatenate([_of_coordinates(factor, part) for factor, part in each])
     if isinstance(frame, Power):
         return np.concatenate([_of_coordinates(frame.factor, part) for part in tolerances])
-    return np.full(frame.dim, tolerances.min())
+    return np.full(frame.dim, tolerances.view(np.float64).min())  # those of imaginary parts too

@@ -251,6 +251,14 @@ def test_tolerances_of_entries_and_what_is_dropped():
     assert "f must return finite numbers" in ended.message
     with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
         cg.scipy.Solver(3)
+    spin = cg.frames.Product(cg.frames.SU(2), cg.frames.Euclidean(1))
+    turn = lambda t, y: spin.field([np.cos(t), y[8], 0.3, -y[8]], y)
+    options = {"method": cg.scipy.Solver(spin), "rtol": 1e-9}
+    parts = [  # of one number of a factor the smallest counts, be it imaginary
+        theirs(turn, (0, 2), spin.join(np.eye(2), [1.0]), atol=atol, **options).t
+        for atol in ([1e-9] + [1e-2] * 8, [1e-2, 1e-9] + [1e-2] * 7)
+    ]
+    np.testing.assert_array_equal(*parts)
 
 
 @pytest.mark.parametrize("wrap", [lambda s: s, lambda s: cg.frames.Power(s, 2)])
