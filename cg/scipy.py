@@ -16,6 +16,7 @@ from cg.frames.linear_action import LinearAction
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.integration.default_method import AUTO, choose_method
+from cg.integration.plan.blocks import turning_coefficients
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable
@@ -205,14 +206,13 @@ class _Step(DenseOutput):
 
 def _turning(frame: Frame, v: Array) -> float:
     """Return the largest norm of coefficients of a factor with rotations or the like."""
-    if isinstance(frame, Euclidean | LinearAction):
+    if isinstance(frame, LinearAction):
         return 0.0
     factors = getattr(frame, "factors", None)
     if type(frame) is Power:
         factors = (frame.factor,) * frame.n
-    if factors is None:  # translations turn nothing, however large their unit makes them
-        group = getattr(frame, "group", None)
-        return float(np.linalg.norm(v)) if group is None else _turning(group, v[: group.dim])
+    if factors is None:
+        return float(np.linalg.norm(v * turning_coefficients(frame)))
     ends = np.cumsum([factor.dim for factor in factors])
     return max(map(_turning, factors, np.split(v, ends[:-1])))
 

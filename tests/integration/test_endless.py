@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csc_array
 
 import cg
-from cg.frames import SO3, Euclidean, Product, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, Sphere, UnitQuaternion
 
 GROWS = {"rtol": 1e-9, "atol": 1e-9, "frame": Euclidean(1)}
 
@@ -87,6 +87,15 @@ class TestEndless:
             counts.append(len(calls))
         assert run.status == -1
         assert counts[2] - counts[1] <= 1.2 * (counts[1] - counts[0]) < 20 * 40
+
+    def test_flows_in_python_turn_once_in_a_step_in_any_unit_of_time(self):
+        frame = Product(Sphere(3), Euclidean(1))
+        seventh = cg.Event(lambda t, y: y[0] + 0.99, direction=-1, terminal=7)
+        f = lambda t, y: np.eye(7)[5] * 1e6 + np.eye(7)[6] * 1e9
+        run = cg.solve_ivp(f, (0, np.inf), np.eye(5)[0], events=seventh, frame=frame)
+        end = 12 * np.pi + np.arccos(-0.99)
+        assert run.steps < 20
+        assert np.allclose(1e6 * run.t[-1], end, rtol=0.0, atol=1e-6)
 
 
 class TestRelativeTolerances:
