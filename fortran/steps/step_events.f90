@@ -21,7 +21,7 @@ module step_events_m
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
   ! ones that need more than `max_parts` fail.
-  integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
+  integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
 
@@ -133,11 +133,14 @@ contains
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
-  ! Whether a step rotates so far that its events take too much time and memory
+  ! Whether a step rotates so far that its events take too much time and memory; of common steps
+  ! without an end, by more than a turn
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
+    logical :: endless
 
-    rotates_far = parts(x) > many_parts
+    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
+    rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common .and. endless)
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
