@@ -16,6 +16,7 @@ from cg.frames.linear_action import LinearAction
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.integration.default_method import AUTO, choose_method
+from cg.integration.plan.blocks import turning_coefficients
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable
@@ -205,13 +206,13 @@ class _Step(DenseOutput):
 
 def _turning(frame: Frame, v: Array) -> float:
     """Return the largest norm of coefficients of a factor with rotations or the like."""
-    if isinstance(frame, Euclidean | LinearAction):
+    if isinstance(frame, LinearAction):
         return 0.0
     factors = getattr(frame, "factors", None)
     if type(frame) is Power:
         factors = (frame.factor,) * frame.n
     if factors is None:
-        return float(np.linalg.norm(v))
+        return float(np.linalg.norm(v * turning_coefficients(frame)))
     ends = np.cumsum([factor.dim for factor in factors])
     return max(map(_turning, factors, np.split(v, ends[:-1])))
 
@@ -222,7 +223,7 @@ def _of_coordinates(frame: Frame, tolerances: Array) -> Array:
         return tolerances
     if isinstance(frame, Product):
         each = zip(frame.factors, frame.split(tolerances), strict=True)
-        return np.concatenate([_of_coordinates(factor, part.real) for factor, part in each])
+        return np.concatenate([_of_coordinates(factor, part) for factor, part in each])
     if isinstance(frame, Power):
         return np.concatenate([_of_coordinates(frame.factor, part) for part in tolerances])
-    return np.full(frame.dim, tolerances.min())
+    return np.full(frame.dim, tolerances.view(np.float64).min())  # those of imaginary parts too

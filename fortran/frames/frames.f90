@@ -94,6 +94,8 @@ contains
         case (callback_block)
           block%dimension = block%n
           block%point_size = options
+          block%constants = used
+          used = used + block%dimension
         case default
           error stop 'make_frame: there is no such block'
         end select
@@ -104,13 +106,11 @@ contains
   end subroutine make_frame
 
   ! An angle that the time-1 flow of the field with coefficients v doesn't exceed: of points, or of
-  ! other fields, that is, of the eigenvalues of its brackets. Of flows in Python up to two turns of
-  ! points count.
+  ! other fields, that is, of the eigenvalues of its brackets, which those in Python don't tell.
   pure real(wp) function turning(frame, v, fields)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
     logical, intent(in) :: fields
-    real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
     real(wp) :: angle
     integer :: i
 
@@ -122,7 +122,8 @@ contains
         case (euclidean_block)
           cycle
         case (callback_block)
-          angle = merge(0.0_wp, min(angle, two_turns), fields)
+          angle = norm2(v * frame%constants(block%constants + 1:block%constants + block%dimension))
+          if (fields) angle = 0.0_wp
         case (linear_action_block)
           angle = spectral_bound(block%action, v(k + 1:k + block%dimension))
           if (fields) angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)

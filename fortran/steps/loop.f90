@@ -21,7 +21,7 @@ module loop_m
                              prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
-  use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
+  use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
   use requests_m, only: check_coefficients, request, retry_or_store
   use phases_m
@@ -131,7 +131,9 @@ contains
     if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
     x%slope_known = .true.
     x%phase = phase_next_stage
-    if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+    if (.not. x%problem%adaptive) return
+    if (abs(x%h) > longest_turn(x)) x%phase = phase_choose_step     ! shorter, now that it is known
+    if (.not. x%control%step_size > 0) x%phase = phase_guess_size
   end subroutine store_slope
 
 end module loop_m

@@ -11,8 +11,8 @@ module step_events_m
   use free_motion_m, only: add_free_motion
   use method_m, only: kind_splitting
   use root_m, only: event_function_t, find_root, values_at
-  use shared_numbers, only: finished, needs_events, out_of_memory, raised, resting_contact, &
-                            step_too_long_for_events
+  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, raised, &
+                            resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
   implicit none
   private
@@ -21,8 +21,9 @@ module step_events_m
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
   ! ones that need more than `max_parts` fail.
-  integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
+  integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
+  real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
 
 contains
 
@@ -127,15 +128,19 @@ contains
       end if
       angle = max(turning(frame, x%h * rate(:, 1), .false.), &
                   turning(frame, x%h * rate(:, 2), .false.))
+      if (any(frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
-  ! Whether a step rotates so far that its events take too much time and memory
+  ! Whether a step rotates so far that its events take too much time and memory; of common steps
+  ! without an end, by more than a turn
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
+    logical :: endless
 
-    rotates_far = parts(x) > many_parts
+    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
+    rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common .and. endless)
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.

@@ -18,7 +18,8 @@ module step_size_m
                             time_not_finite, too_many_steps
   implicit none
   private
-  public :: begin_segment, choose_step, choose_first_size, guess_size, request_curvature
+  public :: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
+            request_curvature
 
 contains
 

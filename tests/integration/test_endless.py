@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csc_array
 
 import cg
-from cg.frames import SO3, Euclidean, Product, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, Sphere, UnitQuaternion
 
 GROWS = {"rtol": 1e-9, "atol": 1e-9, "frame": Euclidean(1)}
 
@@ -87,6 +87,22 @@ class TestEndless:
             counts.append(len(calls))
         assert run.status == -1
         assert counts[2] - counts[1] <= 1.2 * (counts[1] - counts[0]) < 20 * 40
+
+    @pytest.mark.parametrize("frame", [SO3(), Sphere(3)], ids=repr)
+    def test_steps_turn_once_at_most_in_any_unit_of_time(self, frame):
+        """Also after a breakpoint, and steps of an ensemble."""
+        space = Product(frame, Euclidean(1))
+        turn, move = 1e6 * np.eye(space.dim)[-2], 1e9 * np.eye(space.dim)[-1]
+        f = lambda t, y: move + (turn if t >= 1.0 else 0.0)
+        y0 = space.join([np.eye(3), np.eye(4)[0]][frame.dim > 3], [0.0])
+        seventh = cg.Event(lambda t, y: y[0] + 0.9, direction=-1, terminal=7)
+        options = {"frame": space, "events": seventh, "breakpoints": [1.0]}
+        run = cg.solve_ivp(f, (0, np.inf), y0, **options)
+        assert run.steps < 30
+        both = cg.solve_ensemble(f, (0, np.inf), [y0, y0], common_steps=True, **options)
+        for times in (run.t_events[0], *both.t_events[0]):
+            angle = 1e6 * (times[-1] - 1.0)
+            assert np.allclose(angle, 12 * np.pi + np.arccos(-0.9), rtol=0.0, atol=1e-5)
 
 
 class TestRelativeTolerances:

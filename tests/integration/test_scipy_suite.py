@@ -251,6 +251,14 @@ def test_tolerances_of_entries_and_what_is_dropped():
     assert "f must return finite numbers" in ended.message
     with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
         cg.scipy.Solver(3)
+    spin = cg.frames.Product(cg.frames.SU(2), cg.frames.Euclidean(1))
+    turn = lambda t, y: spin.field([np.cos(t), y[8], 0.3, -y[8]], y)
+    options = {"method": cg.scipy.Solver(spin), "rtol": 1e-9}
+    parts = [  # of one number of a factor the smallest counts, be it imaginary
+        theirs(turn, (0, 2), spin.join(np.eye(2), [1.0]), atol=atol, **options).t
+        for atol in ([1e-9] + [1e-2] * 8, [1e-2, 1e-9] + [1e-2] * 7)
+    ]
+    np.testing.assert_array_equal(*parts)
 
 
 @pytest.mark.parametrize("wrap", [lambda s: s, lambda s: cg.frames.Power(s, 2)])
@@ -266,6 +274,14 @@ def test_the_default_is_that_for_derivatives(wrap):
     run = integrate.solve_ivp(f, (0, 1), y0.ravel(), cg.scipy.Solver(frame), **options)
     ours = cg.solve_ivp(lambda t, y: w @ y, (0, 1), y0, frame=frame, rhs="derivative", **options)
     np.testing.assert_allclose(run.y[:, -1], ours.y[-1].ravel(), rtol=0, atol=1e-14)
+
+
+def test_large_translations_limit_no_step():
+    frame = cg.frames.Semidirect(cg.frames.SO3(), 2)
+    v = [0.01, 0.02, 0.03] + [1e3] * 6
+    f = lambda t, y: frame.field(v, y.reshape(5, 5)).ravel()
+    run = integrate.solve_ivp(f, (0, 10), np.eye(5).ravel(), cg.scipy.Solver(frame))
+    assert len(run.t) < 20
 
 
 def test_wrong_sizes_are_named():

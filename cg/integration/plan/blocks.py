@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.block_kinds import compared_by_entries, needs_lapack
+from cg.frames.coadjoint import CoadjointOrbit
+from cg.frames.euclidean import Euclidean
 from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.power import Power
+from cg.frames.product import Product
+from cg.frames.semidirect import Semidirect
 from cg.support.arrays import Array
 from cg.support.capsules import provide_lapack
 
@@ -27,9 +33,28 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
 
 
 def block_constants(frame: Frame) -> NDArray[np.float64]:
-    """Return the constants of all blocks of a frame, and a zero, since no array may be empty."""
+    """Return the constants of all blocks of a frame, and a zero, since no array may be empty.
+
+    A frame in Python has one block, whose constants are its `turning_coefficients`.
+    """
+    if not is_compiled(frame):
+        return turning_coefficients(frame)
     constants = [np.ravel(x) for block in frame.compiled_blocks() or () for x in block[3:]]
     return np.concatenate([*constants, [0.0]])
+
+
+def turning_coefficients(frame: Frame) -> Array:
+    """Return 1 for each coefficient that may turn points, 0 for those of translations."""
+    if isinstance(frame, Product):
+        return np.concatenate([turning_coefficients(factor) for factor in frame.factors])
+    if isinstance(frame, Power):
+        return np.tile(turning_coefficients(frame.factor), frame.n)
+    inner: Any = None
+    if isinstance(frame, Semidirect | CoadjointOrbit):
+        inner = frame.group if isinstance(frame, Semidirect) else frame.algebra
+    if isinstance(inner, Frame):
+        return np.pad(turning_coefficients(inner), (0, frame.dim - inner.dim))
+    return np.full(frame.dim, float(not isinstance(frame, Euclidean)))
 
 
 def is_compiled(frame: Frame) -> bool:
