@@ -42,7 +42,6 @@ def table_of_paths(
     """Return the table of a method whose steps follow paths."""
     columns = len(paths.stages) + len(paths.brackets)
     pair = method.embedded_order is not None
-    linear = isinstance(method, MagnusMethod)
     return MethodTable(
         name=method.name,
         kind=kind_of(method),
@@ -52,7 +51,7 @@ def table_of_paths(
         stages=method.stages,
         exponent=exponent,
         kept=columns if paths.registers is None else 1,
-        kept_nodes=columns if linear and method.stages > 2 else 0,
+        kept_nodes=columns * (method.explicit and method.stages > 2 and not any(paths.stages)),
         converges=method.satisfies(1),
         fault=_estimate_fault(method) if pair else "",
         numbers=paths.numbers,
