@@ -76,6 +76,12 @@ def _estimate_fault(method: Method) -> str:
         return "its second result has order 0, so that the error estimate stays large"
     if second == order:
         return f"both its results have order {order}, so that the error estimate may miss the error"
+    third = method.third_order
+    if third is not None and 1.0 / error_exponent(method) > max(order, second) + 1:
+        return (
+            f"its third result has order {third}, so that the error estimate decreases faster than "
+            "the error in short steps"
+        )
     return ""
 
 
