@@ -80,8 +80,9 @@ class MethodTable:
 
     ``numbers`` and ``arrays`` are the entries of `MethodRecord`. ``kept`` vectors of coefficients
     are stored for a step: its stages, with the end where the error estimate needs it, or one
-    register; ``kept_nodes`` are those of the step before, of a linear method. ``exponent`` is the
-    power of an error that a step is proportional to, 0 without an estimate of the error.
+    register; ``kept_nodes`` are those of the step before, of three stages or more that need no
+    point. ``exponent`` is the power of an error that a step is proportional to, 0 without an
+    estimate of the error.
     """
 
     name: str

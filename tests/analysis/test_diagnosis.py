@@ -235,3 +235,11 @@ def test_tiny_rational_errors_count(exponent):
     assert f"off by {size}" in str(diagnosis)
     second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
     assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", [cg.Tableau, lambda *rows: cg.MuntheKaas(cg.Tableau(*rows))])
+@pytest.mark.parametrize("huge", ["1e160", "1e308"])
+def test_residuals_beyond_doubles_are_violated(kind, huge):
+    diagnosis = cg.diagnose(kind([[], [huge]], [0, 1]))
+    assert (diagnosis.order, diagnosis.failing.residual) == (1, float(huge))

@@ -70,3 +70,11 @@ def test_stage_shares_points_of_a_flow(frame):
         for one in (idle, simple)
     ]
     np.testing.assert_array_equal(runs[0].y, runs[1].y)
+
+
+def test_three_stages_at_the_start_have_room_for_those_of_the_step_before():
+    """Compiled code keeps them of any explicit method, and copies them into a state."""
+    method = cg.CommutatorFree([(START, {0: "1/2", 1: "1/4", 2: "1/4"})], [START] * 3)
+    tableau = cg.Tableau([[0, 0, 0]] * 3, ["1/2", "1/4", "1/4"])
+    assert [one.table().kept_nodes for one in (method, cg.MuntheKaas(tableau))] == [3, 3]
+    assert cg.methods["CF3"].table().kept_nodes == 0

@@ -130,6 +130,14 @@ class TestFaults:
         assert converges
         assert "both its results have order 2" in fault
 
+    def test_third_results_of_low_order(self):
+        """With 5(4, 1) the estimate has order 8, and 2e-8 is the error at a tolerance of 1e-10."""
+        tableau = methods["RKMK5(4)"].tableau
+        method = cg.MuntheKaas(tableau, third=["1/5", 0, "1/5", "1/5", "1/5", "1/5", 0])
+        assert (method.third_order, method.table().exponent) == (1, 1 / 8)
+        assert "third result has order 1" in faults(method)[1]
+        assert not faults(methods["RKMK8(5,3)"])[1]
+
     def test_order_zero(self):
         half = Tableau([[]], ["1/2"], name="half")
         with pytest.warns(UserWarning, match="half has order 0: its solutions don't converge"):

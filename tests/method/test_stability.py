@@ -39,6 +39,12 @@ def test_implicit_methods():
     assert (numerator, denominator) == ((1, Fraction(1, 2)), (1, Fraction(-1, 2)))
 
 
+@pytest.mark.parametrize("tiny", ["1e-308", "1e-320", "1e-9999"])
+def test_zeros_beyond_doubles(tiny):
+    """Those of |R| - 1 with R = 1 + z + tiny z², the last of them about -1 / tiny."""
+    assert stability_limits(cg.Tableau([[], [tiny]], [0, 1])).real == 2
+
+
 SHORT = [name for name, m in FROZEN.items() if m.explicit and m.stages <= 17 and m.order < 7]
 
 

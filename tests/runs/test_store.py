@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 import threading
+import zlib
 from dataclasses import asdict
 
 import pytest
@@ -98,7 +99,19 @@ def test_interrupt_keeps_finished_starts(path, runs):
     assert sorted(runs)[:3] == [0, 1, 2]
 
 
+def with_text(text):
+    """Return the damage by a text in the last line, whose checksum is right all the same."""
+
+    def damage(content):
+        lines, begin, last = content.rpartition(b'{"run"')
+        body = begin + last[:20] + text
+        return lines + body + b', "crc": %d}\n' % zlib.crc32(body)
+
+    return damage
+
+
 @pytest.mark.parametrize("damage", [
+    with_text(b", oops"), with_text(b', "index": "\xff"'), with_text(b', "x": ' + b"[" * 10**5),
     lambda content: content[:-20],  # the process was killed while it wrote
     lambda content: content[:-20] + b"\n",
     lambda content: content.replace(b'"nfev": ', b'"nfev": 1'),

@@ -68,6 +68,7 @@ class Correction:
     conditions: int
 
 
+@np.errstate(all="ignore")  # huge coefficients overflow
 def corrections(method: Method) -> tuple[Correction, ...]:
     """Return the changes of single coefficients, or else exchanges, that restore the highest order.
 
@@ -210,7 +211,8 @@ class _Conditions:
         residuals = core_calls.residuals(*self._arguments, bits, *self._trees)
         if self._flat is None:
             return quads.to_float(residuals)
-        return _summed(np.array(quads.decode(residuals)), *self._flat).astype(np.float64)
+        summed = _summed(np.array(quads.decode(residuals)), *self._flat)
+        return quads.to_float(quads.encode(summed.tolist()))
 
     def _jacobian_at(self, k: int = 0, change: Fraction = Fraction()) -> NDArray[np.float64]:
         x = self._floats.copy()
@@ -221,8 +223,7 @@ class _Conditions:
 
 def _step(column: NDArray[np.float64], residuals: NDArray[np.float64]) -> float:
     """Return the step of one unknown that reduces the residuals the most."""
-    with np.errstate(all="ignore"):  # huge coefficients overflow
-        step = -float(column @ residuals / (column @ column))
+    step = -float(column @ residuals / (column @ column))
     return step if isfinite(step) else 0.0
 
 

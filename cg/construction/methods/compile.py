@@ -42,7 +42,6 @@ def table_of_paths(
     """Return the table of a method whose steps follow paths."""
     columns = len(paths.stages) + len(paths.brackets)
     pair = method.embedded_order is not None
-    linear = isinstance(method, MagnusMethod)
     return MethodTable(
         name=method.name,
         kind=kind_of(method),
@@ -52,7 +51,7 @@ def table_of_paths(
         stages=method.stages,
         exponent=exponent,
         kept=columns if paths.registers is None else 1,
-        kept_nodes=columns if linear and method.stages > 2 else 0,
+        kept_nodes=columns * (method.explicit and method.stages > 2 and not any(paths.stages)),
         converges=method.satisfies(1),
         fault=_estimate_fault(method) if pair else "",
         numbers=paths.numbers,
@@ -77,6 +76,12 @@ def _estimate_fault(method: Method) -> str:
         return "its second result has order 0, so that the error estimate stays large"
     if second == order:
         return f"both its results have order {order}, so that the error estimate may miss the error"
+    third = method.third_order
+    if third is not None and 1.0 / error_exponent(method) > max(order, second) + 1:
+        return (
+            f"its third result has order {third}, so that the error estimate decreases faster than "
+            "the error in short steps"
+        )
     return ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -145,7 +146,7 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
         return 0.0
     for left, right in pairwise(roots):
         if right > left:
-            middle = to_flint(Fraction((left + right) / 2))
+            middle = to_flint((Fraction(left) + Fraction(min(right, sys.float_info.max))) / 2)
             value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
             if value < -growth * below(middle):
                 return left

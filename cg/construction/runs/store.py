@@ -16,6 +16,7 @@ import logging
 import os
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -62,10 +63,13 @@ def read_store(path: str | os.PathLike[str], run: str = "") -> Iterator[dict[str
                 damaged += not line.startswith(_BEGIN)
                 continue
             body, _, rest = line.rpartition(_SUM)
+            entry = None
             if rest == b"%d}\n" % zlib.crc32(body):
-                yield json.loads(body + b"}")
-            else:
-                damaged += 1
+                with suppress(ValueError, RecursionError):
+                    entry = json.loads(body + b"}")
+            damaged += entry is None
+            if entry is not None:
+                yield entry
     if damaged:
         _log.warning("%d lines of the store %s are damaged, and ignored", damaged, path)
 
