@@ -42,16 +42,15 @@ hypothesis.settings.load_profile("same")
 # compiled code which others don't, sanitize for those of the compiled core
 MARKS = {
     "no_core": "analysis benchmarks command docs formats plot proofs reproduce research trees "
-    "test_catalogue test_method_files test_reference_steps test_brackets "
+    "test_catalogue test_method_files test_brackets "
     "test_frame_coordinates test_frame_digits test_frame_facts test_frame_input test_frames "
     "test_order_on_frames test_tableau test_hostile_text test_import test_installation test_peers "
     "test_typing test_without_quads",
-    "sanitize": "test_conditions test_differential test_lmdif test_lmdif_callback test_structure "
+    "sanitize": "test_conditions test_lmdif test_structure "
     "test_flows test_frame_product test_adaptive test_arguments test_compiled "
-    "test_compiled_isospectral "
     "test_compiled_output test_dense test_ensemble_executors test_events "
     "test_free_motion test_integrate test_integration_loop test_jumps test_mechanics "
-    "test_munthe_kaas_compiled test_observe test_solve_ensemble test_solve_ivp "
+    "test_observe test_solve_ensemble test_solve_ivp "
     "test_stepper_events test_idle_points test_low_storage test_registers",
 }
 
@@ -103,16 +102,16 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def run_command(capsys):
+def run(capsys):
     """Run the command in this process; return its exit code, its output and its errors."""
     from cg.command import main
 
-    def run(*arguments):
+    def run_command(*arguments):
         code = main(list(arguments))
         output = capsys.readouterr()
         return code, output.out, output.err
 
-    return run
+    return run_command
 
 
 @pytest.fixture(scope="session")

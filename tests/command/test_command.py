@@ -16,11 +16,6 @@ from cg.construction.catalogue import dumps
 COMMANDS = ["list", "show", "check", "search", "construct", "certify", "export"]
 
 
-@pytest.fixture
-def run(run_command):
-    return run_command
-
-
 def process(*arguments):
     command = [sys.executable, *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)

@@ -18,11 +18,6 @@ SLIP = dumps(cg.methods["CG4a"]).replace(
 QUICK = ["CG2(3)", "CG4a", "CG5a", "CF4b", "CF5(4)", "DP5(4)", "DICG4", "LieEuler", "RKMK5(4)"]
 
 
-@pytest.fixture
-def run(run_command):
-    return run_command
-
-
 class TestList:
     def test_filters_and_sorting(self, run):
         code, output, _ = run("list", "--json")
@@ -126,10 +121,6 @@ class TestShow:
         shown = run("show", name, "--conditions", "4")[1].splitlines()
         assert shown[-count].split() == ["1", listed[0]["tree"], "1", "0"]
 
-    def test_conditions_of_words(self, run):
-        code, _, error = run("show", "CFM4", "--conditions", "2")
-        assert (code, "--conditions: CFM4 has conditions of words" in error) == (2, True)
-
     @pytest.mark.parametrize("name", ["CG4a", "CF5(4)"])
     def test_digits_beyond_the_stored_ones(self, run, name):
         method = cg.methods[name]
@@ -142,8 +133,12 @@ class TestShow:
         )
         assert max(map(len, texts)) > 60
         assert all(text in shown for text in texts if text != "0")
+        stored = run("show", "CG4a", "--digits", "30")[1]
+        assert "0.817722798812485183864383415847" in stored  # not those of a double
 
-    def test_digits_that_nothing_proves(self, run):
+    def test_what_a_method_has_not(self, run):
+        code, _, error = run("show", "CFM4", "--conditions", "2")
+        assert (code, "--conditions: CFM4 has conditions of words" in error) == (2, True)
         code, shown, error = run("show", "CF8a", "--digits", "160")
         assert (code, shown) == (2, "")
         assert "digits must be at most 150" in error
@@ -171,10 +166,6 @@ class TestShow:
         code, _, error = run("show", str(file))
         assert (code, "row 2 of a sums to 1, not to c_2 = 1/2" in error) == (2, True)
         assert "mistake: row 2 of a sums to 1" in run("check", str(file))[1]
-
-    def test_stored_digits(self, run):
-        shown = run("show", "CG4a", "--digits", "30")[1]
-        assert "0.817722798812485183864383415847" in shown  # not those of a double
 
 
 def test_check(run, tmp_path):

@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 
 import cg
-from cg.construction.candidate import (
-    Candidate,
-    NotExactError,
-    solved,
-    to_method,
-)
+from cg.construction.candidate import Candidate, NotExactError, solved, to_method
 from cg.construction.conditions import Rows, residuals
 from cg.construction.construct import acceptable, run_attempt
 from cg.construction.eliminate import drop_flow, eliminate, eliminate_stage, walk
 from cg.construction.optimise import Goals, optimise
+from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
 
@@ -172,3 +168,18 @@ def test_dropped_flows_leave_no_idle_stage():
     layout = candidate.system.layout
     assert set(layout.stage_of.tolist()) == set(range(layout.stages))
     assert drop_flow(candidate, np.random.default_rng(0)) is None
+
+
+def test_construct_starts_at_the_highest_order():
+    construction = cg.construct(8, 20, seed=0, tries=1, iterations=1, first_stages=20, force=True)
+    assert not construction.exact
+    assert construction.tries == 1
+
+
+@pytest.mark.parametrize("structure", Structure)
+def test_default_starts_of_all_orders(structure):
+    most = cg.conditions.MAX_ORDER if structure is Structure.GENERAL else 8
+    for order in range(4, most + 1):
+        start = default_start(order, structure)
+        system = ConditionSystem.tableau(order, start.stages, structure=structure)
+        assert system.movable.size >= system.equations

@@ -42,12 +42,10 @@ LMDIF = {
     "maxfev": [0, 2**31, 10.0], "diag": [[1.0], [1.0, 0.0]],
 }  # fmt: skip
 SHAPES = [
-    {"tree": CHAIN, "first_same_as_last": True},
-    {"tree": CHAIN, "stages": 7},
-    {"tree": CHAIN, "embedded": True},
-    {"flows": 9, "first_same_as_last": 2},
+    {"tree": CHAIN, "first_same_as_last": True}, {"tree": CHAIN, "stages": 7},
+    {"tree": CHAIN, "embedded": True}, {"flows": 9, "first_same_as_last": 2},
     {"flows": 9, "embedded": 1},
-]
+]  # fmt: skip
 
 
 def cases(function, good, table, *others):

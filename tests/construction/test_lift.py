@@ -2,6 +2,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from flat_tableaux import CLASSICAL, FEHLBERG, KUTTA
 from quotients import derivative
 from refusals import refuses
 from scipy.integrate._ivp import dop853_coefficients
@@ -11,23 +12,6 @@ from cg.construction.catalogue import methods
 from cg.construction.layouts.layout import Layout
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, random_layout
 from cg.construction.methods.flat import flat_order, stage_orders
-
-KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
-CLASSICAL = cg.Tableau(
-    [[], ["1/2"], [0, "1/2"], [0, 0, 1]], ["1/6", "1/3", "1/3", "1/6"], name="classical"
-)
-FEHLBERG = cg.Tableau(
-    [
-        [],
-        ["1/4"],
-        ["3/32", "9/32"],
-        ["1932/2197", "-7200/2197", "7296/2197"],
-        ["439/216", -8, "3680/513", "-845/4104"],
-        ["-8/27", 2, "-3544/2565", "1859/4104", "-11/40"],
-    ],
-    ["16/135", 0, "6656/12825", "28561/56430", "-9/50", "2/55"],
-    b_embedded=["25/216", 0, "1408/2565", "2197/4104", "-1/5", 0],
-)
 
 
 def pair(name):

@@ -1,4 +1,4 @@
-"""Layouts and solvers for the weights of trees of points."""
+"""Layouts and solvers of weights, refinement in real(16), and polishing to short rationals."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -123,3 +123,36 @@ def test_weights_that_are_zero_up_to_rounding_become_zero(name):
     )
     assert [set(p.weights) for p in again.points] == [set(p.weights) for p in method.points]
     assert "0.0000000000" not in dumps(again)
+
+
+def packed(name):
+    a, b = methods[name].exact
+    return [
+        entry for row, length in zip(a, range(len(b)), strict=True) for entry in row[:length]
+    ] + [*b]
+
+
+class TestRefine:
+    @pytest.mark.parametrize("size", [1e-14, 1e-11, 1e-8, 1e-6])
+    def test_refine_with_dependent_conditions(self, size):
+        near = np.array(packed("CG5a"), float)
+        near += size * np.random.default_rng(1).standard_normal(near.size)
+        fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
+        actual = refine(cg.support.quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
+        assert actual.rank == 37 < conditions.count(5, independent=True)
+        assert actual.largest_residual < 2e-33
+        moved = np.abs(cg.support.quads.to_float(actual.x) - near).max()
+        assert moved < 1000 * size
+
+
+class TestPolish:
+    def test_polish_exceeds_binary128(self):
+        near = [Fraction(float(entry)) for entry in packed("CG4a")]
+        fit = polish(near, ConditionSystem.tableau(4, 5))
+        assert fit.largest_residual < Fraction(1, 10**44)
+        a, b = conditions.unpack(fit.x, 5)
+        assert max(map(abs, conditions.residuals(a, b, 4, arithmetic="exact"))) < Fraction(
+            1, 10**43
+        )
+        assert fit.iterations <= 5
+        assert max(abs(p - q) for p, q in zip(fit.x, near, strict=True)) < 1e-14

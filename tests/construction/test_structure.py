@@ -29,17 +29,12 @@ class TestEquations:
     def test_residuals_agree_in_real_16(self, structure):
         system = ConditionSystem.tableau(5, 6, structure=structure)
         x = random_x(system)
-        np.testing.assert_allclose(
-            system.residual_quad(quads.from_float(x), independent=True),
-            system.residual(x),
-            atol=1e-14,
-        )
+        actual = system.residual_quad(quads.from_float(x), independent=True)
+        np.testing.assert_allclose(actual, system.residual(x), atol=1e-14)
 
     def test_assumptions_come_after_conditions(self, structure):
-        system, general = (
-            ConditionSystem.tableau(5, 6, structure=structure),
-            ConditionSystem.tableau(5, 6),
-        )
+        system = ConditionSystem.tableau(5, 6, structure=structure)
+        general = ConditionSystem.tableau(5, 6)
         x = random_x(system)
         values, conditions = system.residual(x), general.residual(x)
         np.testing.assert_array_equal(values[: conditions.size], conditions)
@@ -53,9 +48,7 @@ class TestEquations:
 
 
 def test_zeros_of_structures_are_not_movable():
-    general, one, two = (
-        ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
-    )
+    general, one, two = (ConditionSystem.tableau(6, 7, structure=kind) for kind in Structure)
     weights = general.size - 7
     assert general.movable.size == general.size
     assert np.setdiff1d(general.movable, one.movable).tolist() == [weights + 1]

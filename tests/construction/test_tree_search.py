@@ -103,17 +103,10 @@ def test_construct_drops_flows_of_drawn_trees(tmp_path):
     path = tmp_path / "trees"
     options = {**FIVE, "flows": 9, "first_flows": 10, "tries": 60}
     construction = cg.construct(**options, workers=2, store=path)
-    assert (
-        construction.method.order,
-        construction.method.stages,
-        construction.method.exponentials,
-    ) == (5, 6, 9)
-    drawn = draw_layout(
-        6,
-        10,
-        np.random.default_rng(np.random.SeedSequence(1, spawn_key=(construction.best.index,))),
-    )
-    assert len(drawn.parents) == 10
+    method = construction.method
+    assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
+    seeds = np.random.SeedSequence(1, spawn_key=(construction.best.index,))
+    assert len(draw_layout(6, 10, np.random.default_rng(seeds)).parents) == 10
     again = cg.construct(**options, workers=1, store=path)
     assert again == construction
     assert cg.construct(**options, workers=1) == construction

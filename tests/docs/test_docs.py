@@ -1,5 +1,6 @@
-"""The code blocks of the start, how-to and mathematics pages run in order."""
+"""The code of the documentation runs; links, pages of methods and the gallery."""
 
+import importlib
 import re
 import runpy
 import subprocess
@@ -10,12 +11,39 @@ import matplotlib
 import numpy as np
 import pytest
 from kinds import FROZEN
-from tests_of_pages import ROOT, blocks_of, compiler_command, run, source_in
 
 import cg
 from cg.integration.default_method import choose_method
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+def found(pattern, page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(pattern, text, re.DOTALL | re.MULTILINE)
+
+
+def blocks_of(page):
+    """Return pairs (kind, text) of blocks of Python; the kind is the word after the language."""
+    return found(r"^```python *(\w*)\n(.*?)^```", page)
+
+
+def source_in(page, language):
+    """Return the text of the only block of a page in some other language than Python."""
+    (source,) = found(rf"^```{language}\n(.*?)^```", page)
+    return source
+
+
+def run(page, kind="", names=None):
+    """Run all blocks of a kind in order, and return the names that they define."""
+    names = {} if names is None else names
+    for number, (this, block) in enumerate(blocks_of(page)):
+        if this == kind:
+            exec(compile(block, f"{page}, block {number + 1}", "exec"), names)
+    return names
+
+
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}
 NEEDED = {"howto/jaxlie": "jaxlie", "howto/linear": "qutip"}
@@ -28,14 +56,11 @@ PAGES = sorted(
 )
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else [])
-        for page in PAGES
-        if page != "howto/compiled"
-    ],
-)
+@pytest.mark.parametrize("page", [
+    pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else [])
+    for page in PAGES
+    if page != "howto/compiled"
+])  # fmt: skip
 def test_code_of_page_runs(page, capsys, monkeypatch):
     monkeypatch.syspath_prepend(DOCS / "gallery")
     if page in IN_JAX:
@@ -50,8 +75,7 @@ def test_code_of_page_runs(page, capsys, monkeypatch):
     printed = capsys.readouterr()
     assert printed.err == ""
     if page not in IN_JAX:  # whose last digits differ between processors
-        text = (DOCS / f"{page}.md").read_text("utf-8")
-        for output in re.findall(r"^```text\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        for output in found(r"^```text\n(.*?)^```", f"docs/{page}.md"):
             assert output in printed.out
 
 
@@ -62,7 +86,8 @@ def in_c(tmp_path, monkeypatch):
     (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    subprocess.run([*compiler_command(page), *warnings], check=True)
+    (command,) = found(r"^    (cc [^\n]*)$", page)  # the only line that calls the compiler
+    subprocess.run([*command.split(), *warnings], check=True)
     return run("docs/howto/compiled.md")
 
 
@@ -140,11 +165,8 @@ def test_plots_page(tmp_path, monkeypatch):
     names = run("docs/plots.md")
     assert (tmp_path / "cf4.png").stat().st_size > 1000
     assert names["ax"].get_ylabel() == "speed (m/s)"
-    assert [row.get_text() for row in names["events"].get_yticklabels()] == [
-        "mode",
-        "impact",
-        "lift",
-    ]
+    rows = [row.get_text() for row in names["events"].get_yticklabels()]
+    assert rows == ["mode", "impact", "lift"]
     plt.close("all")
     page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
     assert all(f"`{name}(" in page for name in cg.plot.__all__)
@@ -176,3 +198,127 @@ def test_tables_have_the_numbers_of_the_methods(page):
             largest = max(abs(float(one.value)) for one in cg.methods[name].coefficients)
             assert float(text["largest coefficient"]) == pytest.approx(largest, abs=0.006)
     assert found >= 5
+
+
+def test_code_of_readme_runs():
+    assert len(blocks_of("README.md")) == 3
+    names = run("README.md")
+    assert names["solution"].success
+    assert names["four"]
+    assert names["free"]
+    assert names["five"].order == 5
+    assert names["proof"].order == names["method"].order == 6
+
+
+def test_code_of_frames_page(capsys):
+    names = run("docs/frames.md")
+    assert capsys.readouterr().out == source_in("docs/frames.md", "text")
+    spiral = names["spiral"]
+    # latitude: z' = -(1 - z^2) / 2; longitude grows with time
+    z = -np.tanh(spiral.t / 2)
+    expected = np.stack([np.cos(spiral.t), np.sin(spiral.t), z], axis=-1)
+    expected[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    np.testing.assert_allclose(spiral.y, expected, atol=1e-7)
+
+    eigenvalues, vectors = np.linalg.eigh(names["lattice"])
+    np.testing.assert_allclose(names["sorted_"].y[-1], np.diag(eigenvalues[::-1]), atol=1e-5)
+    columns = names["columns"].y[-1]
+    np.testing.assert_allclose(columns @ columns.T, vectors[:, 1:] @ vectors[:, 1:].T, atol=1e-5)
+    momentum, vertical = names["top"].y[:, :3], names["top"].y[:, 3:]
+    np.testing.assert_allclose(np.vecdot(vertical, vertical), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.vecdot(momentum, vertical), 1.32, atol=1e-14)
+    assert names["course"].success
+
+
+def test_code_of_problems_page():
+    assert run("docs/problems.md")["error"] < 1e-8
+
+
+def test_code_of_pages_on_lifting_and_low_storage():
+    assert run("docs/lifting.md")["lifted"].flows == 4
+    assert run("docs/low_storage.md")["williamson"].order == 3
+
+
+def test_code_of_munthe_kaas_page():
+    assert run("docs/rkmk.md")["heun"].order == 2
+
+
+def test_code_of_runs_page(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names = run("docs/runs.md")
+    files = {"runs.jsonl", "Mine.toml", "Mine.certificate.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == files
+    assert names["certificate"].order == names["method"].order == 4
+    result, lines = names["result"], capsys.readouterr().out.splitlines()
+    assert lines[0] == repr(result)
+    exact = sum(start.exact for start in result.starts)
+    assert exact > 10
+    method = names["method"]
+    assert lines[1] == f"{method.name} {method.principal_error}"
+    assert method.c.max() <= 1.0
+    assert lines[2] == "search 4 200"
+
+
+GALLERY = sorted(path.stem for path in (DOCS / "gallery").glob("plot_*.py"))
+FAST = {"plot_drift", "plot_lattice", "plot_stability", "plot_trees", "plot_vortices"}
+WITH_LINKS = [*DOCS.glob("*.md"), *(DOCS / "start").glob("*.md"), *(DOCS / "howto").glob("*.md")]
+
+
+@pytest.fixture(scope="module")
+def from_docs():
+    """Return a module of the folder docs."""
+    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch.syspath_prepend(str(DOCS))
+    pytest.importorskip("matplotlib").use("Agg")
+    yield importlib.import_module
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in GALLERY]
+)
+def test_program_of_gallery_draws_a_figure(name, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "gallery")
+    pytest.importorskip("matplotlib").use("Agg")
+    from matplotlib import pyplot as plt
+
+    runpy.run_path(str(DOCS / "gallery" / f"{name}.py"))
+    assert all(ax.has_data() for ax in plt.gcf().axes)
+    plt.close("all")
+
+
+def test_links_and_pictures_exist_in_the_source_tree():
+    for page in [*ROOT.glob("*.md"), *WITH_LINKS, *DOCS.glob("mathematics/*.md")]:
+        targets = re.findall(r"\]\(([^)#\s:]+)(?:#[^)\s]*)?\)", page.read_text("utf-8"))
+        assert [t for t in targets if not (page.parent / t).exists()] == [], page
+
+
+def test_pages_of_methods(from_docs):
+    pages = from_docs("method_pages")
+    for name, method in cg.methods.items():
+        words, sentences = pages.proof(method)
+        assert (words == "yes") == ("is proved:" in sentences.replace("**", "")), name
+        assert pages.coefficients(method).startswith("| "), name
+        *entries, last = pages.citations(method)
+        assert f"method {name}}}" in last
+        assert all("year = {" in entry for entry in (*entries, last)), name
+        if re.search(r"\b(19|20)\d\d\b", method.source or ""):
+            assert entries, name
+    assert pages.proof(cg.methods["CG6a"])[0] == "no"
+    assert pages.proof(cg.methods["DOP853"])[0] == "in part"
+    assert "Munthe-Kaas1999" in "".join(pages.citations(cg.methods["RKMK8(5,3)"]))
+
+
+def test_list_of_methods_has_a_row_for_each(from_docs):
+    pages = from_docs("method_pages")
+    listed = pages.index([cg.methods["CG4a"], cg.methods["RKMK5(4)"]])
+    assert "| [CG4a](CG4a.md) | Crouch–Grossman | 4 | 5 | 15 | 0.078 | yes |" in listed
+    assert "| [RKMK5(4)](RKMK5_4.md) | Munthe-Kaas | 5(4) | 7 | 6 |" in listed
+
+
+def test_table_of_the_catalogue_leads_to_the_pages_of_methods(from_docs):
+    pages, content = from_docs("method_pages"), [(DOCS / "catalogue.md").read_text("utf-8")]
+    pages.link_table(None, "catalogue", content)
+    links = re.findall(r"^\| \[(.+)\]\(methods/(.+)\.md\)", content[0], re.MULTILINE)
+    assert len(links) > 60
+    assert all(pages.slug(name) == page and name in cg.methods for name, page in links)

@@ -1,7 +1,8 @@
-"""Doctests pass, and every public object has an example."""
+"""Doctests pass, public objects have examples, and members of frames and methods docstrings."""
 
 import doctest
 import importlib
+import inspect
 import pkgutil
 import re
 import sys
@@ -13,14 +14,11 @@ import numpy as np
 import pytest
 
 import cg
+import cg.construction.methods
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 SKIPPED = ("cg.reproduce", "cg.construction.catalogue.certificates")
-OPTIONAL = {
-    "cg.jax": "diffrax",
-    "cg.qutip": "qutip",
-    "cg.construction.conditions.exact": "sympy",
-}
+OPTIONAL = {"cg.jax": "diffrax", "cg.qutip": "qutip", "cg.construction.conditions.exact": "sympy"}
 NAMES = sorted(
     module.name
     for module in pkgutil.walk_packages(cg.__path__, "cg.")
@@ -134,3 +132,22 @@ def test_reference_lists_all_public_names():
     told_elsewhere = {"cg.methods"} | {f"cg.conditions.{name}" for name in cg.conditions.__all__}
     modules = {name for name in offered() if isinstance(resolved(name), ModuleType)}
     assert offered() - told_elsewhere - modules <= in_reference()
+
+
+MODULES = [
+    module.name
+    for package in (cg.frames, cg.construction.methods)
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_members_have_docstrings(name):
+    module = __import__(name, fromlist=["*"])
+    kinds = [kind for _, kind in inspect.getmembers(module, inspect.isclass)]
+    for kind in (kind for kind in kinds if kind.__module__ == name):
+        for member, value in vars(kind).items():
+            if member.startswith("_") or not hasattr(value, "__get__"):
+                continue
+            found = (vars(base).get(member) for base in kind.__mro__)
+            assert any(getattr(each, "__doc__", None) for each in found), (kind, member)

@@ -8,28 +8,18 @@ from compiled_examples import ORBITS
 from exact_matrices import doubles, flint_matrix
 from flint import ctx
 
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    HomogeneousSpace,
-    MatrixGroup,
-    Product,
-    Semidirect,
-    Sphere,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
+from cg.integration.plan.blocks import block_constants, is_compiled
+from cg.support.shared_numbers import BlockKind
 
 FRAMES = [
-    SO3(), SO3("space"), SO(3), UnitQuaternion(),
-    UnitQuaternion(scalar_first=True, convention="space"), SE3(), SE3("space"),
-    Semidirect(SO3(), 2), Semidirect(SO(3, "space"), 3), Sphere(2), SU(2), SU(2, "body"), SO(2),
-    SO(4), SO(5, "space"), SU(3), SU(4, "body"), SO(13), SU(13, "body"), U(1), U(3, "body"),
-    Product(SU(3), Euclidean(1), SO(4)), Euclidean(4),
-    Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
+    fr.SO3(), fr.SO3("space"), fr.SO(3), fr.UnitQuaternion(),
+    fr.UnitQuaternion(scalar_first=True, convention="space"), fr.SE3(), fr.SE3("space"),
+    fr.Semidirect(fr.SO3(), 2), fr.Semidirect(fr.SO(3, "space"), 3), fr.Sphere(2), fr.SU(2),
+    fr.SU(2, "body"), fr.SO(2), fr.SO(4), fr.SO(5, "space"), fr.SU(3), fr.SU(4, "body"), fr.SO(13),
+    fr.SU(13, "body"), fr.U(1), fr.U(3, "body"), fr.Product(fr.SU(3), fr.Euclidean(1), fr.SO(4)),
+    fr.Euclidean(4),
+    fr.Product(fr.SO3(), fr.Euclidean(3), fr.Product(fr.Sphere(2), fr.SU(2), fr.SE3())),
 ]  # fmt: skip
 WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
@@ -41,9 +31,9 @@ def exact_exponential(x):
 
 def exact_flow(frame, v, y):
     """Return one point after one flow, of a group or of y' = A y + b in the numbers of a point."""
-    if isinstance(frame, MatrixGroup):
+    if isinstance(frame, fr.MatrixGroup):
         return frame._multiply(exact_exponential(frame.algebra(v)), y)
-    if isinstance(frame, HomogeneousSpace):
+    if isinstance(frame, fr.HomogeneousSpace):
         return frame._act(exact_exponential(frame.group.algebra(v)), y)
     n = y.size
     images = frame.field(v, np.concatenate([np.zeros((1, n)), np.eye(n)]).reshape(-1, *y.shape))
@@ -90,8 +80,8 @@ def test_large_and_tiny_flows(name, size):
 
 
 CURVED = [
-    SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1),
-    SE3(), SE3("space"),
+    fr.SO3("space"), fr.SO3(), fr.UnitQuaternion(), fr.Sphere(2), fr.SU(2), fr.SO(2), fr.SO(4),
+    fr.SU(3), fr.U(1), fr.SE3(), fr.SE3("space"),
 ]  # fmt: skip
 
 
@@ -99,13 +89,13 @@ CURVED = [
 def test_points_are_restored_to_the_nearest_ones(frame):
     rng = np.random.default_rng(11)
     points, off = frame.random_point(rng, 20), rng.standard_normal((2, 20, *frame.point_shape))
-    if isinstance(frame, SE3):
+    if isinstance(frame, fr.SE3):
         off[..., 3, :] = 0.0
     points = points + 1e-9 * (off[0] + 1j * off[1] if frame.dtype.kind == "c" else off[0])
     vectors = WEIGHTS * frame.random_vector(rng, (20, 3))
     moved, nearest = (compiled_flows(frame)(vectors, y) for y in (points, frame.project(points)))
     # the rotation of an SE3 moves translations before it is restored
-    rounding = 1e-8 if isinstance(frame, SE3) else 1e-14
+    rounding = 1e-8 if isinstance(frame, fr.SE3) else 1e-14
     np.testing.assert_allclose(moved, nearest, rtol=0, atol=rounding)
     assert frame.membership_error(moved).max() < 1e-15
 
@@ -124,7 +114,7 @@ def test_compiled_differences(frame, size):
         np.testing.assert_allclose(frame.flow(actual, points), moved, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [SO3(), SE3(), UnitQuaternion(), SU(2)], ids=repr)
+@pytest.mark.parametrize("frame", [fr.SO3(), fr.SE3(), fr.UnitQuaternion(), fr.SU(2)], ids=repr)
 def test_coordinates_of_half_turns(frame):
     rng = np.random.default_rng(9)
     axes = np.concatenate([np.eye(3), rng.standard_normal((40, 3))])
@@ -135,3 +125,26 @@ def test_coordinates_of_half_turns(frame):
     actual = frame.exp_coordinates(y0, y1)
     np.testing.assert_allclose(np.linalg.norm(actual[:, :3], axis=-1), np.pi, rtol=1e-14)
     np.testing.assert_allclose(frame.flow(actual, y0), y1, rtol=0, atol=2e-14)
+
+
+def test_which_orbits_are_compiled():
+    orbit = fr.IsospectralOrbit((4.0, 1.0, 2.0))
+    assert orbit.compiled_blocks() == ((BlockKind.ISOSPECTRAL, 3, 0, 1.0, 2.0, 4.0),)
+    assert block_constants(fr.Product(orbit, orbit)).tolist() == [1.0, 2.0, 4.0, 1.0, 2.0, 4.0, 0.0]
+    assert all(is_compiled(frame) for frame in ORBITS)
+    # errors of rotations are angles, those of these matrices are differences of entries
+    assert not is_compiled(fr.Product(orbit, fr.SO3()))
+    assert not is_compiled(fr.Product(fr.Euclidean(1), fr.Product(orbit)))
+    assert not is_compiled(fr.IsospectralOrbit((1.0, 2.0), hermitian=True))
+    assert not is_compiled(type("Child", (fr.IsospectralOrbit,), {})((1.0, 2.0)))
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e-12, 1e12, 1e300])
+def test_units_of_points_of_orbits_make_no_difference(scale):
+    unit, scaled = (fr.IsospectralOrbit(tuple(s * np.array([1.0, 2.0, 4.0]))) for s in (1.0, scale))
+    rng = np.random.default_rng(3)
+    v, y = rng.standard_normal((4, 2, 3)), unit.random_point(rng, 4)
+    moved = compiled_flows(scaled)(v, scale * y)
+    np.testing.assert_allclose(
+        moved, scale * compiled_flows(unit)(v, y), rtol=0, atol=1e-14 * scale
+    )

@@ -44,7 +44,7 @@ def test_exponentials(group, size):
         size = 30.0  # they grow exponentially
     rng = np.random.default_rng(61)
     with ctx.workdps(400):
-        for _ in range(5):
+        for _ in range(5 if group.size < 8 else 2):
             v = of_size(group, rng, size)
             exact = exact_exponential(group, v)
             actual = group.exponential(v)
@@ -77,14 +77,8 @@ def test_logarithms_far_from_the_identity(group, size):
 def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
     """To first order they are the difference of the points in the axes of the coefficients."""
     rng = np.random.default_rng(65)
-    for frame in (
-        *(
-            fr.UnitQuaternion(),
-            fr.UnitQuaternion("space", scalar_first=True),
-            fr.Sphere(2),
-            fr.Sphere(4),
-        ),
-    ):
+    quaternions = fr.UnitQuaternion(), fr.UnitQuaternion("space", scalar_first=True)
+    for frame in (*quaternions, fr.Sphere(2), fr.Sphere(4)):
         y0 = frame.random_point(rng)
         y1 = frame.flow(size * frame.random_vector(rng), y0)
         coordinates = frame.exp_coordinates(y0, y1)

@@ -7,35 +7,16 @@ import pytest
 from frame_examples import FRAMES, name
 from refusals import refuses
 
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    FieldFrame,
-    IsospectralOrbit,
-    LinearAction,
-    MatrixFrame,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 from cg.frames.matrix_group import MatrixGroup
 from cg.problems import AffineField
 
+TWO = fr.Product(fr.SO3(), fr.SO3())
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
 
 
 def test_accepts_unusual_array_types():
-    frame, v = SO3(), [0.5, -0.25, 1.0]
+    frame, v = fr.SO3(), [0.5, -0.25, 1.0]
     y = frame.flow([1.0, 2.0, 3.0], np.eye(3))
     expected = frame.flow(v, y)
     readonly = y.copy()
@@ -52,7 +33,7 @@ def test_accepts_unusual_array_types():
 
 def field_frame(**changes):
     given = {"fields": [lambda y: y], "flow": lambda v, y: np.exp(v[0]) * y, "point_shape": 1}
-    return FieldFrame(**given | changes)
+    return fr.FieldFrame(**given | changes)
 
 
 # e1 e2 = e1, e2 e3 = e2, e3 e1 = e3 breaks the Jacobi identity.
@@ -62,53 +43,53 @@ for i in range(3):
 
 
 @pytest.mark.parametrize(("make", "error", "message"), [
-    (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
-    (lambda: SO(3, "left"), ValueError, "convention must be"),
-    (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
-    (lambda: Sp(3), ValueError, "n must be even, got 3"),
-    (lambda: SU(1), ValueError, "n must be at least 2"),
-    (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
-    (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
-    (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
-    (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
-    (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
-    (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
-    (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
-    (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
-    (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
-    (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
-    (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
-    (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
-    (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
-    (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
-    (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
-    (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
-    (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
-    (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
-    (Product, ValueError, "at least one frame"),
-    (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
+    (lambda: fr.SO(1), ValueError, "n must be at least 2, got 1"),
+    (lambda: fr.SO(3, "left"), ValueError, "convention must be"),
+    (lambda: fr.UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
+    (lambda: fr.Sp(3), ValueError, "n must be even, got 3"),
+    (lambda: fr.SU(1), ValueError, "n must be at least 2"),
+    (lambda: fr.Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
+    (lambda: fr.Semidirect(fr.SO3), TypeError, "group must be a MatrixGroup"),
+    (lambda: fr.Semidirect(fr.SU(2)), ValueError, "group must be real"),
+    (lambda: fr.IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
+    (lambda: fr.IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
+    (lambda: fr.CoadjointOrbit(fr.SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
+    (lambda: fr.CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
+    (lambda: fr.CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
+    (lambda: fr.CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
+    (lambda: fr.MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
+    (lambda: fr.MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
+    (lambda: fr.MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
+    (lambda: fr.FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
+    (lambda: fr.FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
+    (lambda: fr.FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
+    (lambda: fr.FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
+    (lambda: fr.FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
+    (lambda: fr.Euclidean(0), ValueError, "n must be at least 1, got 0"),
+    (fr.Product, ValueError, "at least one frame"),
+    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame"),
     (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
     *(
         (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
         for n in (None, 1.0, np.nan)
     ),
-    (lambda: UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
-    (lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)), ValueError,
+    (lambda: fr.UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
+    (lambda: fr.CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)), ValueError,
      "algebra must be finite"),
-    (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
-    (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
-    (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
-    (lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))), ValueError,
+    (lambda: fr.CoadjointOrbit(fr.SO3(), MASKED), ValueError, "point must be an array of real"),
+    (lambda: TWO.join(np.eye(3)), ValueError, "parts must be 2 points, got"),
+    (lambda: TWO.join(np.eye(3), [1, 2]), ValueError, "must have shape"),
+    (lambda: TWO.join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))), ValueError,
      r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]"),
     *(
-        (lambda m=m: IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
+        (lambda m=m: fr.IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
         for m in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0, 1e9]])
     ),
-    (lambda: IsospectralOrbit.through(np.ones((2, 3))), ValueError, "finite square matrix"),
-    (lambda: LinearAction([]), ValueError, "at least one matrix"),
-    (lambda: LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
-    (lambda: LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
-    (lambda: LinearAction(7), ValueError, "must be a sequence of matrices"),
+    (lambda: fr.IsospectralOrbit.through(np.ones((2, 3))), ValueError, "finite square matrix"),
+    (lambda: fr.LinearAction([]), ValueError, "at least one matrix"),
+    (lambda: fr.LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
+    (lambda: fr.LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
+    (lambda: fr.LinearAction(7), ValueError, "must be a sequence of matrices"),
     (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
 ])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
@@ -133,15 +114,10 @@ def test_random_points_and_vectors(frame, method):
 
 
 @pytest.mark.parametrize(("frame", "dim"), [
-    (SO(10**6), 499999500000),
-    (Sphere(10**6), 500000500000),
-    (Stiefel(10**6, 2), 499999500000),
-    (SU(10**6), 999999999999),
-    (U(10**6), 10**12),
-    (GL(10**6), 10**12),
-    (SL(10**6), 999999999999),
-    (Sp(10**6), 500000500000),
-    (Semidirect(SO(10**6)), 500000500000),
+    (fr.SO(10**6), 499999500000), (fr.Sphere(10**6), 500000500000),
+    (fr.Stiefel(10**6, 2), 499999500000), (fr.SU(10**6), 999999999999), (fr.U(10**6), 10**12),
+    (fr.GL(10**6), 10**12), (fr.SL(10**6), 999999999999), (fr.Sp(10**6), 500000500000),
+    (fr.Semidirect(fr.SO(10**6)), 500000500000),
 ], ids=str)  # fmt: skip
 def test_basis_larger_than_memory_raises(frame, dim):
     assert frame.dim == dim
@@ -151,7 +127,9 @@ def test_basis_larger_than_memory_raises(frame, dim):
         group.basis  # noqa: B018
 
 
-@pytest.mark.parametrize("kind", [SO, U, SU, GL, SL, Sp, lambda n: Semidirect(SO(n), 2)])
+@pytest.mark.parametrize(
+    "kind", [fr.SO, fr.U, fr.SU, fr.GL, fr.SL, fr.Sp, lambda n: fr.Semidirect(fr.SO(n), 2)]
+)
 def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
     """They are those that the matrices of the fields give, and take memory for a few matrices."""
     rng = np.random.default_rng(26)
@@ -178,12 +156,12 @@ def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
 
 
 @pytest.mark.parametrize(("frame", "y", "projects"), [
-    (SO3(), 2.0 * np.eye(3), True),
-    (UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),
-    (SO3(), np.diag([1.0, 1.0, -1.0]), False),  # several rotations are as near
-    (SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
-    (SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
-    (UnitQuaternion(), np.zeros(4), False),
+    (fr.SO3(), 2.0 * np.eye(3), True),
+    (fr.UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),
+    (fr.SO3(), np.diag([1.0, 1.0, -1.0]), False),  # several rotations are as near
+    (fr.SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
+    (fr.SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
+    (fr.UnitQuaternion(), np.zeros(4), False),
 ])  # fmt: skip
 def test_projection_is_advised_where_there_is_one(frame, y, projects):
     with pytest.raises(ValueError, match="y0 must be a point of") as error:
@@ -192,7 +170,9 @@ def test_projection_is_advised_where_there_is_one(frame, y, projects):
 
 
 @pytest.mark.parametrize(
-    "frame", [SE3(), Semidirect(SO3(), 2), Semidirect(SO(4), 1), Semidirect(GL(2), 1)], ids=repr
+    "frame",
+    [fr.SE3(), fr.Semidirect(fr.SO3(), 2), fr.Semidirect(fr.SO(4), 1), fr.Semidirect(fr.GL(2), 1)],
+    ids=repr,
 )
 def test_no_points_have_no_coordinates(frame):
     y = frame.random_point(np.random.default_rng(0), 0)

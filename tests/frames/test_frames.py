@@ -7,15 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
 
-import cg.frames
-from cg.frames import (
-    FieldFrame,
-    HomogeneousSpace,
-    MatrixFrame,
-    MatrixGroup,
-    Product,
-    UnitQuaternion,
-)
+from cg import frames as fr
 from cg.frames.user import UserFrame
 
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
@@ -27,9 +19,9 @@ axioms = settings(max_examples=15, deadline=None)
 
 def acts_freely(frame):
     """Return whether different small coefficients lead to different points."""
-    if isinstance(frame, Product):
+    if isinstance(frame, fr.Product):
         return all(map(acts_freely, frame.factors))
-    return isinstance(frame, MatrixGroup | UnitQuaternion) or frame in FLAT
+    return isinstance(frame, fr.MatrixGroup | fr.UnitQuaternion) or frame in FLAT
 
 
 @every_frame
@@ -100,7 +92,7 @@ def test_exp_coordinates_invert_the_flow(frame, seed, scale):
     moved = frame.flow(v, y)
     coordinates = frame.exp_coordinates(y, moved)
     if coordinates is None:
-        assert isinstance(frame, HomogeneousSpace | UserFrame) or "Coadjoint" in repr(frame)
+        assert isinstance(frame, fr.HomogeneousSpace | UserFrame) or "Coadjoint" in repr(frame)
         return
     rounding = 1e-14 * condition(y, moved)
     np.testing.assert_allclose(frame.flow(coordinates, y), moved, rtol=0, atol=rounding)
@@ -187,8 +179,8 @@ def test_overflow_gives_nonfinite_points(frame):
 
 @every_frame
 def test_frames_compare_by_value(frame):
-    if not isinstance(frame, FieldFrame | MatrixFrame):
-        copy = eval(repr(frame), vars(cg.frames))
+    if not isinstance(frame, fr.FieldFrame | fr.MatrixFrame):
+        copy = eval(repr(frame), vars(fr))
         assert copy == frame
         assert hash(copy) == hash(frame)
     assert sum(other == frame for other in FRAMES) == 1

@@ -81,15 +81,9 @@ def test_differences_of_attitudes(convention, scalar_first):
     refuses(ValueError, "y1 must", frame.attitude_difference, x, np.zeros(3))
 
 
-ROTATION_FRAMES = [
-    *(SO3(convention) for convention in CONVENTIONS),
-    *(SO(3, convention) for convention in CONVENTIONS),
-    *(
-        UnitQuaternion(convention, scalar_first=first)
-        for convention in CONVENTIONS
-        for first in (False, True)
-    ),
-]
+ROTATION_FRAMES = [kind for c in CONVENTIONS for kind in (
+    SO3(c), SO(3, c), UnitQuaternion(c), UnitQuaternion(c, scalar_first=True)
+)]  # fmt: skip
 
 
 def rotations_of_scipy(rng, *batch):

@@ -3,24 +3,12 @@
 import numpy as np
 from frame_examples import FRAMES
 
-from cg.frames import (
-    SE3,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    FieldFrame,
-    MatrixFrame,
-    Product,
-    Semidirect,
-    Sphere,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
-CLOSED = MatrixFrame(
+CLOSED = fr.MatrixFrame(
     [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]
 )
-HEISENBERG_GROUP = FieldFrame(
+HEISENBERG_GROUP = fr.FieldFrame(
     [
         lambda y: np.array([1.0, 0.0, -y[1]]),
         lambda y: np.array([0.0, 1.0, y[0]]),
@@ -42,9 +30,10 @@ def has_bracket(frame):
 
 WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_bracket(frame)]
 CLOSED_FORMS = [
-    SO3(), SO3("space"), UnitQuaternion(), SU(2), SU(2, "body"), SE3(), SE3("space"),
-    Semidirect(SO3(), 2), Sphere(2), CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)), Euclidean(3),
-    Product(SE3(), SO3("space")),
+    fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SU(2), fr.SU(2, "body"), fr.SE3(),
+    fr.SE3("space"), fr.Semidirect(fr.SO3(), 2), fr.Sphere(2),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Euclidean(3),
+    fr.Product(fr.SE3(), fr.SO3("space")),
 ]  # fmt: skip
 
 

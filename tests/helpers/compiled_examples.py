@@ -1,19 +1,11 @@
 """An equation with affine coefficients on every frame that is compiled."""
 
 import ctypes
-from contextlib import ExitStack, contextmanager
-from unittest.mock import patch
 
 import numpy as np
-from compiled_differences import compiled_flows, difference_of
 
-import cg
 from cg import frames as fr
-from cg.integration.plan.callbacks import _HANDLERS
-from cg.integration.plan.plan import Plan
-from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
-from cg.support.shared_numbers import Operation
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 ONE = [1.0, 0.0, 0.0, 0.0]
@@ -54,43 +46,3 @@ ORBITS = [
     fr.IsospectralOrbit(tuple(np.arange(14) / 7)), fr.Grassmann(4, 1), fr.Grassmann(13, 5),
 ]  # fmt: skip
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
-
-
-def _coordinates(callbacks, x, y):
-    """Return compiled coordinates; those in Python differ by rounding, and so do step sizes."""
-    v = difference_of(callbacks.frame)(callbacks._point(x), callbacks._point(y))
-    return np.full(callbacks.frame.dim, np.nan) if v is None else v
-
-
-def _flow(callbacks, v, y):
-    """Return a point after compiled flows, each with a restoring step, as frames in Python do."""
-    frame = callbacks.frame
-    return compiled_flows(frame)(v.reshape(-1, frame.dim), callbacks._point(y))
-
-
-@contextmanager
-def frames_in_python(**functions):
-    """Let compiled code reach all frames through Python, where ``functions`` may be others."""
-    handlers = {Operation.COORDINATES: _coordinates, Operation.FLOW: _flow}
-    with ExitStack() as stack:
-        stack.enter_context(patch("cg.integration.problem.plan_of", Plan))
-        stack.enter_context(patch("cg.integration.plan.plan.is_compiled", lambda frame: False))
-        stack.enter_context(patch.dict(_HANDLERS, handlers))
-        for name, function in functions.items():
-            stack.enter_context(patch(f"cg.integration.plan.callbacks.{name}", function))
-        yield
-
-
-def from_python(f, frame):
-    """Return the compiled function as one in Python."""
-    rhs = compiled_rhs(f).on(frame, None)
-    return lambda t, y: rhs.at_member(0, t, y)
-
-
-def both(f, span, y0, frame, *, method="CG4(3)", **options):
-    """Solve with both functions; step sizes differ by rounding for large steps of high order."""
-    options["method"] = method
-    fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
-    with frames_in_python():
-        slow = cg.solve_ivp(from_python(f, frame), span, y0, frame=frame, **options)
-    return fast, slow

@@ -1,5 +1,4 @@
 // Right-hand sides for tests of the compiled integrator.
-#include <math.h>
 #include <stdatomic.h>
 #include <unistd.h>
 
@@ -21,7 +20,6 @@ int affine(double t, const double *y, double *f, void *user_data)
 int heavy(double t, const double *y, double *f, void *user_data)
 {
     const double *c = user_data, *k = y + 6;
-    (void)t;
     f[0] = k[1] * c[2] - k[2] * c[1];
     f[1] = k[2] * c[0] - k[0] * c[2];
     f[2] = k[0] * c[1] - k[1] * c[0];
@@ -30,14 +28,12 @@ int heavy(double t, const double *y, double *f, void *user_data)
 
 int growth(double t, const double *y, double *f, void *user_data)
 {
-    (void)t, (void)user_data;
     f[0] = y[0];
     return 0;
 }
 
 int square(double t, const double *y, double *f, void *user_data)
 {
-    (void)t, (void)user_data;
     f[0] = y[0] * y[0];
     return 0;
 }
@@ -45,15 +41,12 @@ int square(double t, const double *y, double *f, void *user_data)
 // It stops the integration with code 7 where time or the point has passed one half.
 int stops(double t, const double *y, double *f, void *user_data)
 {
-    (void)user_data;
     f[0] = 0.0;
     return t > 0.5 || y[0] > 0.5 ? 7 : 0;
 }
 
-
 int writes_nothing(double t, const double *y, double *f, void *user_data)
 {
-    (void)t, (void)y, (void)f, (void)user_data;
     return 0;
 }
 
@@ -61,7 +54,6 @@ int writes_nothing(double t, const double *y, double *f, void *user_data)
 int meets(double t, const double *y, double *f, void *user_data)
 {
     struct { atomic_int callers; int patience; } *data = user_data;
-    (void)y;
     f[0] = 1.0;
     if (t != 0.0)
         return 0;
@@ -74,30 +66,13 @@ int meets(double t, const double *y, double *f, void *user_data)
     return 3;
 }
 
-int rests(double t, const double *y, double *f, void *user_data)
-{
-    (void)t, (void)y, (void)user_data;
-    f[0] = 0.0;
-    return 0;
-}
-
 // It says when it has been called many times.
 int announced(double t, const double *y, double *f, void *user_data)
 {
     static atomic_long calls;
     if (atomic_fetch_add(&calls, 1) == 1000 && write(1, "running\n", 8) != 8)
         return 1;
-    return rests(t, y, f, user_data);
-}
-
-// On SO(3), a hundred times as fast after t = 5
-int jump(double t, const double *y, double *f, void *user_data)
-{
-    double rate = 1.0 + 99.0 / (1.0 + exp(-50.0 * (t - 5.0)));
-    (void)user_data;
-    f[0] = rate;
-    f[1] = 0.2 * rate;
-    f[2] = y[1] * rate;
+    f[0] = 0.0;
     return 0;
 }
 
@@ -105,7 +80,6 @@ int jump(double t, const double *y, double *f, void *user_data)
 int rests_all(double t, const double *y, double *f, void *user_data)
 {
     const double *count = user_data;
-    (void)t, (void)y;
     for (int i = 0; i < (int)*count; i++)
         f[i] = 0.0;
     return 0;
@@ -122,19 +96,8 @@ int decays(double t, const double *y, double *f, void *user_data)
 // It breaks its promise not to change the point.
 int overwrites(double t, const double *y, double *f, void *user_data)
 {
-    (void)t, (void)user_data;
     f[0] = -y[0];
     ((double *)y)[0] = 17.0;
-    return 0;
-}
-
-// f_i = rate cos(t + i) + weight y[(5 i + 1) mod n]; the data are rate, weight, dim, n
-int driven(double t, const double *y, double *f, void *user_data)
-{
-    const double *data = user_data;
-    int dim = (int)data[2], n = (int)data[3];
-    for (int i = 0; i < dim; i++)
-        f[i] = data[0] * cos(t + i) + data[1] * y[(5 * i + 1) % n];
     return 0;
 }
 
@@ -144,7 +107,6 @@ int top(double t, const double *y, double *f, void *user_data)
 {
     const double *p = user_data, *m = y + 9;
     double w[3];
-    (void)t;
     for (int i = 0; i < 3; i++)
         f[i] = w[i] = m[i] / p[i];
     f[3] = m[1] * w[2] - m[2] * w[1] + p[3] * y[7];
@@ -165,7 +127,6 @@ int top_jac(double t, const double *y, double *jac, void *user_data)
         {0, p[3] * y[8], -p[3] * y[7], m[2] * (a - c), 0, m[0] * (a - c)},
         {0, 0, 0, m[1] * (b - a), m[0] * (b - a), 0},
     };
-    (void)t;
     for (int i = 0; i < 36; i++)
         jac[i] = rows[i / 6][i % 6];
     return 0;
@@ -183,35 +144,20 @@ int top_df_dp(double t, const double *y, double *df_dp, void *user_data)
         {m[2] * a, 0, -m[0] * c, -y[6]},
         {-m[1] * a, m[0] * b, 0, 0},
     };
-    (void)t;
     for (int i = 0; i < 24; i++)
         df_dp[i] = rows[i / 4][i % 4];
-    return 0;
-}
-
-// A body that a torque and a gust drive, which are inputs; the parameter is the gain of the torque.
-int blown(double t, const double *y, double *f, void *user_data)
-{
-    const double *p = user_data, *torque = p + 1, gust = p[4];
-    (void)t;
-    for (int i = 0; i < 3; i++) {
-        f[i] = y[9 + i];
-        f[3 + i] = p[0] * torque[i] - y[9 + i] + (i == 0 ? gust : 0);
-    }
     return 0;
 }
 
 double gust_level(double t, const double *y, void *user_data)
 {
     const double *p = user_data;
-    (void)t;
     return y[9] - p[4];
 }
 
 // A scalar equation without parameters: the input is the slope.
 int slope_is_input(double t, const double *y, double *f, void *user_data)
 {
-    (void)t, (void)y;
     f[0] = *(double *)user_data;
     return 0;
 }

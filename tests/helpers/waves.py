@@ -1,7 +1,6 @@
-"""Right-hand sides on any frame with their derivatives, which differences estimate too."""
+"""Right-hand sides on any frame with their derivatives."""
 
 import numpy as np
-from quotients import derivative
 
 import cg
 
@@ -35,25 +34,10 @@ class Wave:
     def df_dp(self, t, y, p):
         return np.cos(self.phase(t, y, p))[:, None] * self.d / 3
 
-    def solve(self, y0=None, p=None, span=SPAN, **options):
-        defaults = {"frame": self.frame, "parameters": self.parameters if p is None else p} | TIGHT
-        y0 = self.y0 if y0 is None else y0
-        return cg.solve_ivp(self.f, span, y0, **(defaults | options))
-
-    def derivatives(self, span=SPAN, exact=True, **options):
+    def derivatives(self, **options):
         defaults = {"frame": self.frame, "parameters": self.parameters} | TIGHT
-        if exact:
-            defaults |= {"jac": self.jac, "df_dp": self.df_dp}
-        return cg.solve_variational(self.f, span, self.y0, **(defaults | options))
-
-    def by_fields(self, v, bound, **options):
-        """Return the derivative of the end along a field at the start."""
-        start = lambda s: self.frame.flow(s * v, self.y0)
-        return derivative(lambda s: self.solve(start(s), **options).y[-1], bound)
-
-    def by_parameters(self, v, bound, **options):
-        end = lambda s: self.solve(p=self.parameters + s * v, **options).y[-1]
-        return derivative(end, bound)
+        defaults |= {"jac": self.jac, "df_dp": self.df_dp}
+        return cg.solve_variational(self.f, SPAN, self.y0, **(defaults | options))
 
 
 def flat(y):

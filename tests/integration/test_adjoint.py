@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 import quotients
+from quotients import derivative
 from refusals import refuses
+from waves import TIGHT
 
 import cg
-from cg.frames import (
-    SE3,
-    SO3,
-    Euclidean,
-    LinearAction,
-)
+from cg.frames import SE3, SO3, Euclidean, LinearAction
 from cg.integration.derivatives import adjoint_equation
 
 
@@ -123,8 +120,8 @@ def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials():
         psi.append(move @ psi[-1])
     overlap = np.vdot(target, psi[-1])
     covector, expected = target.conj(), []
-    for (move, derivative), state in zip(moves[::-1], psi[-2::-1], strict=True):
-        expected.append(2 * (overlap.conj() * (covector @ derivative @ state)).real)
+    for (move, change), state in zip(moves[::-1], psi[-2::-1], strict=True):
+        expected.append(2 * (overlap.conj() * (covector @ change @ state)).real)
         covector = covector @ move
     gradient = run.gradient(2 * target * np.vdot(target, run.y[-1]))
     np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=3e-11)
@@ -137,19 +134,16 @@ def never(t, y, *others):
 NO_BRACKETS = cg.frames.MatrixFrame([np.tri(3), np.tri(3).T])
 
 
-@pytest.mark.parametrize(
-    ("call", "change", "message"),
-    [
-        (cg.solve_variational, {"derivatives": "backward"}, "derivatives must .*, got 'backward'"),
-        (cg.solve_variational, {"P0": np.eye(3)}, "P0 must not be given with derivatives='adj"),
-        (cg.solve_variational, {"noise": np.eye(3)}, "noise must not be given with"),
-        (cg.solve_variational, {"control_derivatives": True}, "control_derivatives must not be"),
-        (cg.solve_variational, {"events": lambda t, y: y[0, 0]}, "events must be None with"),
-        (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp must not be given with"),
-        (cg.solve_linear, {"df_dp": never}, "parameters must be given with df_dp"),
-        (cg.solve_linear, {"frame": NO_BRACKETS}, "frame must be a LinearAction or know the brac"),
-    ],
-)
+@pytest.mark.parametrize(("call", "change", "message"), [
+    (cg.solve_variational, {"derivatives": "backward"}, "derivatives must .*, got 'backward'"),
+    (cg.solve_variational, {"P0": np.eye(3)}, "P0 must not be given with derivatives='adj"),
+    (cg.solve_variational, {"noise": np.eye(3)}, "noise must not be given with"),
+    (cg.solve_variational, {"control_derivatives": True}, "control_derivatives must not be"),
+    (cg.solve_variational, {"events": lambda t, y: y[0, 0]}, "events must be None with"),
+    (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp must not be given with"),
+    (cg.solve_linear, {"df_dp": never}, "parameters must be given with df_dp"),
+    (cg.solve_linear, {"frame": NO_BRACKETS}, "frame must be a LinearAction or know the brac"),
+])  # fmt: skip
 def test_what_has_no_adjoint_is_refused(call, change, message):
     options = {"frame": SO3(), "derivatives": "adjoint"} | change
     f = never if call is cg.solve_variational else lambda t: np.ones(3)
@@ -201,5 +195,109 @@ def test_references_with_noise_are_refused(bound):
     if bound > 1e-6:
         assert np.abs(quotients.derivative(rough, bound) - 9 * np.cos(1)).max() < bound
     else:
-        with pytest.raises(AssertionError, match="the reference has an error of"):
-            quotients.derivative(rough, bound)
+        refuses(AssertionError, "the reference has an error of", quotients.derivative, rough, bound)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_gradients_of_random_linear_equations_are_accurate(kind, tolerance):
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 9])
+        g = rng.standard_normal((2, 4, 4)) * rng.uniform(0.3, 3.0)
+        frame = cg.frames.LinearAction(list(1j * (g + g.mT) if seed % 2 else g))
+        curve = cg.Samples(
+            np.linspace(-0.1, 2.1, 12 + (kind == "averages")), rng.standard_normal(12), kind
+        )
+        y0, c = frame.random_point(rng), frame.random_point(rng)
+        exact, actual = (
+            cg.solve_linear(
+                lambda t, u, p: [p[0] * np.cos(t), u], (0, 2), y0, frame=frame, inputs=curve,
+                parameters=[1.3], derivatives="adjoint", rtol=rtol, atol=rtol,
+            ).gradient(c)
+            for rtol in (1e-13, tolerance)
+        )  # fmt: skip
+        for one, other in zip(actual, exact, strict=True):
+            size = max(1.0, np.abs(other).max())
+            np.testing.assert_allclose(one, other, rtol=0, atol=50 * tolerance * size)
+
+
+def test_steps_pass_knots_that_the_tolerance_cannot_see():
+    times = np.linspace(0, 2, 201)
+    for kind, values in (("cubic", times), ("averages", 0.5 * (times[1:] + times[:-1]))):
+        options = {"frame": Euclidean(1), "inputs": cg.Samples(times, np.sin(values), kind)}
+        for rtol, few in ((1e-4, True), (1e-11, False)):
+            options |= {"rtol": rtol, "atol": rtol}
+            run = cg.solve_ivp(lambda t, y, u: [u], (0, 2), [0.0], **options)
+            assert (run.steps < 20) == few
+            assert few or np.isin(times[2:-2], run.t).all()  # splines have no knots beside ends
+
+
+@pytest.mark.parametrize("df_dp", [None, lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
+def test_jacobian_by_pulses_that_vanish(df_dp):
+    """All amplitudes are equal, so that the curve has no corners; the frame is in Python."""
+    frame, times, y0 = cg.frames.Sp(2), np.linspace(0, 1, 11)[:-1], np.eye(2)
+    f = lambda t, y, u: [u[0], 1.0, u[1]]
+    options = {"frame": frame, "inputs": cg.Samples(times, np.zeros((10, 2)))} | TIGHT
+    run = cg.solve_variational(f, (0, 1), y0, derivatives="adjoint", df_dp=df_dp, **options)
+    jacobian = run.jacobian()
+    np.testing.assert_allclose(jacobian.y0, np.diag(np.exp([-2.0, 0.0, 2.0])), rtol=0, atol=2e-13)
+    assert (jacobian.parameters, jacobian.inputs.shape) == (None, (3, 10, 2))
+    for way in np.random.default_rng(1).standard_normal((3, 10, 2)):
+
+        def end(s, way=way):
+            given = options | {"inputs": cg.Samples(times, s * way)}
+            return frame.local_coordinates(run.y[-1], cg.solve_ivp(f, (0, 1), y0, **given).y[-1])
+
+        actual = np.tensordot(jacobian.inputs, way, 2)
+        np.testing.assert_allclose(actual, derivative(end, bound=1e-12), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("columns", [None, 2])
+def test_jacobian_of_complex_entries(columns):
+    rng = np.random.default_rng(6)
+    g = rng.standard_normal((2, 3, 3)) + 1j * rng.standard_normal((2, 3, 3))
+    frame = cg.frames.LinearAction(list(g), columns=columns)
+    times, values, y0 = np.linspace(0, 1, 5), rng.standard_normal(5), frame.random_point(rng)
+
+    def solve(values, p, y0, **others):
+        curves = cg.Samples(times, values, "cubic"), cg.Samples([0.0], [p])
+        return cg.solve_linear(
+            lambda t, u, p: [p[0], sum(u)], (0, 1), y0, frame=frame, inputs=curves, parameters=[p],
+            **TIGHT, **others,
+        )  # fmt: skip
+
+    jacobian = solve(values, 0.4, y0, derivatives="adjoint").jacobian()
+    way, to = rng.standard_normal(5), frame.random_point(rng)
+    for by_p, by_y0 in ((1.0, 0.0), (0.0, 1.0)):
+
+        def end(s, by_p=by_p, by_y0=by_y0):
+            return solve(values + s * way, 0.4 + s * by_p, y0 + s * by_y0 * to).y[-1]
+
+        actual = by_p * (jacobian.parameters[..., 0] + jacobian.inputs[1][..., 0])
+        actual = actual + jacobian.inputs[0] @ way
+        actual = actual + by_y0 * np.tensordot(jacobian.y0, to, to.ndim)
+        np.testing.assert_allclose(actual, derivative(end, bound=3e-9), rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize("size", [-1e-12, -1e-100, 1e-100])
+def test_gradients_by_tiny_and_negative_numbers(size):
+    """Steps of differences are relative to the sizes of parameters and of values of samples."""
+    part = lambda number: np.sin(number / abs(size))
+    f = lambda t, y, u, p: (part(u) + part(p[..., 0]))[..., None] * y
+    held = cg.Samples([0.0, 0.5, 0.75], size * np.array([1.0, 2.0, 0.0]))
+    options = {"frame": Euclidean(1), "inputs": held, "rtol": 1e-9, "atol": 1e-9}
+    phases, lengths = np.sign(size) * np.array([1.0, 2.0, 0.0]), np.array([0.5, 0.25, 0.25])
+    end = np.exp(np.sin(phases) @ lengths + np.sin(phases[0]))
+    by_parameter = end * np.cos(phases[0])
+    given = f, (0, 1), [1.0]
+    for vectorized in (False, True):
+        run = cg.solve_variational_ensemble(
+            *given, parameters=[[size]], vectorized=vectorized, **options
+        )
+        found = run.sensitivity[-1].item() * abs(size)
+        np.testing.assert_allclose(found, by_parameter, rtol=1e-9)
+    run = cg.solve_variational(*given, parameters=[size], derivatives="adjoint", **options)
+    _, by_parameters, by_values = run.gradient([1.0])
+    np.testing.assert_allclose(by_parameters * abs(size), [by_parameter], rtol=2e-9)
+    expected = lengths * end * np.cos(phases)
+    np.testing.assert_allclose(by_values * abs(size), expected, rtol=2e-9)

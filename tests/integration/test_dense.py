@@ -9,31 +9,17 @@ from refusals import refuses
 from scipy.interpolate import CubicHermiteSpline
 
 import cg
+from cg import frames as fr
 from cg.construction.methods.interpolant import extra_evaluations, nodes_of
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    IsospectralOrbit,
-    Product,
-    Sphere,
-    Stiefel,
-    UnitQuaternion,
-)
 from cg.integration.plan.callbacks import _HANDLERS
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 
 FRAMES = [
-    Euclidean(3), SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), SL(2), GL(2),
-    Sphere(2), Sphere(3), Stiefel(3, 1), IsospectralOrbit((1.0, 2.0, 4.0)),
-    CoadjointOrbit(SO3(), (0.6, 0.0, 0.8)), Product(SO3(), Euclidean(2)),
-    Product(UnitQuaternion(), Sphere(2)),
+    fr.Euclidean(3), fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SE3(), fr.SO(4), fr.SU(2),
+    fr.SL(2), fr.GL(2), fr.Sphere(2), fr.Sphere(3), fr.Stiefel(3, 1),
+    fr.IsospectralOrbit((1.0, 2.0, 4.0)), fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, 0.8)),
+    fr.Product(fr.SO3(), fr.Euclidean(2)), fr.Product(fr.UnitQuaternion(), fr.Sphere(2)),
 ]  # fmt: skip
 T0 = 0.3
 
@@ -54,7 +40,7 @@ IMPLICIT = [name for name, m in FROZEN.items() if not m.explicit and m.order < 6
 
 @pytest.mark.parametrize(("frame", "method", "sign"), [
     *((frame, *way) for frame in FRAMES for way in (("CG3", 1), ("CG4a", -1), ("CG5a", 1))),
-    *((SO3(), name, 1) for name in IMPLICIT),
+    *((fr.SO3(), name, 1) for name in IMPLICIT),
 ], ids=str)  # fmt: skip
 def test_local_order_is_that_of_the_steps(frame, method, sign):
     sizes = np.array([0.1, 0.05, 0.025])
@@ -90,7 +76,7 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
         calls.clear()
         fails[0] = call
         return cg.solve_ivp(
-            lambda t, y: [0.1 * y[0, 0], 0.2, np.cos(t), 0.0], (0, 1), np.eye(2), frame=GL(2),
+            lambda t, y: [0.1 * y[0, 0], 0.2, np.cos(t), 0.0], (0, 1), np.eye(2), frame=fr.GL(2),
             method=method, first_step=0.3, dense_output=True,
         )  # fmt: skip
 
@@ -106,8 +92,8 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
 
 
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
-    f, _ = generic(Euclidean(3))
-    step, _ = one_step(Euclidean(3), 0.5, "CG3")
+    f, _ = generic(fr.Euclidean(3))
+    step, _ = one_step(fr.Euclidean(3), 0.5, "CG3")
     ends = [(T0, step.y[0]), (T0 + 0.5, step.y[-1])]
     cubic = CubicHermiteSpline(*zip(*ends, strict=True), [f(t, y) for t, y in ends])
     t = np.linspace(T0, T0 + 0.5, 20)
@@ -134,10 +120,10 @@ def test_the_last_flow_removes_the_leading_error(count):
 
 @pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])
 def test_evaluations_of_dense_output(method):
-    f, y0 = generic(SO3())
+    f, y0 = generic(fr.SO3())
     extra = extra_evaluations(cg.methods[method])
     assert extra <= cg.methods[method].stages
-    options = {"frame": SO3(), "method": method, "h": 0.25}
+    options = {"frame": fr.SO3(), "method": method, "h": 0.25}
     without = cg.solve_ivp(f, (0, 1), y0, **options)
     dense = cg.solve_ivp(f, (0, 1), y0, dense_output=True, **options)
     np.testing.assert_array_equal(without.y, dense.y)
@@ -147,8 +133,8 @@ def test_evaluations_of_dense_output(method):
 
 
 def test_times_may_have_any_shape_and_order():
-    f, y0 = generic(SO3())
-    sol = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), dense_output=True).sol
+    f, y0 = generic(fr.SO3())
+    sol = cg.solve_ivp(f, (0, 1), y0, frame=fr.SO3(), dense_output=True).sol
     t = np.random.default_rng(0).random((4, 5))
     points = sol(t)
     assert points.shape == (4, 5, 3, 3)
@@ -161,6 +147,6 @@ def test_times_may_have_any_shape_and_order():
 
 @pytest.mark.parametrize("t", [-0.1, 1.1, [0.5, np.nan]])
 def test_times_beyond_the_ends_are_refused(t):
-    f, y0 = generic(SO3())
-    sol = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), dense_output=True).sol
+    f, y0 = generic(fr.SO3())
+    sol = cg.solve_ivp(f, (0, 1), y0, frame=fr.SO3(), dense_output=True).sol
     refuses(ValueError, "t must", sol, t)

@@ -4,8 +4,6 @@ import ctypes
 import math
 import pickle
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -32,49 +30,6 @@ def path(library):
 
 def field(t, y):
     return np.stack([y[..., 0, 0], np.cos(t) * y[..., 1, 1], 0.5 + 0 * y[..., 0, 0]], axis=-1)
-
-
-def all_fields(t, y):
-    return np.stack([y[:, 0, 0], np.cos(t) * y[:, 1, 1], 0.5 + 0 * t], axis=-1)
-
-
-def turned(t, y):
-    return y[0, 0]
-
-
-turned.terminal = True
-
-
-def processes():
-    return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
-
-
-def test_processes_receive_all_arguments(path):
-    f = cg.CompiledFunction(path, "limited")
-    options = {"frame": FRAME, "t_eval": TIMES, "rtol": 1e-6}
-    with processes() as pool:
-        apart = cg.solve_ensemble(f, (0, 1), POINTS, **options, parameters=RATES, executor=pool)
-        python = cg.solve_ensemble(field, (0, 1), POINTS, **options, events=turned, executor=pool)
-    whole = cg.solve_ensemble(f, (0, 1), POINTS, **options, parameters=RATES)
-    np.testing.assert_array_equal(apart.y, whole.y)
-    for member in range(10):
-        alone = cg.solve_ivp(field, (0, 1), POINTS[member], **options, events=turned)
-        np.testing.assert_array_equal(python[member].y, alone.y)
-        np.testing.assert_array_equal(python.t_events[0][member], alone.t_events[0])
-        np.testing.assert_array_equal(python.y_events[0][member], alone.y_events[0])
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("step", [{"rtol": 1e-6}, {"h": 0.25}])
-def test_python_members_are_those_of_the_whole(step, vectorized):
-    options = {"frame": FRAME, "vectorized": vectorized, **step}
-    f = all_fields if vectorized else field
-    whole = cg.solve_ensemble(f, (0, -1), POINTS, **options)
-    apart = cg.solve_ensemble(f, (0, -1), POINTS, **options, workers=2)
-    assert apart.t.tolist() == [0, -1]
-    np.testing.assert_allclose(apart.y, whole.y, rtol=0, atol=1e-14 if vectorized else 0.0)
-    np.testing.assert_array_equal(apart.nfev, whole.nfev)
-    assert apart.success
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")

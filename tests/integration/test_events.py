@@ -1,7 +1,10 @@
-"""Events: location, direction, terminal counts."""
+"""Events: location, direction, terminal counts; functions of many members at a time."""
 
 import ctypes
+import ctypes.util
 import math
+import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,17 +25,6 @@ def marked(function=height, **attributes):
     for name, value in attributes.items():
         setattr(event, name, value)
     return event
-
-
-@pytest.mark.parametrize(
-    ("direction", "multiples"), [(0, [1, 2, 3]), (1, [2]), (-1, [1, 3]), (0.5, [2])]
-)
-def test_zeros_are_found_in_their_direction(direction, multiples):
-    solution = solve(marked(direction=direction))
-    assert solution.status == 0
-    np.testing.assert_allclose(solution.t_events[0], np.pi * np.array(multiples), rtol=0, atol=1e-7)
-    for t, y in zip(solution.t_events[0], solution.y_events[0], strict=True):
-        np.testing.assert_allclose(y, [np.cos(t), 0.0], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize(("terminal", "stop"), [
@@ -216,6 +208,8 @@ def test_a_step_that_turns_too_far_for_its_events():
         with pytest.warns(UserWarning, match="too long for its events"):
             run = cg.solve_ensemble(f, (0, 2e10), np.eye(3)[None], common_steps=common, **options)
         assert not run.success
+    step = cg.Stepper(f, 0.0, np.eye(3), 2e10, **options).step
+    refuses(cg.StepTooLongError, "eight million turns", step)
 
 
 def test_common_steps_that_turn_too_far_for_events_are_tried_again():
@@ -247,11 +241,11 @@ def compiled_azimuth(t, y, data):
 class TestPeriod:
     """Events on angles that wrap, of a rotation by the angle t."""
 
-    def turn(self, span, solve=cg.solve_ivp, angle=azimuth, method="auto", h=None, **event):
+    def turn(self, span, angle=azimuth, method="auto", h=None, **event):
         event = cg.Event(angle, period=2 * np.pi, **event)
         y0 = SO3().flow([0.0, 0.0, span[0]], np.eye(3))
         options = {"frame": SO3(), "events": event, "method": method, "h": h}
-        return solve(lambda t, y, *args: [0.0, 0.0, 1.0 + sum(args)], span, y0, **options)
+        return cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], span, y0, **options)
 
     @pytest.mark.parametrize(
         "steps", [{}, {"method": "CF4", "h": 1.9}, {"method": "CG3", "h": 45.0}]
@@ -276,12 +270,6 @@ class TestPeriod:
             )  # fmt: skip
             assert len(run.t_events[0]) == count - (middle == 0)
 
-    @pytest.mark.parametrize("angle", [lambda t, y: azimuth(t, y) % (2 * np.pi), compiled_azimuth])
-    def test_derivatives_of_times(self, angle):
-        run = self.turn((0, 9), cg.solve_variational, angle)
-        np.testing.assert_allclose(run.t_events[0], 2 + 2 * np.pi * np.arange(2), rtol=4e-14)
-        np.testing.assert_allclose(run.dt_events[0], [[0, 0, -1]] * 2, rtol=0, atol=2e-14)
-
 
 def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
     """Twenty planes that rotate by the angle t; the norms of all sum to twenty times more."""
@@ -299,3 +287,109 @@ def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
     )  # fmt: skip
     np.testing.assert_allclose(run.t_events[0], (np.arange(32) + 0.5) * np.pi, rtol=1e-6)
     assert len(calls) < 1500
+
+
+MEMBERS = 40
+RATES = np.random.default_rng(2).uniform(0.5, 3.0, (MEMBERS, 2))
+UPS = np.random.default_rng(3).uniform([0.5, -2.0], [3.0, 2.0], (MEMBERS, 2))
+PUSH = cg.Samples([0.0, 1.0, 2.0, 3.0], [0.0, 2.0, -1.0, 0.5])
+
+
+def turning(t, y, rate):
+    t = np.asarray(t)
+    return np.stack([np.sin(t), 0.3 + y[..., 0, 1], t * 0 + rate[..., 0]], axis=-1)
+
+
+def falling(t, y, u, rate):
+    return np.stack([y[..., 1], u - 9.81 * rate[..., 0]], axis=-1)
+
+
+def angle(t, y, rate):
+    return np.arctan2(y[..., 1, 0], y[..., 0, 0]) - rate[..., 1]
+
+
+def lower(t, y, u, rate):
+    return y[..., 0] + 0.01 * u
+
+
+def faster(t, y, u, rate):
+    return y[..., 1] + rate[..., 1]
+
+
+def bounce(t, y, u, rate):
+    return [0.01 - 0.01 * u, -0.7 * y[1]]
+
+
+EVENTS = [cg.Event(lower, direction=-1, jump=bounce, terminal=3), cg.Event(faster)]
+
+
+def test_each_point_is_evaluated_once_and_points_of_many_members_together():
+    sizes, points = [], []
+
+    def many(t, y, rate):
+        assert {t.flags.writeable, y.flags.writeable} == {False}
+        assert t.shape == y.shape[:1] == rate.shape[:1]
+        sizes.append(len(t))
+        return angle(t, y, rate)
+
+    def one(t, y, rate):
+        points.append(t)
+        return angle(t, y, rate)
+
+    problem = turning, (0, 3), np.eye(3)
+    first, second = (
+        cg.solve_ensemble(*problem, frame=SO3(), parameters=RATES, events=event).t_events[0]
+        for event in (cg.Event(many, vectorized=True), one)
+    )
+    np.testing.assert_array_equal(np.concatenate(first), np.concatenate(second))
+    assert sum(sizes) == len(points)
+    assert len(sizes) < len(points) / 5
+    sizes.clear()
+    event = cg.Event(many, vectorized=True)
+    cg.solve_ivp(*problem, frame=SO3(), parameters=RATES[0], events=event)
+    assert set(sizes) == {1}
+
+
+class TestErrors:
+    def solve(self, function, solver=cg.solve_ensemble, **options):
+        event = cg.Event(function, vectorized=True)
+        y0 = UPS if solver is cg.solve_ensemble else UPS[0]
+        events = [cg.Event(lambda t, y: y[..., 1], vectorized=True), event]
+        return solver(lambda t, y: [y[1], -9.81], (0, 1), y0, frame=Euclidean(2), events=events)
+
+    def test_shape(self):
+        text = r"events\[1\] must return an array of shape \(40,\), a row for each member"
+        refuses(ValueError, text, self.solve, lambda t, y: y)
+        refuses(ValueError, text + ".*got None", self.solve, lambda t, y: None)
+        text = r"events\[1\] must return an array of shape \(1,\)"
+        refuses(ValueError, text, self.solve, lambda t, y: 1.0, cg.solve_ivp)
+        refuses(ValueError, text, self.solve, lambda t, y: y[:, :1], cg.solve_ivp)
+
+    @pytest.mark.parametrize("solver", [cg.solve_ivp, cg.solve_ensemble])
+    def test_numbers_that_are_not_finite(self, solver):
+        text = r"events\[1\] must return finite numbers, got nan at t = 1"
+        with pytest.warns(RuntimeWarning), pytest.raises(ValueError, match=text) as caught:
+            self.solve(lambda t, y: np.log(y[:, 0]), solver)
+        assert "events[1](t, y, ...)" in caught.value.__notes__[0]
+
+    def test_exceptions(self):
+        with pytest.raises(KeyError) as caught:
+            self.solve(lambda t, y: {}["lost"])
+        assert caught.value.__notes__ == ["in events[1](t, y, ...) at t = 0"]
+
+    def test_flag(self):
+        refuses(TypeError, "vectorized must be True or False", cg.Event, lower, vectorized=1)
+        compiled = cg.CompiledFunction(ctypes.util.find_library("m"), "cos")
+        refuses(ValueError, "vectorized must be False", cg.Event, compiled, vectorized=True)
+
+
+def test_a_stepper_takes_them_beside_others_and_is_pickled():
+    options = {"frame": Euclidean(2), "parameters": RATES, "inputs": PUSH}
+    whole = cg.solve_ensemble(falling, (0, 3), UPS, events=EVENTS, **options)
+    events = [replace(EVENTS[0], vectorized=True), EVENTS[1]]
+    stepper = cg.Stepper(falling, 0.0, UPS, 3.0, events=events, **options)
+    stepper = pickle.loads(pickle.dumps(stepper))
+    stepper.advance(3.0)
+    np.testing.assert_array_equal(stepper.stopped, whole.status == 1)
+    for own, others in zip(stepper.y_after, whole.y_after, strict=True):
+        np.testing.assert_array_equal(np.concatenate(own), np.concatenate(others))

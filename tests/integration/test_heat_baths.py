@@ -8,23 +8,10 @@ from mechanics import INERTIA, MATRIX, system
 from refusals import refuses
 
 import cg
-from cg.frames import (
-    SO3,
-    Euclidean,
-    Joint,
-    PhaseSpace,
-    Power,
-    Product,
-    Sphere,
-    UnitQuaternion,
-)  # fmt: skip
+from cg import frames as fr
 
 BATH = cg.Langevin(friction=1.0, temperature=0.7, seed=11)
 STEPS = {"method": "Leapfrog", "h": 0.25}
-
-
-def none(t, y):
-    return np.zeros((*y.shape[:-1], 3))
 
 
 def unforced(t, y):
@@ -50,7 +37,7 @@ def variates(seed, member, tick, count):
 
 @pytest.mark.parametrize("inertia", [None, INERTIA, MATRIX])
 def test_noise_is_that_of_the_generator(inertia):
-    frame = PhaseSpace(Product(Euclidean(3), Euclidean(3)), (2.0, inertia))
+    frame = fr.PhaseSpace(fr.Product(fr.Euclidean(3), fr.Euclidean(3)), (2.0, inertia))
     y0 = np.zeros((3, 12))
     solution = cg.solve_ensemble(
         lambda t, y: np.zeros(6), (1.0, 1.75), y0, frame=frame, thermostat=BATH, **STEPS,
@@ -69,7 +56,7 @@ def test_noise_is_that_of_the_generator(inertia):
 
 
 def test_streams_depend_on_nothing_else():
-    top = system(SO3(), INERTIA)
+    top = system(fr.SO3(), INERTIA)
     y0 = np.stack([top.y0] * 5)
     options = {"frame": top.frame, "thermostat": BATH, **STEPS}
     solution = cg.solve_ensemble(top.f, (0, 4), y0, **options)
@@ -99,7 +86,7 @@ def test_streams_depend_on_nothing_else():
 
 @pytest.mark.parametrize("name", ["Leapfrog", "McLachlan2", "BlanesMoan4"])
 def test_without_friction_nothing_changes(name):
-    top = system(Product(SO3(), Sphere(2), UnitQuaternion()), (INERTIA, 2.0, MATRIX))
+    top = system(fr.Product(fr.SO3(), fr.Sphere(2), fr.UnitQuaternion()), (INERTIA, 2.0, MATRIX))
     plain = top.run(name, h=0.1)
     bath = top.run(name, h=0.1, thermostat=cg.Langevin(0.0, 3.0, seed=1))
     assert np.allclose(bath.y, plain.y, rtol=0.0, atol=1e-13)
@@ -112,7 +99,7 @@ def test_without_friction_nothing_changes(name):
 
 
 def test_steps_end_at_output_times():
-    frame = PhaseSpace(Euclidean(1))
+    frame = fr.PhaseSpace(fr.Euclidean(1))
     options = {"frame": frame, "thermostat": BATH, **STEPS}
     solution = cg.solve_ivp(spring, (0, 1), np.ones(2), t_eval=[0.0, 0.3, 1.0], **options)
     one = cg.solve_ivp(spring, (0, 0.3), np.ones(2), **options).y[-1]
@@ -122,8 +109,8 @@ def test_steps_end_at_output_times():
 @pytest.mark.parametrize(("method", "rod"), [("Leapfrog", False), ("RATTLE4", True)])
 def test_equilibrium_above_a_floor(method, rod):
     """Heights are exponential, on a rod up to its length; crossings have <p²> = 2 T m."""
-    joints = [Joint("distance", (None, [0.0, 0, 0]), (0, [0.0, 0, 0]), length=1.0)] * rod
-    frame = PhaseSpace(Euclidean(3), 0.5, joints=joints)
+    joints = [fr.Joint("distance", (None, [0.0, 0, 0]), (0, [0.0, 0, 0]), length=1.0)] * rod
+    frame = fr.PhaseSpace(fr.Euclidean(3), 0.5, joints=joints)
 
     def bounce(t, y):
         return np.concatenate([y[:5], [-y[5]]])
@@ -150,7 +137,7 @@ def test_equilibrium_above_a_floor(method, rod):
 @pytest.mark.parametrize("h", [1.0, 0.5])
 def test_equilibrium_of_an_oscillator(h):
     """Of the leapfrog method <q²> = T / k is exact, and <p²> = T m (1 - h² k / 4m)."""
-    frame = PhaseSpace(Euclidean(1))
+    frame = fr.PhaseSpace(fr.Euclidean(1))
     solution = cg.solve_ensemble(
         spring, (0, 100), np.zeros((4000, 2)), frame=frame, method="Leapfrog", h=h,
         vectorized=True, thermostat=BATH, t_eval=np.arange(20.0, 101.0, 4.0),
@@ -163,13 +150,13 @@ def test_equilibrium_of_an_oscillator(h):
 
 
 def test_equilibrium_of_a_dipole_in_a_field():
-    frame, field = PhaseSpace(SO3(), INERTIA), 1.2
+    frame, field = fr.PhaseSpace(fr.SO3(), INERTIA), 1.2
 
     def torque(t, y):
         return field * np.cross([0.0, 0.0, 1.0], frame.split(y)[0][..., 2, :])
 
     rng = np.random.default_rng(3)
-    q = SO3().random_point(rng, 1000)
+    q = fr.SO3().random_point(rng, 1000)
     y0 = frame.join(q, frame.random_momentum(q, 0.7, rng))
     solution = cg.solve_ensemble(
         torque, (0, 40), y0, frame=frame, vectorized=True, thermostat=BATH,
@@ -187,9 +174,9 @@ def test_equilibrium_of_a_dipole_in_a_field():
 
 def test_equilibrium_of_a_spherical_pendulum():
     """Heights are those of Langevin's function, and kinetic energies those of two freedoms."""
-    joint = Joint("distance", (None, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, 0.0]), length=1.0)
-    frame, weight = PhaseSpace(Euclidean(3), 1.3, joints=[joint]), 1.2
-    q = Sphere(2).random_point(np.random.default_rng(5), 600)
+    joint = fr.Joint("distance", (None, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, 0.0]), length=1.0)
+    frame, weight = fr.PhaseSpace(fr.Euclidean(3), 1.3, joints=[joint]), 1.2
+    q = fr.Sphere(2).random_point(np.random.default_rng(5), 600)
     y0 = frame.join(q, frame.random_momentum(q, 0.7, np.random.default_rng(6)))
     solution = cg.solve_ensemble(
         lambda t, y: np.broadcast_to([0.0, 0.0, -weight], (len(y), 3)), (0, 30), y0, frame=frame,
@@ -205,11 +192,11 @@ def test_equilibrium_of_a_spherical_pendulum():
 
 def test_noise_opens_no_joints_and_has_the_same_streams():
     joints = [
-        Joint("ball", (None, [0, 0, 0]), (0, [0, 0, -0.5])),
-        Joint("hinge", (0, [0, 0, 0.5], [1, 0, 0]), (1, [0, 0, -0.5], [1, 0, 0])),
+        fr.Joint("ball", (None, [0, 0, 0]), (0, [0, 0, -0.5])),
+        fr.Joint("hinge", (0, [0, 0, 0.5], [1, 0, 0]), (1, [0, 0, -0.5], [1, 0, 0])),
     ]
-    body = Product(SO3(), Euclidean(3))
-    frame = PhaseSpace(Power(body, 2), (INERTIA, 1.0), joints=joints)
+    body = fr.Product(fr.SO3(), fr.Euclidean(3))
+    frame = fr.PhaseSpace(fr.Power(body, 2), (INERTIA, 1.0), joints=joints)
     q = np.array([[*np.eye(3).ravel(), 0, 0, 0.5], [*np.eye(3).ravel(), 0, 0, 1.5]])
     y0 = np.tile(frame.join(q, np.zeros(12)), (200, 1))
     options = {"frame": frame, "method": "RATTLE4", "h": 0.1, "thermostat": BATH}
@@ -228,7 +215,9 @@ def test_noise_opens_no_joints_and_has_the_same_streams():
 
 
 def test_random_momenta_are_those_of_the_temperature():
-    frame = PhaseSpace(Product(SO3(), Sphere(2), Euclidean(3)), (MATRIX, 2.0, INERTIA))
+    frame = fr.PhaseSpace(
+        fr.Product(fr.SO3(), fr.Sphere(2), fr.Euclidean(3)), (MATRIX, 2.0, INERTIA)
+    )
     rng = np.random.default_rng(4)
     q = np.repeat(frame.configuration.random_point(rng)[None], 40000, axis=0)
     momentum = frame.random_momentum(q, 0.7, rng)
@@ -249,7 +238,7 @@ def test_random_momenta_are_those_of_the_temperature():
     ({"derivatives": "forward"}, "thermostat must be None with derivatives"),
 ])  # fmt: skip
 def test_what_heat_baths_refuse(changes, message):
-    top = system(SO3(), INERTIA)
+    top = system(fr.SO3(), INERTIA)
     options = {"t_span": (0, 1), "frame": top.frame, "thermostat": BATH, **STEPS, **changes}
     span = options.pop("t_span")
     error = TypeError if "must be a cg.Langevin" in message else ValueError

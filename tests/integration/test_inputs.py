@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from driven_bodies import LINE, TIGHT, driven
 from refusals import refuses
+from waves import TIGHT
 
 import cg
 
+LINE = cg.frames.Euclidean(1)
 RNG = np.random.default_rng(3)
 
 
@@ -83,7 +84,7 @@ def test_compiled_functions_with_data_of_their_own_are_refused(function, library
         cg.solve_ivp(lambda t, y, u: [u], (0, 1), [0.0], frame=LINE, inputs=HELD, events=level)
     with pytest.raises(ValueError, match="3 members, got 2"):
         cg.solve_ensemble(
-            driven, (0, 1), np.ones((3, 1)), frame=LINE,
+            lambda t, y, u: [u], (0, 1), np.ones((3, 1)), frame=LINE,
             inputs=cg.Samples([0.0], [[1.0], [2.0]], members=True),
         )  # fmt: skip
     stepper = cg.Stepper(lambda t, y, u: [u], 0.0, [0.0], frame=LINE, inputs=HELD)

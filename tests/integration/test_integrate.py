@@ -83,14 +83,6 @@ def test_counts(name):
     np.testing.assert_allclose(calls, abscissae, rtol=0, atol=1e-15)
 
 
-def test_last_step_is_shortened():
-    whole = solve(t_span=(0.0, 1.0), h=0.3)
-    np.testing.assert_allclose(whole.t, [0.0, 0.3, 0.6, 0.9, 1.0], rtol=4e-15)
-    rest = solve(t_span=(0.9, 1.0), y0=whole.y[3], h=0.1)
-    np.testing.assert_allclose(whole.y[-1], rest.y[-1], rtol=0, atol=1e-15)
-    assert whole.t[-1] == 1.0
-
-
 @given(
     start=st.floats(-1e3, 1e3), steps=st.integers(1, 400), h=st.floats(1e-4, 10.0),
     backward=st.booleans(),

@@ -18,19 +18,6 @@ class TestLinearAction:
     RNG = np.random.default_rng(5)
     DENSE = RNG.standard_normal((3, 6, 6)) * (RNG.uniform(size=(3, 6, 6)) < 0.4)
 
-    def test_flow_and_field_are_those_of_the_dense_matrices(self):
-        frame = LinearAction([sparse.csr_array(g) for g in self.DENSE])
-        v, y = self.RNG.standard_normal((4, 3)), self.RNG.standard_normal((4, 6))
-        for scale in (0.1, 1.0, 20.0):
-            for k in range(4):
-                matrix = np.tensordot(scale * v[k], self.DENSE, 1)
-                exact = expm(matrix) @ y[k]
-                actual = frame.flow(scale * v, y)[k]
-                np.testing.assert_allclose(actual, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
-                np.testing.assert_allclose(
-                    frame.field(scale * v[k], y[k]), matrix @ y[k], rtol=2e-14, atol=2e-14
-                )
-
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])
     @pytest.mark.parametrize("scale", [1e-9, 0.1, 3.0, 40.0])
@@ -38,9 +25,12 @@ class TestLinearAction:
         generators = factor * self.DENSE
         if skew:
             generators = generators - generators.conj().mT
-        frame = LinearAction(list(generators))
+        frame = LinearAction([sparse.csr_array(g) for g in generators])
+        assert frame == LinearAction(list(generators))
         v, y = scale * self.RNG.standard_normal(3), self.RNG.standard_normal(6)
-        exact = expm(np.tensordot(v, generators, 1)) @ y
+        matrix = np.tensordot(v, generators, 1)
+        exact, rounding = expm(matrix) @ y, 1e-14 * max(scale, 1)
+        np.testing.assert_allclose(frame.field(v, y), matrix @ y, rtol=0, atol=rounding)
         np.testing.assert_allclose(
             frame.flow(v, y), exact, rtol=0, atol=1e-13 * max(scale, 1) * np.abs(exact).max()
         )
@@ -249,3 +239,60 @@ def test_weights_of_a_pair_have_no_effect_and_no_warning():
     frame = LinearAction([-1j * np.array([[0, 1], [1, 0]])])
     run = cg.solve_linear(lambda t: [np.cos(t)], (0, 1), [1.0, 0j], frame=frame, method=method)
     np.testing.assert_allclose(run.y[-1, 0], np.cos(np.sin(1.0)), rtol=0, atol=1e-3)
+
+
+Y0 = np.array([0.6, 0.8, 0.0], complex)
+TURNS = 2e4
+
+
+def frame(damping, **kinds):
+    diagonal = np.array([1.0, 0.0, 1.0])
+    return LinearAction([np.diag(-(1j + damping) * diagonal)], **kinds)
+
+
+def population_error(y, damping=0.0, turns=TURNS):
+    decay = np.array([np.exp(-2 * damping * turns), 1.0, np.exp(-2 * damping * turns)])
+    return np.abs(np.abs(y) ** 2 - decay * np.abs(Y0) ** 2).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("damping", [0.0, 1e-5])
+@pytest.mark.parametrize("method", ["auto", *MAGNUS])
+def test_every_method_and_tolerance(method, damping, tolerance):
+    run = cg.solve_linear(
+        lambda t: [TURNS], (0, 1), Y0, frame=frame(damping), method=method,
+        rtol=tolerance, atol=tolerance,
+    )  # fmt: skip
+    assert run.steps < 50
+    assert population_error(run.y[-1], damping) < tolerance
+
+
+@pytest.mark.parametrize("turns", [3e5, 3e6])
+def test_errors_do_not_grow_with_the_time(turns):
+    before = _core_r64.linear_products()
+    run = cg.solve_linear(lambda t: [1.0], (turns, 0), Y0, frame=frame(0.0))
+    assert _core_r64.linear_products() - before < 6 * turns
+    assert population_error(run.y[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_gradients(tolerance):
+    run = cg.solve_linear(
+        lambda t: [1.0], (0, 5e3), Y0, frame=frame(0.0), rtol=tolerance,
+        atol=tolerance, derivatives="adjoint",
+    )  # fmt: skip
+    gradient = run.gradient(2 * run.y[-1] * [1, 0, 0])
+    np.testing.assert_allclose(gradient.y0, [1.2, 0, 0], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("end", [1000.0, -1000.0])
+def test_all_events_of_long_steps_are_found(end):
+    frame = LinearAction([np.array([[0.0, -1.0], [1.0, 0.0]])])
+    options = {"frame": frame, "events": lambda t, y: y[0], "rtol": 1e-8, "atol": 1e-8}
+    for solution in (
+        cg.solve_linear(lambda t: [1.0], (0, end), [1.0, 0.0], **options),
+        cg.solve_ivp(lambda t, y: [1.0], (0, end), [1.0, 0.0], **options),
+    ):
+        assert solution.steps < 20
+        times = np.sign(end) * np.pi * (np.arange(318) + 0.5)
+        np.testing.assert_allclose(solution.t_events[0], times, rtol=0, atol=1e-8)

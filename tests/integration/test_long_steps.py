@@ -1,4 +1,4 @@
-"""The warning for equal steps that are far too long, which methods of Munthe-Kaas refuse."""
+"""Warnings about steps: equal ones that are far too long, and kinks without breakpoints."""
 
 import warnings
 
@@ -65,3 +65,19 @@ def test_adaptive_steps_turn_far_while_coefficients_change_by_less_than_the_tole
             method=method, rtol=1e-12, atol=1e-6, first_step=1.0,
         )  # fmt: skip
         assert run.steps == steps
+
+
+def test_kinks_without_breakpoints():
+    """The data are interpolated linearly."""
+    times = np.linspace(0.0, 1.0, 301)
+    rates = np.random.default_rng(1).standard_normal((3, len(times)))
+
+    f = lambda t, y: [np.interp(t, times, row) for row in rates]
+    options = {"frame": SO3(), "method": "RKMK8(5,3)", "rtol": 1e-11, "atol": 1e-11}
+    with pytest.warns(UserWarning, match="name them as breakpoints") as caught:
+        poor = cg.solve_ivp(f, (0, 1), np.eye(3), **options)
+    assert caught[0].filename == __file__
+    good = cg.solve_ivp(f, (0, 1), np.eye(3), breakpoints=times, **options)
+    assert good.nrejected == 0
+    assert good.nfev < 0.5 * poor.nfev
+    assert np.isin(times, good.t).all()

@@ -69,26 +69,18 @@ def stepper(span, curve, **rest):
     return stepper.y
 
 
+def single(solve, f=turn, **fixed):
+    return lambda span, curve, **rest: solve(f, span, START, inputs=curve, **fixed, **rest).y[-1]
+
+
 WAYS = {
-    "ivp": lambda span, curve, **rest: cg.solve_ivp(turn, span, START, inputs=curve, **rest).y[-1],
-    "implicit": lambda span, curve, **rest: cg.solve_ivp(
-        turn, span, START, inputs=curve, method="RadauIIA5", **rest
-    ).y[-1],
-    "linear": lambda span, curve, **rest: cg.solve_linear(
-        turn_by_time, span, START, inputs=curve, **rest
-    ).y[-1],
-    "variational": lambda span, curve, **rest: cg.solve_variational(
-        turn, span, START, inputs=curve, **rest
-    ).y[-1],
-    "adjoint": lambda span, curve, **rest: cg.solve_variational(
-        turn, span, START, inputs=curve, derivatives="adjoint", **rest
-    ).y[-1],
-    "ensemble": ensemble(),
-    "common": ensemble(common_steps=True),
-    "vectorized": ensemble(vectorized=True),
-    "members": ensemble_of_inputs,
-    "stepper": stepper,
-}
+    "ivp": single(cg.solve_ivp), "implicit": single(cg.solve_ivp, method="RadauIIA5"),
+    "linear": single(cg.solve_linear, turn_by_time),
+    "variational": single(cg.solve_variational),
+    "adjoint": single(cg.solve_variational, derivatives="adjoint"), "ensemble": ensemble(),
+    "common": ensemble(common_steps=True), "vectorized": ensemble(vectorized=True),
+    "members": ensemble_of_inputs, "stepper": stepper,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -96,9 +88,7 @@ WAYS = {
 def test_no_caller_passes_over_a_pulse(way, kind):
     for span in ((0.0, 20000.0), (20000.0, 0.0)):
         for tolerance in (1e-3, 1e-6):
-            end = WAYS[way](
-                span, samples(kind), frame=FRAME, rtol=tolerance, atol=tolerance
-            )  # fmt: skip
+            end = WAYS[way](span, samples(kind), frame=FRAME, rtol=tolerance, atol=tolerance)
             assert abs(angle(end) - np.sign(span[1] - span[0])) < tolerance
 
 

@@ -23,14 +23,9 @@ def run(f, y0=Y0, **options):
 
 
 @pytest.mark.parametrize("convert", [
-    list,
-    tuple,
-    np.ndarray.tolist,
-    lambda v: tuple(v.tolist()),
-    lambda v: [*v[:3], *v[3:].tolist()],
-    lambda v: v[::-1][::-1],
-    lambda v: np.stack([v, v], axis=1)[:, 0],
-    lambda v: v.astype(object),
+    list, tuple, np.ndarray.tolist, lambda v: tuple(v.tolist()),
+    lambda v: [*v[:3], *v[3:].tolist()], lambda v: v[::-1][::-1],
+    lambda v: np.stack([v, v], axis=1)[:, 0], lambda v: v.astype(object),
     lambda v: [np.longdouble(x) for x in v],
 ])  # fmt: skip
 def test_all_that_stands_for_numbers_is_the_same(convert):

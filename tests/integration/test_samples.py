@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refusals import refuses
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
@@ -100,25 +101,18 @@ def test_values_of_members_and_of_one_number():
 
 
 REFUSED = [
-    (([0, 1], [1, 2]), {"kind": "spline"}, "kind"),
-    (([1, 0], [1, 2]), {}, "times must increase"),
-    (([0, 0], [1, 2]), {}, "times must increase"),
-    (([0, np.nan], [1, 2]), {}, "times"),
-    (([[0, 1]], [1, 2]), {}, "times"),
-    (([], []), {}, "times"),
-    (([0], [1]), {"kind": "linear"}, "at least 2"),
-    (([0, 1], [1, np.inf]), {}, "values"),
-    (([0, 1], [1, 2, 3]), {}, "values"),
-    (([0, 1], [1, 2]), {"kind": "averages"}, "one less"),
+    (([0, 1], [1, 2]), {"kind": "spline"}, "kind"), (([1, 0], [1, 2]), {}, "times must increase"),
+    (([0, 0], [1, 2]), {}, "times must increase"), (([0, np.nan], [1, 2]), {}, "times"),
+    (([[0, 1]], [1, 2]), {}, "times"), (([], []), {}, "times"),
+    (([0], [1]), {"kind": "linear"}, "at least 2"), (([0, 1], [1, np.inf]), {}, "values"),
+    (([0, 1], [1, 2, 3]), {}, "values"), (([0, 1], [1, 2]), {"kind": "averages"}, "one less"),
     (([0, 1], [1, 2]), {"members": True}, "members"),
     (([0, 1], [1, 2]), {"kind": "linear", "end": 3}, "end"),
-    (([0, 1], [1, 2]), {"end": 0.5}, "end"),
-    (([0, 1], [1, 2]), {"causal": True}, "causal"),
+    (([0, 1], [1, 2]), {"end": 0.5}, "end"), (([0, 1], [1, 2]), {"causal": True}, "causal"),
     (([0, 1], ["a", 2]), {}, "values"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "options", "word"), REFUSED)
 def test_bad_input_is_named(arguments, options, word):
-    with pytest.raises(ValueError, match=word):
-        Samples(*arguments, **options)
+    refuses(ValueError, word, Samples, *arguments, **options)

@@ -7,11 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refusals import refuses
 from scipy import integrate
 from scipy.optimize import OptimizeResult
 
 import cg
 import cg.scipy
+from cg.frames import Euclidean, Product, UnitQuaternion
 
 suite = pytest.importorskip("scipy.integrate._ivp.tests.test_ivp")
 
@@ -109,10 +111,7 @@ def num_parallel_threads():
 
 # Tests that fail, and why
 DIFFERENCES = {
-    "test_integration_complex": (
-        AssertionError,
-        "RadauIIA5 in place of BDF takes more evaluations",
-    ),
+    "test_integration_complex": (AssertionError, "RadauIIA5 takes more evaluations than BDF"),
     "test_empty": (ValueError, "a frame has at least one dimension"),
 }
 TESTS = {
@@ -224,8 +223,7 @@ def test_hosts_may_move_the_point_and_the_end():
     first = cg.solve_ivp(body, (0, 0.5), Y0, frame=FRAME, rhs="derivative", **FINE).y[-1]
     np.testing.assert_allclose(solver.y, first, rtol=0, atol=1e-14)
     solver.y[0], solver.t_bound, solver.status = 7.0, 1.0, "running"
-    with pytest.raises(ValueError, match="y must be a point of"):
-        solver.step()
+    refuses(ValueError, "y must be a point of", solver.step)
 
 
 def test_tolerances_of_entries_and_what_is_dropped():
@@ -249,8 +247,7 @@ def test_tolerances_of_entries_and_what_is_dropped():
     ended = theirs(lambda t, y: np.full(7, np.nan) if t > 1 else body(t, y), (0, 2), Y0, SOLVER)
     assert ended.status == -1
     assert "f must return finite numbers" in ended.message
-    with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
-        cg.scipy.Solver(3)
+    refuses(TypeError, r"frame must be a Frame such as SO3\(\), got 3", cg.scipy.Solver, 3)
     spin = cg.frames.Product(cg.frames.SU(2), cg.frames.Euclidean(1))
     turn = lambda t, y: spin.field([np.cos(t), y[8], 0.3, -y[8]], y)
     options = {"method": cg.scipy.Solver(spin), "rtol": 1e-9}
@@ -265,10 +262,8 @@ def test_tolerances_of_entries_and_what_is_dropped():
 def test_the_default_is_that_for_derivatives(wrap):
     """`Stiefel` has brackets, but moves along derivatives without them."""
     frame = wrap(cg.frames.Stiefel(3, 2))
-    y0, w = (
-        frame.random_point(np.random.default_rng(0)),
-        np.array([[0, 1, 2], [-1, 0, 1], [-2, -1, 0]]),
-    )
+    y0 = frame.random_point(np.random.default_rng(0))
+    w = np.array([[0, 1, 2], [-1, 0, 1], [-2, -1, 0]])
     f = lambda t, y: (w @ y.reshape(frame.point_shape)).ravel()
     options = {"rtol": 1e-8, "atol": 1e-8}
     run = integrate.solve_ivp(f, (0, 1), y0.ravel(), cg.scipy.Solver(frame), **options)
@@ -294,32 +289,7 @@ def test_wrong_sizes_are_named():
         solver = SOLVER(lambda t, y: 0 * y, 0.0, Y0, 1.0)
         solver.step()
         setattr(solver, name, value)
-        with pytest.raises(ValueError, match=message):
-            solver.step()
-
-
-@pytest.mark.filterwarnings("ignore:The following arguments have no effect")
-def test_the_quaternion_of_a_rocket_keeps_its_norm(monkeypatch):
-    rocketpy = pytest.importorskip("rocketpy")
-    from rocketpy.simulation import flight
-
-    frames = cg.frames.Euclidean(6), cg.frames.UnitQuaternion(scalar_first=True)
-    solver = cg.scipy.Solver(cg.frames.Product(*frames, cg.frames.Euclidean(3)))
-    monkeypatch.setitem(flight.ODE_SOLVER_MAP, "cg", solver)
-    motor = rocketpy.GenericMotor(
-        thrust_source=[[0, 0], [0.1, 1800], [1.0, 1500], [1.1, 0]], burn_time=1.1,
-        chamber_radius=0.03, chamber_height=0.5, chamber_position=0, nozzle_radius=0.03,
-        propellant_initial_mass=1.0, dry_mass=1.0, dry_inertia=(0.1, 0.1, 0.002),
-        center_of_dry_mass_position=0,
-    )  # fmt: skip
-    rocket = rocketpy.Rocket(0.06, 14.0, (6.3, 6.3, 0.03), 0.45, 0.45, 0)
-    rocket.add_motor(motor, -1.2)
-    rocket.add_nose(0.5, "von karman", 1.3)
-    rocket.add_trapezoidal_fins(4, 0.12, 0.06, 0.11, -1.0, cant_angle=0.5)
-    run = rocketpy.Flight(rocket, rocketpy.Environment(), 5.0, 80, ode_solver="cg", max_time=4.0)
-    states = np.array(run.solution)
-    assert states[-1, 0] == 4.0
-    assert np.abs(np.linalg.norm(states[:, 7:11], axis=1) - 1.0).max() < 4e-16
+        refuses(ValueError, message, solver.step)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-8])
@@ -339,12 +309,8 @@ def test_events_of_the_host_are_not_stepped_over(span, tolerance):
     times = 100.0 * (np.sqrt(1.0 + angles / 50.0) - 1.0)
     shift = 0.0 if span[0] == 0.0 else 60.0 + 18.0
     half = 0.5 * shift
-    options = {
-        "events": east,
-        "rtol": tolerance,
-        "atol": tolerance,
-        "method": cg.scipy.Solver(body),
-    }
+    options = {"events": east, "rtol": tolerance, "atol": tolerance}
+    options |= {"method": cg.scipy.Solver(body)}
     y0 = [0.0, 0.0, 0.0, 0.0, np.sin(half), np.cos(half)]
     run = integrate.solve_ivp(f, span, y0, **options)
     found = np.sort(run.t_events[0])
@@ -355,3 +321,32 @@ def test_events_of_the_host_are_not_stepped_over(span, tolerance):
     assert abs(run.t[-1] - expected) < 4e-13
     with pytest.raises(ValueError, match="max_angle must be positive"):
         integrate.solve_ivp(f, span, y0, max_angle=0.0, **options)
+
+
+@pytest.mark.filterwarnings("ignore:The following arguments have no effect:UserWarning")
+def test_a_flight_of_rocketpy_keeps_the_norm_of_its_quaternion(monkeypatch):
+    rocketpy = pytest.importorskip("rocketpy")
+    frame = Product(Euclidean(6), UnitQuaternion(scalar_first=True), Euclidean(3))
+    solvers = rocketpy.simulation.flight.ODE_SOLVER_MAP
+    monkeypatch.setitem(solvers, "cg", cg.scipy.Solver(frame))
+    motor = rocketpy.GenericMotor(
+        thrust_source=[[0, 2000], [0.1, 2200], [2.9, 1500], [3, 0]], burn_time=3.0,
+        chamber_radius=0.033, chamber_height=0.5, chamber_position=0.3, nozzle_radius=0.033,
+        propellant_initial_mass=2.8, dry_mass=1.8, dry_inertia=(0.125, 0.125, 0.002),
+        center_of_dry_mass_position=0.3,
+    )  # fmt: skip
+    rocket = rocketpy.Rocket(0.0635, 14.4, (6.3, 6.3, 0.034), 0.5, 0.5, 0)
+    rocket.add_motor(motor, position=-1.25)
+    rocket.add_nose(length=0.56, kind="vonKarman", position=1.28)
+    rocket.add_trapezoidal_fins(4, 0.12, 0.06, 0.11, position=-1.05, cant_angle=0.5)
+    place = rocketpy.Environment(latitude=33, longitude=-107, elevation=1400)
+    apogee, off = {}, {}
+    for name in ("LSODA", "cg"):
+        flight = rocketpy.Flight(
+            rocket, place, 5.2, inclination=85, terminate_on_apogee=True, ode_solver=name
+        )
+        apogee[name] = flight.apogee
+        norms = np.linalg.norm(np.array(flight.solution)[:, 7:11], axis=1)
+        off[name] = np.abs(norms - 1).max()
+    assert off["cg"] < 1e-15 < 1e-5 < off["LSODA"]
+    assert apogee["cg"] == pytest.approx(apogee["LSODA"], abs=0.1)

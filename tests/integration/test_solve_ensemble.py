@@ -4,7 +4,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from members import COUNTS
 from refusals import refuses
 
 import cg
@@ -75,7 +74,7 @@ def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
             parts = run()
         np.testing.assert_array_equal(parts.y, whole.y)
         np.testing.assert_array_equal(parts.sol(whole.t), whole.sol(whole.t))
-        for count in COUNTS[:-1]:
+        for count in ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status"):
             np.testing.assert_array_equal(getattr(parts, count), getattr(whole, count))
         for ours, theirs in zip(parts.t_events[0], whole.t_events[0], strict=True):
             np.testing.assert_array_equal(ours, theirs)

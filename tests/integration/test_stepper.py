@@ -52,24 +52,6 @@ def test_a_step_that_ends_within_rounding_of_a_time_ends_there(options):
     assert len(set(counts[1:])) == 1
 
 
-def test_restart_takes_points_times_and_parameters():
-    def f(t, y, rate):
-        return [rate[0], 0.0, t]
-
-    stepper = cg.Stepper(f, 0.0, np.eye(3), frame=SO3(), parameters=[1.0], **OPTIONS)
-    stepper.advance(1.0)
-    y = stepper.y
-    stepper.restart(t=5.0, y=np.eye(3), parameters=[2.0])
-    refuses(RuntimeError, "dense_output must come after a step", stepper.dense_output)
-    assert (stepper.t, stepper.status) == (5.0, "running")
-    stepper.advance(6.0)
-    alone = cg.solve_ivp(f, (5, 6), np.eye(3), frame=SO3(), parameters=[2.0], **OPTIONS)
-    assert_array_equal(stepper.y, alone.y[-1])
-    assert not np.array_equal(y, stepper.y)
-    refuses(ValueError, "y must have shape", stepper.restart, y=[1.0])
-    refuses(ValueError, "y must be a point", stepper.restart, y=2 * np.eye(3))
-
-
 def test_failures_are_messages():
     stepper = cg.Stepper(lambda t, y: y**2, 0.0, [1.0], 2.0, frame=Euclidean(1))
     message = None
@@ -126,6 +108,7 @@ def test_a_refused_restart_changes_nothing():
     state, y = (stepper.t, stepper.t_old, stepper.status), stepper.y
     for wrong, match in (
         ({"y": [np.nan]}, "y must be finite"),
+        ({"y": [1.0, 2.0]}, "y must have shape"),
         ({"y": [0.0], "parameters": [np.nan, "a"]}, "parameters must be"),
         ({"y": [0.0], "parameters": [1.0, 2.0]}, r"parameters must have shape \(1,\), got \(2,\)"),
         ({"y": [0.0], "args": 3.0}, "args must be a tuple"),
@@ -136,11 +119,13 @@ def test_a_refused_restart_changes_nothing():
         assert (stepper.t, stepper.t_old, stepper.status) == state
         assert_array_equal(stepper.y, y)
     stepper.restart()
+    refuses(RuntimeError, "dense_output must come after a step", stepper.dense_output)
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(np.exp(2.0), rel=5e-9)
     without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
     with pytest.raises(ValueError, match="parameters must be None, since the constructor got none"):
         without.restart(parameters=[1.0])
+    refuses(ValueError, "y must be a point", without.restart, y=2 * np.eye(3))
 
 
 @pytest.mark.parametrize("method", ["DP5(4)", "RKMK8(5,3)", "RadauIIA5"])
@@ -166,18 +151,15 @@ def test_a_restart_reads_data_that_have_changed_in_place(method):
 
 
 class TestDataChecks:
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
-            (
-                {"args": (1.0, 2.0)},
-                r"f must be callable as f\(t, y, u, args\[0\], args\[1\], parameters\) with inputs",
-            ),
-            ({"args": ()}, r"f must be callable as f\(t, y, u, parameters\) with inputs u, got"),
-            ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
-        ],
-    )
+    @pytest.mark.parametrize(("change", "message"), [
+        ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
+        (
+            {"args": (1.0, 2.0)},
+            r"f must be callable as f\(t, y, u, args\[0\], args\[1\], parameters\) with inputs",
+        ),
+        ({"args": ()}, r"f must be callable as f\(t, y, u, parameters\) with inputs u, got"),
+        ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
+    ])  # fmt: skip
     def test_what_f_cannot_take_is_refused(self, change, message):
         given = {
             "frame": Euclidean(1), "args": (1.0,), "parameters": [2.0],
@@ -257,3 +239,76 @@ def test_advancing_to_the_final_time_calls_f_at_the_times_of_solve_ivp(method, e
     times.clear()
     cg.Stepper(f, 0.0, [1.0], end, **options).advance(end)
     assert times == expected
+
+
+COUNTS = ("nfev", "nexp", "njev", "nlu", "nrejected")
+
+
+def broken(t, y):
+    """A rate with jumps that steps have to find."""
+    return [np.sign(np.sin(5.0 * t)), 0.3 * np.cos(9.0 * t), y[0, 1]]
+
+
+def van_der_pol(t, y):
+    return [y[1], 200.0 * (1.0 - y[0] ** 2) * y[1] - y[0]]
+
+
+def broken_rows(t, y):
+    return np.stack([broken(*each) for each in zip(t, y, strict=True)])
+
+
+RUNS = {
+    **{name: (broken, np.eye(3), 3.0, {"method": name, "frame": SO3()})
+       for name in ("auto", "CF5(4)", "RKMK5(4)", "DICG3(2)", "RadauIIA5")},
+    "stiff": (van_der_pol, [2.0, 0.0], 200.0, {"method": "RadauIIA5", "frame": Euclidean(2)}),
+    "members": (broken_rows, [np.eye(3)] * 2, 3.0,
+                {"method": "CF5(4)", "frame": SO3(), "vectorized": True, "common_steps": True}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("name", RUNS)
+def test_copies_of_each_step_take_the_steps_of_one_run(name, direction):
+    """Near jumps and in stiff equations, where sizes depend on what earlier steps have seen."""
+    f, y0, end, options = RUNS[name]
+    forward = (lambda t, y: -np.array(f(-t, y))) if direction < 0 else f
+    stepper = cg.Stepper(forward, 0.0, y0, direction * end, rtol=1e-5, atol=1e-5, **options)
+    twin = copy.copy(stepper)
+    while stepper.status == "running":
+        twin = copy.copy(twin)
+        assert stepper.step() is None is twin.step()
+        assert twin.t == stepper.t
+        assert_array_equal(twin.next_step, stepper.next_step)
+        assert_array_equal(twin.y, stepper.y)
+        assert [getattr(twin, n) for n in COUNTS] == [getattr(stepper, n) for n in COUNTS]
+    assert stepper.nrejected > 5
+
+
+def slow_turn(t, y, *u):
+    rate = u[0] if u else 1.0 if abs(t) < 0.5 else -2.0
+    return [rate, 0.2 * np.cos(t), y[0, 1]]
+
+
+@pytest.mark.parametrize("way", [
+    {"rtol": 1e-6}, {"rtol": 1e-6, "method": "RadauIIA5"}, {"method": "CF4", "h": 0.1},
+])  # fmt: skip
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("stops", ["breakpoints", "inputs"])
+def test_a_restart_at_an_earlier_time_forgets_all_after_it(stops, direction, way):
+    at = np.sort(direction * np.array([0.0, 0.5, 1.0, 1.5]))
+    given = {"breakpoints": direction * np.array([0.5, 1.0])}
+    if stops == "inputs":
+        given = {"inputs": cg.Samples(at, [1.0, -2.0, 3.0, 0.5])}
+    event = cg.Event(lambda t, y, *_: abs(t) - 0.7)
+    late = 0.8 if stops == "inputs" else 0.0  # breakpoints lie beyond the start
+    again, new = (
+        cg.Stepper(slow_turn, direction * t0, np.eye(3), direction * 1.4, frame=SO3(), events=event,
+                   **way, **given) for t0 in (late, 0.0)
+    )  # fmt: skip
+    again.advance(direction * 1.2)
+    again.restart(t=0.0, y=np.eye(3))
+    while new.status == "running":
+        assert again.step() is None is new.step()
+        assert (again.t, again.t_old, again.status) == (new.t, new.t_old, new.status)
+        assert_array_equal(again.y, new.y)
+    assert again.t_events[0].tolist() == (1 if late else 2) * new.t_events[0].tolist()

@@ -119,14 +119,11 @@ def dropped(events, t_bound=np.inf, f=fall, **options):
     return cg.Stepper(f, 0.0, HEIGHTS, t_bound, **given | options)
 
 
-@pytest.mark.parametrize(
-    ("events", "common"),
-    [
-        ([LANDS, HALF], False),
-        ([LANDS, HALF], True),
-        ([cg.Event(height, direction=-1, terminal=2, jump=bounce), HALF], False),
-    ],
-)
+@pytest.mark.parametrize(("events", "common"), [
+    ([LANDS, HALF], False),
+    ([LANDS, HALF], True),
+    ([cg.Event(height, direction=-1, terminal=2, jump=bounce), HALF], False),
+])  # fmt: skip
 def test_members_stay_at_terminal_events_as_in_an_ensemble(events, common):
     stepper = dropped(events, 1.2, common_steps=common)
     whole = cg.solve_ensemble(

@@ -2,55 +2,56 @@
 
 import numpy as np
 import pytest
+from frame_examples import generic
 from refusals import refuses
+from scipy import sparse
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from van_der_pol import PLANE, START, solve, van_der_pol
 
 import cg
 from cg.construction.methods.paths import transformation
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
 from cg.problems.convergence import final_errors, observed_order
 
+PLANE = Euclidean(2)
+START = [2.0, 0.0]
+MU = 100.0
+
+
+def van_der_pol(t, y):
+    return np.array([y[1], MU * (1.0 - y[0] ** 2) * y[1] - y[0]])
+
+
+def jacobian(t, y):
+    return np.array([[0.0, 1.0], [-2.0 * MU * y[0] * y[1] - 1.0, MU * (1.0 - y[0] ** 2)]])
+
+
+def sparse_jacobian(t, y):
+    return sparse.csr_array(jacobian(t, y))
+
+
+def solve(f=van_der_pol, t1=200.0, y0=START, frame=PLANE, **options):
+    options = {"method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6} | options
+    return cg.solve_ivp(f, (0, t1), y0, frame=frame, **options)
+
+
 RADAU = cg.methods["RadauIIA5"]
-
-
-def turn(t, y):
-    return [np.sin(t) + y[0, 1], 1.0 + y[1, 2] * t, 0.5 + np.cos(2.0 * t) * y[2, 0]]
-
-
-def body(t, y):
-    inertia, w = np.array([1.0, 2.0, 3.0]), y[4:]
-    torque = np.cross(inertia * w, w) + np.array([np.sin(t), y[0], 0.1])
-    return np.concatenate([w, torque / inertia])
-
-
-def drift(t, y):
-    return [y[1] + t, np.cos(t) * y[2], 1.0 + y[0]]
 
 
 def pendulum(t, y):
     return [y[1], np.sin(t) - np.sin(y[0])]
 
 
-def frames_of(t, y):
-    return [y[0, 1], 1.0, t, y[2, 1], 0.3, np.sin(t)]
-
-
-ORDERS = {
-    "SO3 body": (SO3(), turn, np.eye(3)),
-    "SO3 space": (SO3("space"), turn, np.eye(3)),
-    "product": (Product(UnitQuaternion(), Euclidean(3)), body, [0, 0, 0, 1.0, 0.5, 1.0, 0.7]),
-    "sphere": (Sphere(2), drift, [0.0, 0.0, 1.0]),
-    "plane": (PLANE, pendulum, [1.0, 0.0]),
-    "in Python": (Stiefel(4, 2), frames_of, np.eye(4)[:, :2]),
-}
+FRAMES = [
+    SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), Sphere(2), Euclidean(3),
+    Stiefel(4, 2),
+]  # fmt: skip
 
 
 class TestOrder:
-    @pytest.mark.parametrize("name", ORDERS)
-    def test_slopes(self, name):
-        frame, f, y0 = ORDERS[name]
+    @pytest.mark.parametrize("frame", FRAMES, ids=repr)
+    def test_slopes(self, frame):
+        f, y0 = generic(frame)
         options = {"frame": frame, "method": "RKMK8(5,3)", "rtol": 1e-13, "atol": 1e-13}
         exact = cg.solve_ivp(f, (0, 1.6), y0, **options).y[-1]
         h = np.array([0.1, 0.05, 0.025])
@@ -58,7 +59,7 @@ class TestOrder:
         assert observed_order(h, errors, floor=1e-13) == pytest.approx(5.0, abs=0.1)
 
     def test_within_steps(self):
-        frame, f, y0 = ORDERS["SO3 body"]
+        frame, (f, y0) = SO3(), generic(SO3())
         t = np.linspace(0.03, 1.5, 40)
         exact = cg.solve_ivp(f, (0, 1.6), y0, frame=frame, rtol=1e-13, atol=1e-13, t_eval=t).y
         errors = []
@@ -131,17 +132,6 @@ class TestLikeScipy:
 
 
 class TestLoop:
-    def test_restart_forgets_the_last_step(self):
-        options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
-        one = cg.Stepper(van_der_pol, 0.0, START, 50.0, **options)
-        for _ in range(9):
-            one.step()
-        one.restart(t=0.0, y=START)
-        other = cg.Stepper(van_der_pol, 0.0, START, 50.0, **options)
-        one.step()
-        other.step()
-        np.testing.assert_array_equal(one.y, other.y)
-
     def test_common_steps_of_one_member_take_other_sizes(self):
         f = lambda t, y, p: [y[1], p[0] * (1 - y[0] ** 2) * y[1] - y[0]]
         options = {"frame": PLANE, "method": "RadauIIA5", "parameters": [[14.0]]}
@@ -190,12 +180,9 @@ class TestLoop:
         refuses(ValueError, "needs brackets", solve, pendulum, y0=[1.0, 2.0], frame=frame)
 
 
-class TestTableau:
-    def test_other_implicit_tableaux_are_refused(self):
-        gauss = cg.Tableau(
-            [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]], ["1/2", "1/2"]
-        )
-        refuses(cg.MethodError, "tableau must", cg.MuntheKaas, gauss)
+def test_other_implicit_tableaux_are_refused():
+    rows = [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]]
+    refuses(cg.MethodError, "tableau must", cg.MuntheKaas, cg.Tableau(rows, ["1/2", "1/2"]))
 
 
 @pytest.mark.parametrize("method", ["auto", "RKMK5(4)", "BS3(2)"])
@@ -229,3 +216,92 @@ def test_a_discontinuity_that_the_solution_stays_at(force):
     assert f"{run.nrejected} of them were rejected; f is discontinuous" in run.message
     assert "event" in run.message
     assert "stiff" not in run.message
+
+
+@pytest.mark.parametrize("jac", [jacobian, sparse_jacobian])
+def test_given(jac):
+    run, other = solve(jac=jac), solve()
+    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=5e-8)
+    assert run.nfev < other.nfev
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize(("rtol", "atol"), [(1e-3, 1e-6), (1e-6, 1e-6), (1e-6, 1e-10)])
+def test_differences_of_small_coordinates(unit, rtol, atol):
+    """Of Robertson's reaction, in which 1e-13 of a substance remains."""
+
+    def f(t, y):
+        slow, fast, slowest = 0.04 * y[0], 1e4 / unit * y[1] * y[2], 3e7 / unit * y[1] ** 2
+        return [fast - slow, slow - fast - slowest, slowest]
+
+    def jac(t, y):
+        fast, slowest = 1e4 / unit * y[1:][::-1], 6e7 / unit * y[1]
+        return [[-0.04, *fast], [0.04, -fast[0] - slowest, -fast[1]], [0.0, slowest, 0.0]]
+
+    options = {"frame": Euclidean(3), "rtol": rtol, "atol": atol * unit}
+    run, other = (solve(f, 1e11, [unit, 0.0, 0.0], jac=j, **options) for j in (None, jac))
+    assert (run.success, run.steps) == (True, pytest.approx(other.steps, rel=0.05))
+    reference = np.array([2.08334015e-08, 8.33336077e-14, 0.9999999791666])
+    assert (np.abs(run.y[-1] / unit - reference) < max(100 * atol * rtol, atol)).all()
+
+
+def test_differences_where_a_coordinate_vanishes():
+    def f(t, y):
+        return [-1e3 * y[0], 1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2), y[1] - y[2]]
+
+    options = {"frame": Euclidean(3), "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-9}
+    run = cg.solve_variational(f, (0, 2), [1.0, 0.0, 0.0], **options)
+    np.testing.assert_allclose(run.transition[-1, 2, 2], np.exp(-2.0), rtol=1e-7)
+
+
+@pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
+@pytest.mark.parametrize("frame", [SO3(), SO3("space"), Sphere(2)], ids=repr)
+@pytest.mark.parametrize(("rate", "spin"), [(1e4, 0.0), (1.0, 30.0)])
+def test_brackets_are_added(frame, kind, rate, spin):
+    """With exact Jacobians Newton's method takes as many iterations as with differences.
+
+    In a fast rotation brackets are most of the Jacobian.
+    """
+    fast = rate * np.array([[1.0, 0.2, 0.0], [-0.3, 2.0, 0.1], [0.0, 0.4, 3.0]])
+    y0 = np.eye(3) if frame.point_shape == (3, 3) else np.array([0.0, 0.6, 0.8])
+
+    def f(t, y):
+        first = y.reshape(-1, 3)[0]
+        return fast @ np.cross(first, [np.cos(t), np.sin(t), 0.0]) + spin * np.ones(3)
+
+    def jac(t, y):
+        h = 1e-6
+        ends = [[f(t, frame.flow(s * v, y)) for v in np.eye(3)] for s in (h, -h)]
+        return kind((np.array(ends[0]) - np.array(ends[1])).T / (2.0 * h))
+
+    run, other = solve(f, 0.5, y0, frame, jac=jac), solve(f, 0.5, y0, frame)
+    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=2e-11)
+    assert run.nfev + 3 * run.njev == pytest.approx(other.nfev, rel=0.02)
+
+
+@pytest.mark.parametrize(("jac", "error", "message"), [
+    (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+    (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
+    (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
+    (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
+    (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
+    (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
+    (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
+    (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
+    (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
+    (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
+])  # fmt: skip
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_bad_values(jac, error, message):
+    refuses(error, message, solve, jac=jac)
+    refuses(ValueError, "jac must", solve, method="auto", jac=jacobian)
+
+
+@pytest.mark.parametrize("at", [0.0, 1.0])
+def test_exceptions_pass_through(at):
+    def jac(t, y):
+        if t >= at:
+            raise KeyError("mine")
+        return jacobian(t, y)
+
+    refuses(KeyError, "mine", solve, jac=jac)

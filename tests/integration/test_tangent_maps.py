@@ -9,14 +9,11 @@ import cg
 from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Product, Sphere, UnitQuaternion
 
 SYSTEMS = {
-    "SO3": (SO3(), INERTIA),
-    "quaternion": (UnitQuaternion(), MATRIX),
-    "Euclidean": (Euclidean(3), MATRIX),
-    "SU3": (SU(3), None),
-    "space axes": (SO3("space"), 2.0),
+    "SO3": (SO3(), INERTIA), "quaternion": (UnitQuaternion(), MATRIX),
+    "Euclidean": (Euclidean(3), MATRIX), "SU3": (SU(3), None), "space axes": (SO3("space"), 2.0),
     "sphere": (Sphere(2), 2.0),
     "product": (Product(SO3(), SO(4), Euclidean(2)), (INERTIA, None, 2.0)),
-}
+}  # fmt: skip
 SIXTH = {"method": "BlanesMoan6", "h": 0.05, "derivatives": "forward"}
 
 

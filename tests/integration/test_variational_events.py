@@ -1,4 +1,4 @@
-"""Derivatives of solutions with breakpoints, events and jumps, and of event times."""
+"""Derivatives of solutions with events and jumps, of event times, and of ensembles."""
 
 import numpy as np
 import pytest
@@ -51,3 +51,16 @@ def test_differences_stay_within_the_times_of_inputs(span, place):
     np.testing.assert_allclose(solution.transition[-1], 2.0, rtol=3e-12)
     expected = 1.0 + place if span[1] > span[0] else place - 2.0  # doubled at the jump
     np.testing.assert_allclose(solution.sensitivity[-1].item(), expected, rtol=2e-10)
+
+
+@pytest.mark.filterwarnings("ignore:Failure of")
+def test_members_that_fail_are_nan():
+    f = lambda t, y, p: [p[0] * y[0] ** 2]
+    solution = cg.solve_variational_ensemble(
+        f, (0, 2), [1.0], frame=Euclidean(1), parameters=[[0.25], [1.0]], t_eval=[0.5, 2.0]
+    )
+    assert solution.status.tolist() == [0, -1]
+    assert np.isfinite(solution.transition[:, 0]).all()
+    assert np.isnan(solution.transition[1, 1])
+    assert solution[1].transition.shape == (1, 1, 1)
+    np.testing.assert_allclose(solution.transition[0, 0], 1 / (1 - 0.125) ** 2, rtol=1e-6)

@@ -19,6 +19,11 @@ eqx = pytest.importorskip("equinox")
 jnp = jax.numpy
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
+# a tableau, points, last stages that are the next first, errors of two and three results
+KINDS = [
+    "LieEuler", "CG4a", "CG2(3)", "CF4", "CF5r", "CF5(4)", "CF6(5)", "DP5(4)", "DOP853", "RKMK4",
+    "RKMK5(4)", "RKMK8(5,3)",
+]  # fmt: skip
 
 FRAMES = [
     fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2)),
@@ -35,7 +40,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 
 
 class TestSteps:
-    @pytest.mark.parametrize("name", EXPLICIT)
+    @pytest.mark.parametrize("name", [*KINDS, *slow(*(n for n in EXPLICIT if n not in KINDS))])
     def test_all_methods(self, name):
         frame = fr.UnitQuaternion()
         ours, f = term(frame)
@@ -189,14 +194,17 @@ class TestOutput:
             np.testing.assert_allclose(actual, exact, rtol=0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [
-    *(
-        fr.SO3(), fr.SU(2), fr.UnitQuaternion(), fr.Sphere(2), fr.Power(fr.Sphere(2), 3),
-        fr.SO(4), fr.Grassmann(3, 1),
-    ),
-    fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
+TURNING = [fr.SO3(), fr.SO(4), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)]
+OTHER_TURNING = [
+    fr.SU(2), fr.UnitQuaternion(), fr.Sphere(2), fr.Power(fr.Sphere(2), 3), fr.Grassmann(3, 1),
+    fr.Product(fr.Euclidean(1), fr.SO3()),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("frame", "name"), [
+    *product(TURNING, ["CF5(4)"]), (fr.Product(fr.Euclidean(1), fr.SO3()), "RKMK5(4)"),
+    *slow(*product(TURNING, ["RKMK5(4)"]), *product(OTHER_TURNING, ["CF5(4)", "RKMK5(4)"])),
 ], ids=repr)  # fmt: skip
-@pytest.mark.parametrize("name", ["CF5(4)", "RKMK5(4)"])
 def test_estimates_of_long_turns_are_not_believed(frame, name):
     """Beyond 20 radians the error is no less than the change of the coefficients."""
     rng = np.random.default_rng(2)

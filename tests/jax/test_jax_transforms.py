@@ -7,10 +7,12 @@ import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
 from jax_setup import diffrax, jax
 from quotients import derivative
+from refusals import refuses
 from slow_cases import slow
 
 import cg
 from cg import frames as fr
+from cg.frames import GL, SE3, SO, SO3, SU, Euclidean, Power, Product, Sphere, UnitQuaternion
 
 jnp = jax.numpy
 SHIFTS = np.outer([1.0, -1.0], 0.02 * 0.5 ** np.arange(8)).ravel()  # all that derivatives ask for
@@ -48,23 +50,27 @@ class TestTransforms:
             solution = solve(ours, cg.jax.Solver(name), y0, args=factor, **options)
             return jnp.concatenate([solution.ts, solution.ys[0]])
 
-        values = jax.jit(end)
+        @jax.jit
+        def both(factor):
+            values, back = jax.vjp(end, factor)
+            return values, jax.vmap(back)(jnp.eye(len(values)))[0]
+
         exact = cg.solve_ivp(
             f, (0.0, 4.0), y0, frame=frame, args=(0.8,), rtol=1e-10, atol=1e-10,
             events=cg.Event(lambda t, y, factor: y[0] - y[-1], terminal=True),
         )  # fmt: skip
         assert 0.1 < exact.t[-1] < 3.9
-        np.testing.assert_allclose(values(0.8), [exact.t[-1], *exact.y[-1]], rtol=0.0, atol=1e-7)
-        slope = jax.jit(jax.jacrev(end))(0.8)
-        expected = derivative(lambda s: values(0.8 + s), bound=1e-10)
+        values, slope = both(0.8)
+        np.testing.assert_allclose(values, [exact.t[-1], *exact.y[-1]], rtol=0.0, atol=1e-7)
+        expected = derivative(lambda s: both(0.8 + s)[0], bound=1e-10)
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-10)
 
     def test_steps_longer_than_a_turn_do_not_pass_over_events(self):
         optimistix = pytest.importorskip("optimistix")
         frame = fr.SO3()
 
-        @partial(jax.jit, static_argnums=(1, 2))
-        def end(angle, power=0, sees=True):
+        @partial(jax.jit, static_argnums=2)
+        def end(angle, power, sees=True):
             return diffrax.diffeqsolve(
                 cg.jax.FrameTerm(lambda t, y, args: jnp.stack([0.0, 0.0, t**power]), frame),
                 cg.jax.Solver("CF5(4)"), 0.0, 500.0, None, jnp.eye(3),
@@ -77,9 +83,9 @@ class TestTransforms:
 
         for angle in (-1.2, -0.5, 0.5, 1.0):
             first = angle % (2.0 * np.pi)  # where the sine increases
-            np.testing.assert_allclose(end(angle).ts[0], first, rtol=0.0, atol=3e-14)
-        np.testing.assert_allclose(end(1.0, power=1).ts[0], np.sqrt(2.0), rtol=0.0, atol=1e-14)
-        assert end(1.0, sees=False).stats["num_steps"] < 20
+            np.testing.assert_allclose(end(angle, 0.0).ts[0], first, rtol=0.0, atol=3e-14)
+        np.testing.assert_allclose(end(1.0, 1.0).ts[0], np.sqrt(2.0), rtol=0.0, atol=1e-14)
+        assert end(1.0, 0.0, sees=False).stats["num_steps"] < 20
 
     @pytest.mark.parametrize("frame", [
         fr.Sphere(2),
@@ -112,8 +118,7 @@ class TestTransforms:
             bound = 1e-10 * abs(actual)
             assert abs(derivative(given.__getitem__, bound) - actual) < bound
 
-    @pytest.mark.parametrize(("begin", "end"), [(0.25, 1.0), (1.0, 0.25)])
-    def test_ends_of_the_span(self, begin, end):
+    def test_ends_of_the_span(self):
         frame = fr.Euclidean(1)
 
         def last(begin, end):
@@ -123,8 +128,10 @@ class TestTransforms:
                 adjoint=diffrax.ForwardMode(),
             ).ys[-1, 0]  # fmt: skip
 
-        value, slopes = last(begin, end), jax.jacfwd(last, (0, 1))(begin, end)
-        np.testing.assert_allclose(slopes, [-begin * value, end * value], rtol=1e-4)
+        values = jax.jit(lambda *span: (last(*span), jax.jacfwd(last, (0, 1))(*span)))
+        for begin, end in ((0.25, 1.0), (1.0, 0.25)):
+            value, slopes = values(begin, end)
+            np.testing.assert_allclose(slopes, [-begin * value, end * value], rtol=1e-4)
 
     def test_first_steps(self):
         """Their sizes are held fixed; one to the end of the span moves with it."""
@@ -136,10 +143,13 @@ class TestTransforms:
             times = jnp.zeros(()), jnp.asarray(end)
             return steps.init(ours, *times, jnp.eye(4)[3], None, None, func, 4.0)[0]
 
+        transforms = jax.jit(
+            lambda *x: (first(*x), jax.jacfwd(first, (0, 1))(*x), jax.jacrev(first, (0, 1))(*x))
+        )
         for end, moves in ((1e-3, 1.0), (10.0, 0.0)):
-            assert (first(0.5, end) == end) == bool(moves)
-            for transform in (jax.jacfwd, jax.jacrev):
-                assert transform(first, (0, 1))(0.5, end) == (0.0, moves)
+            size, *slopes = transforms(0.5, end)
+            assert (size == end) == bool(moves)
+            assert slopes == [(0.0, moves)] * 2
 
     def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
@@ -156,3 +166,65 @@ class TestTransforms:
                 jax.grad(function)(jnp.asarray(at))
             with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
                 jax.jit(function)(jnp.asarray(at))
+
+
+FRAMES = [
+    SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), GL(2), Euclidean(3),
+    Product(UnitQuaternion(), Euclidean(2)), Power(SO3(), 2),
+]  # fmt: skip
+
+
+def field(frame):
+    rng = np.random.default_rng(3)
+    size = int(np.prod(frame.point_shape))
+    first, second = rng.standard_normal((2, frame.dim, size)) / size**0.5
+
+    def f(t, y, args=None):
+        flat = jnp.real(y.reshape(-1)) + 0.3 * jnp.imag(y.reshape(-1))
+        return jnp.sin(first @ flat + t) + args * (second @ flat) ** 2
+
+    return f
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_transition_matrices_change_by_the_divergence(frame):
+    """Liouville: the logarithm of the determinant is the integral of the divergence."""
+    f, y = field(frame), np.asarray(frame.random_point(np.random.default_rng(4)))
+    call = jax.jit(f)
+    eps = 1e-4
+    run = cg.solve_variational(
+        lambda t, y: np.asarray(call(t, y, 0.5)), (0, eps), y, frame=frame, h=eps, method="CF4"
+    )
+    expected = np.linalg.slogdet(run.transition[-1])[1]
+    rate = jax.jit(cg.jax.divergence(f, frame))
+    start, end = (rate(t, jnp.asarray(p), 0.5) for t, p in ((0.0, y), (eps, run.y[-1])))
+    assert float(start + end) * eps / 2 == pytest.approx(expected, abs=2e-11)
+
+
+@pytest.mark.parametrize("frame", [SO3(), Sphere(2)], ids=repr)
+def test_estimates_have_the_divergence_as_mean(frame):
+    f = field(frame)
+    y = jnp.asarray(frame.random_point(np.random.default_rng(4)))
+    exact = float(jax.jit(cg.jax.divergence(f, frame))(0.2, y, 0.5))
+
+    estimate = lambda key: cg.jax.divergence(f, frame, key=key)(0.2, y, 0.5)
+    estimates = jax.jit(jax.vmap(estimate))(jax.random.split(jax.random.key(1), 4000))
+    assert abs(estimates.mean() - exact) < 4 * estimates.std() / 4000**0.5 + 1e-6
+
+
+def test_fields_of_the_user_are_refused():
+    for kind in (cg.frames.MatrixFrame, cg.frames.LinearAction):
+        own = kind([[[1.0, -1.0], [1.0, 0.0]]])
+        with pytest.raises(ValueError, match="invariant volume"):
+            cg.jax.divergence(lambda t, y, a: y, Product(Euclidean(1), own))
+    refuses(TypeError, "f must", cg.jax.divergence, 3, SO3())
+
+
+def test_functions_and_points_are_checked():
+    north = np.array([0, 0, 1])
+    with pytest.raises(ValueError, match=r"f must return 3 real numbers"):
+        cg.jax.divergence(lambda t, y, args: y[:2], Sphere(2))(0.0, north, None)
+    with pytest.raises(ValueError, match="y must have shape"):
+        cg.jax.divergence(lambda t, y, args: y, Sphere(2))(0.0, north[:2], None)
+    rate = cg.jax.divergence(lambda t, y, args: jnp.cross(y, north), Sphere(2))
+    assert rate(0.0, north, None) == -2.0

@@ -140,10 +140,11 @@ class TestFaults:
 
     def test_order_zero(self):
         half = Tableau([[]], ["1/2"], name="half")
-        with pytest.warns(UserWarning, match="half has order 0: its solutions don't converge"):
-            cg.integrate(
-                lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1), method=half, h=0.5
-            )
+        options = {"frame": cg.frames.Euclidean(1), "method": half, "h": 0.5}
+        for call in (cg.integrate, cg.solve_ivp):
+            with pytest.warns(UserWarning, match="half has order 0: its solutions don't") as caught:
+                call(lambda t, y: [1.0], (0, 1), [0.0], **options)
+            assert caught[0].filename == __file__
         pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=["1/2", 0])
         assert "its second result has order 0" in faults(pair)[1]
 

@@ -6,28 +6,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from flat_tableaux import CLASSICAL
 from kinds import FROZEN
 
 import cg
 from cg.construction.methods.stability import stability_function, stability_limits
 
-
-def classical(order):
-    """Return the tableau of Taylor's polynomial up to order four."""
-    rows = [[], ["1/2"], [0, "1/2"], [0, 0, 1]]
-    if order == 4:
-        return cg.Tableau(rows, ["1/6", "1/3", "1/3", "1/6"])
-    return cg.methods[{1: "LieEuler", 2: "CG2", 3: "CG3"}[order]]
+METHODS = [*map(cg.methods.get, ("LieEuler", "CG2", "CG3")), CLASSICAL]
 
 
 @pytest.mark.parametrize(("order", "real", "imaginary"), [
     (1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))
 ])  # fmt: skip
 def test_taylor_polynomials(order, real, imaginary):
-    numerator, denominator = stability_function(classical(order))
+    numerator, denominator = stability_function(METHODS[order - 1])
     assert numerator == tuple(Fraction(1, math.factorial(k)) for k in range(order + 1))
     assert denominator == (1,)
-    limits = stability_limits(classical(order))
+    limits = stability_limits(METHODS[order - 1])
     assert limits.real == pytest.approx(real, abs=1e-9)
     assert limits.imaginary == pytest.approx(imaginary, abs=1e-9)
 

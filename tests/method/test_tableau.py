@@ -23,23 +23,16 @@ def decimal_euler(b):
 
 class TestCoefficient:
     @pytest.mark.parametrize(("number", "value", "unit"), [
-        ("119/216", Fraction(119, 216), 0),
-        ("-3", Fraction(-3), 0),
-        (7, Fraction(7), 0),
-        (np.int64(7), Fraction(7), 0),
-        (Fraction(1, 3), Fraction(1, 3), 0),
-        ("0.25", Fraction(1, 4), 0),
-        ("-.5", Fraction(-1, 2), 0),
-        ("2.", Fraction(2), 0),
-        ("0.0000000000", Fraction(0), 0),
-        ("1e40", Fraction(10**40), 0),
+        ("119/216", Fraction(119, 216), 0), ("-3", Fraction(-3), 0), (7, Fraction(7), 0),
+        (np.int64(7), Fraction(7), 0), (Fraction(1, 3), Fraction(1, 3), 0),
+        ("0.25", Fraction(1, 4), 0), ("-.5", Fraction(-1, 2), 0), ("2.", Fraction(2), 0),
+        ("0.0000000000", Fraction(0), 0), ("1e40", Fraction(10**40), 0),
         ("0.10465447", Fraction(10465447, 10**8), Fraction(1, 10**8)),
         ("-0.00388100", Fraction(-388100, 10**8), Fraction(1, 10**8)),
         ("1.5e-9", Fraction(15, 10**10), Fraction(1, 10**10)),
         (Decimal("0.123456789"), Fraction(123456789, 10**9), Fraction(1, 10**9)),
         (0.1, Fraction(0.1), Fraction(0.1) / 2**53),
-        (np.float32(0.1), Fraction(float(np.float32(0.1))), None),
-        (0.0, Fraction(0), 0),
+        (np.float32(0.1), Fraction(float(np.float32(0.1))), None), (0.0, Fraction(0), 0),
     ])  # fmt: skip
     def test_value_and_unit(self, number, value, unit):
         read = Coefficient.read(number)

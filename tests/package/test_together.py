@@ -8,7 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from flint import arb, ctx
 from parallel_work import TASKS, task
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import cg
+from cg.support.balls import working_precision
+from cg.support.parallel import available_cores, single_threads
 
 
 @pytest.fixture(scope="module")
@@ -57,31 +63,46 @@ def test_two_forks_of_a_used_process(alone):
     assert worked("fork", 2, 4, True) == alone[:4]
 
 
-PROPERTY = """
-from pathlib import Path
-from hypothesis import given, settings, strategies as st
-
-@settings(max_examples=20)
-@given(st.integers(0, 2**64))
-def test_property(number):
-    with Path("drawn").open("a") as file:
-        file.write(f"{number}\\n")
-    assert number < 1000
-"""
+def _blas_threads():
+    return [pool["num_threads"] for pool in threadpool_info()]
 
 
-def drawn(folder, *options):
-    """Run a property that fails below this suite's settings; return what it drew and printed."""
-    folder.mkdir()
-    (folder / "test_property.py").write_text(PROPERTY)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "conftest", "-p", "no:cacheprovider", *options],
-        cwd=folder,
-        # where CI is set, the settings of hypothesis have other defaults
-        env={**os.environ, "CI": "true", "PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1, done.stdout + done.stderr
-    return (folder / "drawn").read_text(), done.stdout
+def test_the_limit_of_threads_is_lifted_by_the_last_user():
+    with threadpool_limits(2):
+        before = _blas_threads()
+        first, second = single_threads(), single_threads()
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        during = _blas_threads()
+        second.__exit__(None, None, None)
+        after = _blas_threads()
+    assert set(before) == {2}
+    assert set(during) == {1}
+    assert after == before
+
+
+def test_the_precision_is_one_thread_s_at_a_time():
+    before = ctx.prec
+
+    def third(bits):
+        with working_precision(bits):
+            for _ in range(20):
+                ball = arb(1) / 3
+                assert ball.rel_accuracy_bits() >= bits - 3
+            return str(ball.mid().man_exp())
+
+    expected = {bits: third(bits) for bits in (64, 128, 1000)}
+    with ThreadPoolExecutor(8) as pool:
+        many = [64, 128, 1000] * 200
+        assert list(pool.map(third, many)) == [expected[bits] for bits in many]
+    assert ctx.prec == before
+
+
+def test_cores_are_counted_where_there_are_no_affinities(monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert available_cores() == (os.cpu_count() or 1)
+    assert len(cg.search(2, 2, 2, seed=0).starts) == 2
+    assert cg.construct(2, 2, seed=0).exact
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert available_cores() == 1

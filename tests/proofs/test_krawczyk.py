@@ -11,6 +11,7 @@ import pytest
 from flint import arb, arb_mat
 from independent_verifier import NotProvedError, verify
 from kinds import FROZEN
+from slow_cases import slow
 
 import cg
 from cg.construction.proofs.digits import _rounded
@@ -154,13 +155,10 @@ def method(name):
     return tomllib.loads((FOLDER / name).read_text("utf-8"))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (certificate["order"] > 5))
-        for name, certificate in CERTIFICATES.items()
-    ],
-)
+LONG = [name for name, certificate in CERTIFICATES.items() if certificate["order"] > 5]
+
+
+@pytest.mark.parametrize("name", [*(n for n in CERTIFICATES if n not in LONG), *slow(*LONG)])
 def test_certificates_are_proved_a_second_way(name):
     with working_precision(53):
         verify(method(name), CERTIFICATES[name])

@@ -13,27 +13,11 @@ from word_residuals import word_residuals
 import cg
 from cg.construction.candidate import pack_method
 from cg.construction.catalogue import find_method
+from cg.construction.conditions import words as ws
 from cg.construction.conditions.word_weights import Quantity, Weights
-from cg.construction.conditions.words import (
-    Condition,
-    condition_words,
-    conditions_of,
-    parse,
-    reciprocal_density,
-    words_with,
-)
 from cg.construction.proofs import CertificationError, certify, check
+from cg.construction.proofs.dependent import pairings as pr
 from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
-from cg.construction.proofs.dependent.pairings import (
-    SLOT,
-    basis,
-    depth,
-    fill,
-    has_slot,
-    moments,
-    outer_nodes,
-    pairings,
-)
 from cg.support.balls import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
@@ -75,7 +59,7 @@ def test_conditions_left_out_hold_near_solutions(name):
     method = cg.methods[name]
     system = pack_method(method).system
     left_out = set(left_out_of(method))
-    required = [(0, word) not in left_out for word in condition_words(5)]
+    required = [(0, word) not in left_out for word in ws.condition_words(5)]
     start = np.array([float(c.value) for c in method.coefficients])
     x = start + 1e-4 * np.random.default_rng(1).standard_normal(start.size)
     for _ in range(12):
@@ -91,7 +75,7 @@ def test_products_of_vectors_are_weights_for_any_coefficients(name):
     orders = [4, 3] if layout.pair else [5]
     with precision(200):
         y = [arb(fmpq(x.numerator, x.denominator)) for x in random_rationals(layout.size, 2)]
-        for pairing in pairings(layout, orders, y):
+        for pairing in pr.pairings(layout, orders, y):
             generator = np.random.default_rng(3)
             pairs = [
                 (i, j)
@@ -112,10 +96,10 @@ def test_products_of_vectors_are_weights_for_any_coefficients(name):
 def test_residuals_of_all_words_by_those_of_conditions():
     layout = cg.methods["CF5c"].layout
     x = random_rationals(layout.size, 4)
-    words = list(condition_words(5, independent=False))
+    words = list(ws.condition_words(5, independent=False))
     residuals = dict(zip(words, word_residuals(layout, x, words), strict=True))
-    reduction = Reduction(Fraction, lambda word: residuals[word] + reciprocal_density(word))
-    conditions = set(condition_words(5))
+    reduction = Reduction(Fraction, lambda word: residuals[word] + ws.reciprocal_density(word))
+    conditions = set(ws.condition_words(5))
     for word in words:
         combination = reduction(word)
         assert conditions.issuperset(combination)
@@ -125,7 +109,7 @@ def test_residuals_of_all_words_by_those_of_conditions():
 def with_slots(word):
     """Yield the contexts that a word without letters is left of, where it was a letter."""
     for i, letter in enumerate(word):
-        for other in [SLOT] if letter == () else with_slots(letter):
+        for other in [pr.SLOT] if letter == () else with_slots(letter):
             yield (*word[:i], other, *word[i + 1 :])
 
 
@@ -134,31 +118,33 @@ def test_contexts_are_words_with_a_slot_in_the_last_letter(order):
     expected = {
         context
         for count in range(1, order + 1)
-        for word in words_with(count + 1)
+        for word in ws.words_with(count + 1)
         for context in with_slots(word)
-        if context[-1] == SLOT or has_slot(context[-1])
+        if context[-1] == pr.SLOT or pr.has_slot(context[-1])
     }
-    assert len(basis(order)) == len(expected)
-    assert set(basis(order)) == expected
+    assert len(pr.basis(order)) == len(expected)
+    assert set(pr.basis(order)) == expected
 
 
 def test_moments_of_the_exact_solution():
     # those of θ^k / k! are k θ^(k+1) / (k+1)!
-    for context in basis(3):
+    for context in pr.basis(3):
         for k in range(4):
             moment = sum(
-                m * reciprocal_density(fill(other, ((),) * k))
-                for other, m in moments(context).items()
+                m * ws.reciprocal_density(pr.fill(other, ((),) * k))
+                for other, m in pr.moments(context).items()
             )
-            assert moment == k * reciprocal_density(fill(context, ((),) * (k + 1)))
-            assert {outer_nodes(other) for other in moments(context)} == {outer_nodes(context) + 1}
-            assert {depth(other) for other in moments(context)} == {depth(context)}
+            assert moment == k * ws.reciprocal_density(pr.fill(context, ((),) * (k + 1)))
+            assert {pr.outer_nodes(other) for other in pr.moments(context)} == {
+                pr.outer_nodes(context) + 1
+            }
+            assert {pr.depth(other) for other in pr.moments(context)} == {pr.depth(context)}
 
 
 def test_moments_are_exactly_zero_on_flows_from_the_start():
     layout = cg.methods["CF6d"].layout
     with precision(200):
-        flows = pairings(layout, [4], balls(cg.methods["CF6d"], 1e-9))[1]
+        flows = pr.pairings(layout, [4], balls(cg.methods["CF6d"], 1e-9))[1]
     first = [m for m, parent in enumerate(layout.parents) if parent < 0]
     for column, vector in zip(flows.columns, flows.right, strict=True):
         zero = [m for m, x in enumerate(vector) if x.is_zero()]
@@ -172,10 +158,10 @@ def test_dependent_and_independent_conditions():
         assert follow(method.layout, [5], balls(method, 1e-30), left_out)
         assert follow(method.layout, [5], balls(method, 1e-30), left_out[:3])
         assert not follow(method.layout, [5], balls(method, 0.1), left_out)
-        one_more = next(one for one in conditions_of([5]) if one not in left_out)
+        one_more = next(one for one in ws.conditions_of([5]) if one not in left_out)
         assert not follow(method.layout, [5], balls(method), [*left_out, one_more])
         relations = find_relations(method.layout, [5], balls(method), 20)
-        alone = conditions_of([5])[int(np.argmin(np.linalg.norm(relations, axis=0)))]
+        alone = ws.conditions_of([5])[int(np.argmin(np.linalg.norm(relations, axis=0)))]
         assert not follow(method.layout, [5], balls(method), [alone])
         elsewhere = [ball + arb(0.01) * (k % 3) for k, ball in enumerate(balls(method))]
         assert not follow(method.layout, [5], elsewhere, left_out)
@@ -192,7 +178,7 @@ def test_relations_are_orthogonal_to_all_derivatives():
     assert np.abs(relations @ jacobian).max() < 1e-10
 
 
-TREE = Condition(0, parse("[[]]"))
+TREE = ws.Condition(0, ws.parse("[[]]"))
 
 
 def leaving_out(certificate, conditions, **changes):
@@ -208,7 +194,7 @@ def test_certificates_that_leave_out_something_else():
         (*left_out, left_out[0]),
         (*left_out, TREE),
         (*left_out[:-1], TREE),
-        (Condition(0, parse("[[][]]")),),
+        (ws.Condition(0, ws.parse("[[][]]")),),
         (TREE._replace(row=1),),
         (),
     ):

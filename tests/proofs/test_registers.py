@@ -7,14 +7,7 @@ import pytest
 from word_residuals import word_residuals
 
 from cg.construction.conditions import condition_trees, residuals
-from cg.construction.conditions.words import (
-    add_multiple,
-    condition_words,
-    extend,
-    nodes,
-    shuffle,
-    words_with,
-)
+from cg.construction.conditions import words as ws
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.proofs.dependent.orthogonality import Reduction
 from cg.construction.trees.ordered import forest
@@ -25,10 +18,10 @@ def exchange(p, v, w, q):
     """Return Σ (p ⧢ v) w q - Σ (p ⧢ w) v q - p [v ⧢ w] q + p [w ⧢ v] q, zero for two registers."""
     relation = {}
     for first, second, sign in ((v, w, 1), (w, v, -1)):
-        for word, m in shuffle(p, (first,)).items():
-            add_multiple(relation, (*word, second, *q), sign * m)
-        for letter, m in shuffle(second, (first,)).items():
-            add_multiple(relation, (*p, letter, *q), -sign * m)
+        for word, m in ws.shuffle(p, (first,)).items():
+            ws.add_multiple(relation, (*word, second, *q), sign * m)
+        for letter, m in ws.shuffle(second, (first,)).items():
+            ws.add_multiple(relation, (*p, letter, *q), -sign * m)
     return {word: m for word, m in relation.items() if m}
 
 
@@ -40,10 +33,10 @@ def exchanges(count):
             for left in range(count - size + 1):
                 relations += [
                     relation
-                    for v in words_with(first - 1)
-                    for w in words_with(size - first - 1)
-                    for p in words_with(left)
-                    for q in words_with(count - size - left)
+                    for v in ws.words_with(first - 1)
+                    for w in ws.words_with(size - first - 1)
+                    for p in ws.words_with(left)
+                    for q in ws.words_with(count - size - left)
                     if (relation := exchange(p, v, w, q))
                 ]
     for inside in range(2, count):
@@ -51,8 +44,8 @@ def exchanges(count):
             relations += [
                 {(*p, letter, *q): m for letter, m in relation.items()}
                 for relation in exchanges(inside)
-                for p in words_with(left)
-                for q in words_with(count - 1 - inside - left)
+                for p in ws.words_with(left)
+                for q in ws.words_with(count - 1 - inside - left)
             ]
     return relations
 
@@ -61,12 +54,12 @@ def flat(tree):
     """Return a rooted tree as a combination of ordered ones."""
     words = {(): 1}
     for child in tree:
-        words = extend(lambda word, child=child: shuffled(word, child), words)
+        words = ws.extend(lambda word, child=child: shuffled(word, child), words)
     return words
 
 
 def shuffled(word, child):
-    return extend(lambda letter: shuffle(word, (letter,)), flat(child))
+    return ws.extend(lambda letter: ws.shuffle(word, (letter,)), flat(child))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -75,7 +68,7 @@ def test_relations_hold_for_any_coefficients_of_two_registers(seed):
     a, b = ([f"{int(x)}/64" for x in generator.integers(-90, 90, 5)] for _ in range(2))
     method = from_two_registers(["0", *a[1:]], b)
     x = [coefficient.value for coefficient in method.coefficients]
-    words = list(condition_words(5, independent=False))
+    words = list(ws.condition_words(5, independent=False))
     residuals = dict(zip(words, word_residuals(method.layout, x, words), strict=True))
     assert all(residuals[word] for word in words[:3])
     relations = [one for count in range(2, 6) for one in exchanges(count)]
@@ -87,7 +80,7 @@ def test_relations_hold_for_any_coefficients_of_two_registers(seed):
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 def test_flat_conditions_imply_all_others(order):
     """With the relations, the conditions of rooted trees determine all residuals of this order."""
-    conditions = [w for w in condition_words(order) if nodes(w) == order]
+    conditions = [w for w in ws.condition_words(order) if ws.nodes(w) == order]
     # those of fewer nodes being satisfied, products vanish
     reduction = Reduction(Fraction, lambda _: Fraction(0))
     trees = ({(letter,): m for letter, m in flat(tree).items()} for tree in rooted_trees(order))

@@ -165,7 +165,8 @@ def test_verdicts_are_those_of_the_judges(evidence):
 
 def test_claims_are_distinct():
     questions = [(name(claim.judge), getattr(claim.judge, "args", ())) for claim in CLAIMS]
-    assert len(set(questions)) == len(questions)
+    assert len(set(questions)) == len({(c.section, c.text) for c in CLAIMS}) == len(questions)
+    assert all(claim.section and claim.text.endswith((".", "…")) for claim in CLAIMS)
 
 
 def test_evidence_of_improvement_has_its_numbers(evidence):

@@ -153,25 +153,13 @@ def test_figure_4_2(reading):
     assert set(legend(figure)) == {*METHODS, "order 4", "roundoff of double"}
 
 
-def quad_runs(h, orders=ORDERS):
-    errors = {
-        method: [10.0**-k * size**q for size in h] for k, (method, q) in enumerate(orders.items())
-    }
-    return {
-        method: {
-            "h": h,
-            "error": error,
-            "local": [float(orders[method])] * (len(h) - 1),
-            "slope": float(orders[method]),
-            "largest_slope": float(orders[method]),
-        }
-        for method, error in errors.items()
-    }  # fmt: skip
-
-
 def test_figure_4_2_in_quad():
     h = [2.0**-k for k in range(2, 8)]
-    runs = quad_runs(h)
+    runs = {}
+    for method, error in errors_by_step(h).items():
+        order = float(ORDERS[method])
+        slopes = {"local": [order] * (len(h) - 1), "slope": order, "largest_slope": order}
+        runs[method] = {"h": h, "error": error, **slopes}
     data = {"readings": {"momentum": {"reference_error": 1e-40, "methods": runs}}}
     figure = drawn(charts(fig4_2_quad.present(data))["fig4.2-quad-momentum"])
     (axes,) = figure.axes
@@ -179,11 +167,8 @@ def test_figure_4_2_in_quad():
     for order in (4, 5, 6):
         assert slope(curves(axes)[f"order {order}"]) == pytest.approx(order)
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    assert set(legend(figure)) == {
-        *METHODS,
-        *(f"order {q}" for q in (4, 5, 6)),
-        "roundoff of double",
-    }
+    guides = {f"order {q}" for q in (4, 5, 6)}
+    assert set(legend(figure)) == {*METHODS, *guides, "roundoff of double"}
 
 
 def test_figure_of_a_search():

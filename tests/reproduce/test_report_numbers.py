@@ -1,16 +1,22 @@
-"""Printed numbers of the paper, digests of code, the display of progress."""
+"""Numbers of the paper, the table of the catalogue, digests of code, the display of progress."""
 
 import hashlib
 import io
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from kinds import FROZEN
 
 import cg
+from cg.construction.catalogue import methods
+from cg.construction.conditions import count
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.proofs.files import certificate_names
 from cg.problems import HeavyTop
-from cg.reproduce import fingerprint, quad_orders
+from cg.reproduce import catalogue_table, fingerprint, quad_orders
 from cg.reproduce.appendix_a import printed
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.display import Display
@@ -94,11 +100,8 @@ def test_rotations_are_orthogonal_to_rounding():
 
 
 @pytest.mark.parametrize(("arguments", "named"), [
-    (["--seed", "-1"], "--seed"),
-    (["--seed", "one"], "--seed"),
-    (["--workers", "0"], "--workers"),
-    (["--workers", "1.5"], "--workers"),
-    (["--frequency"], "--frequency"),
+    (["--seed", "-1"], "--seed"), (["--seed", "one"], "--seed"), (["--workers", "0"], "--workers"),
+    (["--workers", "1.5"], "--workers"), (["--frequency"], "--frequency"),
     (["--only", "fig9.9"], "fig9.9"),
 ])  # fmt: skip
 def test_rejects_wrong_arguments(arguments, named, capsys):
@@ -106,27 +109,79 @@ def test_rejects_wrong_arguments(arguments, named, capsys):
     assert named in capsys.readouterr().err
 
 
-@pytest.fixture
-def no_work(monkeypatch):
-    def refuse(*arguments):
-        raise AssertionError("work has begun")
-
-    monkeypatch.setattr("cg.reproduce.run.run", refuse)
-
-
-@pytest.mark.usefixtures("no_work")
-def test_rejects_out_that_is_a_file(tmp_path, capsys):
+def test_rejects_folders_before_work_begins(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("cg.reproduce.run.run", lambda *_: pytest.fail("work has begun"))
     path = tmp_path / "taken"
     path.write_text("mine")
-    assert main(["--out", str(path)]) == 2
-    assert f"{path} is not a directory" in capsys.readouterr().err
-    assert main(["--out", str(path / "below")]) == 2
-    assert "is not a directory" in capsys.readouterr().err
+    wrong = [(path, f"{path} is not a directory"), (path / "below", "is not a directory")]
+    if sys.platform == "linux":  # whose /proc takes no folders, not even from root
+        wrong.append(("/proc/nothing", "/proc/nothing is not writable"))
+    for out, message in wrong:
+        assert main(["--out", str(out)]) == 2
+        assert message in capsys.readouterr().err
     assert path.read_text() == "mine"
 
 
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
-def test_rejects_out_that_is_not_writable(capsys):
-    assert main(["--out", "/proc/nothing"]) == 2
-    assert "/proc/nothing is not writable" in capsys.readouterr().err
+PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
+
+
+@pytest.fixture(scope="module")
+def catalogue():
+    return {entry["name"]: entry for entry in catalogue_table.entries()}
+
+
+def test_properties(catalogue):
+    assert sorted(catalogue) == sorted(FROZEN)
+    entry = catalogue["CG4a"]
+    assert (entry["order"], entry["embedded_order"], entry["approximate"]) == (4, None, False)
+    assert (entry["stages"], entry["exponentials"]) == (5, 15)
+    assert entry["largest_coefficient"] == 1.3918565724203246
+    # the one dependent condition of CG5a is known
+    assert (entry["rank"], catalogue["CG5a"]["rank"]) == (13, 37)
+    for name, actual in catalogue.items():
+        assert actual["conditions"] == count(actual["order"], independent=True)
+        assert 0 < actual["rank"] <= actual["conditions"]
+        assert actual["approximate"] == (actual["largest_residual"] > 1e-32) == (name == "CG6a")
+        assert actual["principal_error"] > 1e-5
+
+
+def test_catalogue_section_shows_certificates(catalogue):
+    rows = {row[0]: row[-1] for row in catalogue_table.table(catalogue.values()).rows}
+    proved = {name for name, actual in catalogue.items() if actual["certificate"]}
+    assert proved == {n for n, cell in rows.items() if cell != "–"}
+    assert proved == {*certificate_names()} & {*FROZEN}
+    assert rows["CG6a"] == "–"
+    assert rows["LieEuler"] == "0"
+    assert rows["CG4a"].endswith("e−36")
+
+
+def test_table_in_docs_matches_the_catalogue(catalogue):
+    shown = catalogue_table.markdown(catalogue_table.table(catalogue.values()))
+    page = PAGE.read_text("utf-8")
+    assert shown in page, "out of date; run python tools/update_catalogue.py"
+    advice = page.partition("## Which method to use")[2].partition("## The table")[0]
+    named = set(re.findall(r"`([A-Z]\w+(?:\(\d\)\w?)?)`", advice))
+    assert len(named) > 8
+    assert named <= set(methods)
+
+
+RECOMMENDED = {
+    "effort": "CG4b CG6f CF4r CF5d CF6b CF7b",
+    "exponentials": "CG4c CG5c CG6g CF4 CF5c CF6d DOP853 CF7b",
+    "stages": "CG5d CG6g CG7b CF4 CF5b CF6a CF7c CF8a",
+    "principal_error": "CG5b CG6e CF4r CF5e",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "by"), [(name, by) for by, names in RECOMMENDED.items() for name in names.split()]
+)
+def test_recommended_methods_are_best_in_their_class(catalogue, name, by):
+    # Crouch–Grossman methods among themselves, others among all
+    rivals = {
+        other["name"]: other[by]
+        for other in catalogue.values()
+        if other["explicit"] and other["order"] == methods[name].order
+        if not (name.startswith("CG") and isinstance(methods[other["name"]], CommutatorFree))
+    }
+    assert rivals[name] == min(rivals.values())

@@ -13,24 +13,14 @@ import cg
 from cg.construction.conditions import condition_trees, residuals
 from cg.construction.layouts.points import Point, PointTree
 from cg.construction.trees.ordered import OrderedTree, catalan, forest
-from research.impossibility import (
-    Claim,
-    ImpossibilityError,
-    PathShape,
-    PointsShape,
-    TableauShape,
-    check,
-    point_shapes,
-    proof_names,
-    read_proof,
-)
+from research import impossibility as im
 from research.impossibility.__main__ import main
 from research.impossibility.ring import Ring
 from research.impossibility.shapes import flat_density, orderings
 
 
 def test_all_proofs_hold_and_say_what_they_prove():
-    sentences = [sentence for name in proof_names() for sentence in check(name)]
+    sentences = [sentence for name in im.proof_names() for sentence in im.check(name)]
     assert "no explicit Crouch-Grossman tableau of 4 stages has order 4" in sentences
     assert "no tree of 4 points (of 24) has order 4" in sentences
     for order, flows in ((3, 1), (5, 2), (6, 3), (7, 4)):
@@ -48,7 +38,7 @@ def test_known_methods_have_more_flows_than_are_ruled_out(name):
 
 @pytest.mark.parametrize("change", ["factor", "missing", "name", "text"])
 def test_wrong_proofs_are_refused(change):
-    proof = read_proof("order4")
+    proof = im.read_proof("order4")
     claim = next(claim for claim in proof.claims if claim.shape == "-1 -1 0 1")
     factors = dict(claim.factors)
     name = next(iter(factors))
@@ -60,19 +50,21 @@ def test_wrong_proofs_are_refused(change):
         factors["lemma 99"] = factors.pop(name)
     else:
         factors[name] += "+"
-    refuses(ImpossibilityError, "-1 -1 0 1", proof.check_claim, replace(claim, factors=factors))
+    refuses(im.ImpossibilityError, "-1 -1 0 1", proof.check_claim, replace(claim, factors=factors))
 
 
 def test_a_proof_of_another_shape_is_refused():
-    proof = read_proof("order4")
+    proof = im.read_proof("order4")
     claim = next(claim for claim in proof.claims if claim.shape == "tableau")
-    refuses(ImpossibilityError, "isn't one", proof.check_claim, Claim("-1 0 1 2", claim.factors))
+    refuses(
+        im.ImpossibilityError, "isn't one", proof.check_claim, im.Claim("-1 0 1 2", claim.factors)
+    )
 
 
 def test_a_wrong_lemma_is_refused():
-    proof = read_proof("order4")
+    proof = im.read_proof("order4")
     wrong = replace(proof.lemmas[0], polynomial=proof.lemmas[0].polynomial + "+1")
-    with pytest.raises(ImpossibilityError, match="lemma 1 "):
+    with pytest.raises(im.ImpossibilityError, match="lemma 1 "):
         replace(proof, lemmas=(wrong, *proof.lemmas[1:])).check_lemmas()
 
 
@@ -101,7 +93,7 @@ def _rows(stages, values):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_conditions_of_tableaux_agree_with_the_oracle(seed):
-    shape = TableauShape(4)
+    shape = im.TableauShape(4)
     values = _values(shape, seed)
     rows = _rows(4, values)
     actual = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
@@ -110,7 +102,7 @@ def test_conditions_of_tableaux_agree_with_the_oracle(seed):
 
 @pytest.mark.parametrize("parents", [(-1, 0, 1, 2), (-1, -1, 0, 1), (-1, 0, -1, 2)])
 def test_conditions_of_points_agree_with_the_oracle(parents):
-    shape = PointsShape(4, parents)
+    shape = im.PointsShape(4, parents)
     values = _values(shape, 7)
     rows = _rows(4, values)
     points = []
@@ -123,7 +115,7 @@ def test_conditions_of_points_agree_with_the_oracle(parents):
 
 
 def test_the_flat_conditions_vanish_at_the_classical_method_alone():
-    shape = TableauShape(4)
+    shape = im.TableauShape(4)
     values = dict.fromkeys(shape.ring.names, Fraction(0))
     values |= {"a3_2": Fraction(1, 2), "a4_3": Fraction(1), "c2": Fraction(1, 2)}
     values |= {"c3": Fraction(1, 2), "c4": Fraction(1), "b1": Fraction(1, 6)}
@@ -131,7 +123,7 @@ def test_the_flat_conditions_vanish_at_the_classical_method_alone():
     flat = shape.flat_conditions(4)
     assert len(flat) == 8
     assert {_at(p, shape.ring.names, values) for p in flat.values()} == {0}
-    lemmas = [shape.ring.read(lemma.polynomial) for lemma in read_proof("order4").lemmas]
+    lemmas = [shape.ring.read(lemma.polynomial) for lemma in im.read_proof("order4").lemmas]
     assert {_at(p, shape.ring.names, values) for p in lemmas} == {0}
     values["b1"] += 1
     assert _at(flat["[]"], shape.ring.names, values) == 1
@@ -145,7 +137,7 @@ def test_the_words_of_one_flow_are_those_of_the_exponential():
         if set(word) <= {1, 2}:
             phi = Fraction(1, 2 ** word.count(2) * factorial(len(word)))
             expected[str(trees.tree(t))] = phi - Fraction(1, trees.density[t - 1])
-    values = {name: _at(p, (), {}) for name, p in PathShape(1).conditions(5).items()}
+    values = {name: _at(p, (), {}) for name, p in im.PathShape(1).conditions(5).items()}
     assert values == expected
 
 
@@ -156,7 +148,7 @@ def test_the_words_of_two_flows_vanish_at_a_known_method():
     assert len(path) == 2
     weights = points[path[0]].weights
     values = {"x0_1": sum(weights.values()), "x0_2": sum(w * c[k] for k, w in weights.items())}
-    shape = PathShape(2)
+    shape = im.PathShape(2)
     assert set(shape.ring.names) == set(values)
     actual = {name: _at(p, shape.ring.names, values) for name, p in shape.conditions(5).items()}
     assert {actual[name] for name in shape.conditions(4)} == {0}
@@ -164,10 +156,10 @@ def test_the_words_of_two_flows_vanish_at_a_known_method():
 
 
 def test_all_trees_are_there():
-    shapes = [shape.parents for shape in point_shapes(4)]
+    shapes = [shape.parents for shape in im.point_shapes(4)]
     assert len(set(shapes)) == 24 == len(shapes)
     assert catalan(4) == 14
-    proved = {claim.shape for claim in read_proof("order4").claims}
+    proved = {claim.shape for claim in im.read_proof("order4").claims}
     assert proved == {"tableau", *(" ".join(map(str, parents)) for parents in shapes)}
 
 

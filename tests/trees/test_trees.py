@@ -105,3 +105,20 @@ def test_nodes_and_densities():
 def test_rejects_a_bad_number_of_nodes(function):
     refuses(ValueError, "at least 1", function, 0)
     refuses(TypeError, "must be an integer", function, 2.5)
+
+
+def test_deep_trees():
+    depth = 5000
+    text = "[" * depth + "]" * depth
+    tree, same = OrderedTree.parse(text), OrderedTree.parse(text)
+    other = OrderedTree.parse("[" * depth + "[]" + "]" * depth)
+    assert tree == same
+    assert hash(tree) == hash(same)
+    assert tree != other
+    assert tree != text
+    assert (tree.nodes, other.nodes) == (depth, depth + 1)
+    assert str(tree) == text
+    assert repr(tree) == f"OrderedTree.parse({text!r})"
+    small = OrderedTree.parse("[" * 20 + "]" * 20)
+    assert small.density == 121645100408832000  # 19!
+    assert {tree: 1}[same] == 1

@@ -1,1 +1,0 @@
-"""Streams that count as terminals."""

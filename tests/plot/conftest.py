@@ -1,0 +1,12 @@
+"""Figures that aren't shown, and are closed after each test."""
+
+import pytest
+
+pytest.importorskip("matplotlib").use("Agg")
+from matplotlib import pyplot as plt  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
