@@ -120,6 +120,21 @@ def faults(method):
     return table.converges, table.fault
 
 
+@pytest.mark.parametrize("make", [
+    lambda half: cg.Splitting([0, 1, 0], [half, half]),
+    lambda half: cg.MagnusMethod([half], [[1]], [[half]], third=[half], third_factor=half),
+    lambda half: cg.MagnusMethod([half], [[1, 0]], brackets=[([half], [1])]),
+    lambda half: cg.MuntheKaas(
+        Tableau([[], [1]], [1, 0], b_embedded=[0, 1]), third=[half, half]),
+    lambda half: CommutatorFree(
+        [(-1, {0: 1}), (-1, {1: 1})], [-1, 0], embedded_result=0, third=[half, half]),
+])  # fmt: skip
+def test_methods_of_equal_numbers_are_equal(make):
+    one, other = make("1/2"), make("0.50")
+    assert one == other != make("1/3")
+    assert hash(one) == hash(other)
+
+
 class TestFaults:
     """What integrations warn about."""
 

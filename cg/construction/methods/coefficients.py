@@ -142,6 +142,13 @@ def read_row(
     return tuple(map(partial(read_coefficient, error=error), numbers, names))
 
 
+def values_of(rows: Any) -> Any:
+    """Return nested tuples of coefficients, or None, with their values."""
+    if isinstance(rows, Coefficient):
+        return rows.value
+    return rows and tuple(map(values_of, rows))
+
+
 def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ...] | None:
     """Return third weights, one for each stage, or None; MethodError if `second` is None."""
     if third is None:

@@ -18,6 +18,7 @@ from cg.construction.methods.coefficients import (
     read_sequence,
     read_texts,
     read_third,
+    values_of,
 )
 from cg.construction.methods.flat import flat_order
 from cg.construction.methods.method import Method
@@ -143,7 +144,7 @@ class CommutatorFree(Method):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.tree, self.third_weights
+        return self.tree, values_of(self.third_weights)
 
     @cached_property
     def layout(self) -> Layout:

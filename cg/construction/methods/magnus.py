@@ -28,6 +28,7 @@ from cg.construction.methods.coefficients import (
     read_sequence,
     read_texts,
     read_third,
+    values_of,
 )
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
@@ -156,7 +157,8 @@ class MagnusMethod(Method):
     @property
     def _key(self) -> tuple[Any, ...]:
         third = self.third_weights, self.third_factor
-        return self.nodes, self.brackets, self.weights, self.embedded_weights, *third
+        rows = self.nodes, self.brackets, self.weights, self.embedded_weights, *third
+        return tuple(map(values_of, rows))
 
     @cached_property
     def tree(self) -> PointTree:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import MethodError, PointTree, check_tree, tree_of_flat_rows
-from cg.construction.methods.coefficients import Coefficient, read_texts, read_third
+from cg.construction.methods.coefficients import Coefficient, read_texts, read_third, values_of
 from cg.construction.methods.flat import flat_order, flat_residuals
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
@@ -123,7 +123,7 @@ class MuntheKaas(Method):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.tableau, self.third_weights
+        return self.tableau, values_of(self.third_weights)
 
     @cached_property
     def tree(self) -> PointTree:

@@ -20,7 +20,7 @@ from cg.construction.conditions.nystrom import (
 )
 from cg.construction.layouts.layout import Layout
 from cg.construction.layouts.points import START
-from cg.construction.methods.coefficients import Coefficient, read_row, read_texts
+from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.support.balls import to_flint, to_fraction
@@ -105,7 +105,7 @@ class Splitting(Method):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.drift_coefficients, self.kick_coefficients
+        return values_of(self.drift_coefficients), values_of(self.kick_coefficients)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
