@@ -166,17 +166,20 @@ contains
   end subroutine find_zeros_of
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
-  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. For detection
-  ! along the cubic, which isn't accurate, it is enough to come near to zero.
+  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
+  ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
+  ! middle is tried of an outer part at whose end the function does. So it is for detection along the
+  ! cubic, which isn't accurate.
   subroutine find_turning_point(g, ends, values, turning, value, exists)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: ends(3), values(3)
     real(wp), intent(out) :: turning, value            ! the point, and the function there
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
-    real(wp), parameter :: margin = 0.02_wp            ! relative to differences of values
-    real(wp) :: theta(3), v(3), first, second, nearest, inner(2), at_inner(2)
-    integer :: i
+    real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
+    real(wp) :: theta(3), v(3), first, second, near, nearest, inner(2), at_inner(2)
+    integer :: edge, i
+    logical :: lies_within
 
     theta = ends
     v = abs(values)
@@ -189,11 +192,21 @@ contains
       second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
       if (.not. second > 0) return
       turning = (theta(1) + theta(2) - first / second) / 2
-      if (turning <= theta(1) .or. turning >= theta(3)) return
       nearest = v(1) + (turning - theta(1)) * (first + second * (turning - theta(2)))
-      exists = g%detects .and. min(nearest, minval(v)) < margin * (maxval(v) - minval(v))
+      near = margin * (maxval(v) - minval(v))
+      lies_within = turning > theta(1) .and. turning < theta(3)
+      if (.not. (lies_within .and. (g%detects .or. nearest <= minval(v) / 2))) then
+        if (turning > ends(2) .and. ends(3) < 1) return      ! the next three values are nearer
+        edge = merge(3, 1, turning > theta(2))
+        if (.not. lies_within .or. nearest > near) then
+          if (v(edge) > near .or. &
+              abs(turning - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
+          turning = (theta(2) + theta(edge)) / 2
+        end if
+      end if
+      exists = g%detects .and. min(nearest, minval(v)) < near
       value = -values(1)
-      if (exists .or. nearest > minval(v) / 2) return
+      if (exists .or. g%detects .and. nearest > minval(v) / 2) return
       call g%value(turning, value)
       if (g%stopped) return
       exists = value * sign(1.0_wp, values(1)) <= 0

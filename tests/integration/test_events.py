@@ -188,6 +188,20 @@ def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     np.testing.assert_allclose(run.t_events[0], expected, rtol=0, atol=3e-5)
 
 
+@pytest.mark.parametrize("share", [0.99, 0.999, 0.9999])
+def test_narrow_pairs_of_zeros_anywhere_in_long_steps(share):
+    level = math.cos(share * math.pi)
+    for middle in np.linspace(0.1, 3.9, 191):
+        y0 = SO3().flow([0.0, 0.0, math.pi - middle], np.eye(3))
+        solution = cg.solve_ivp(
+            lambda t, y: [0.0, 0.0, 1.0], (0, 4), y0, frame=SO3(), method="CF4", h=2.0,
+            events=lambda t, y: y[0, 0] - level,
+        )  # fmt: skip
+        width = (1 - share) * math.pi
+        expected = [middle - width, middle + width]
+        np.testing.assert_allclose(solution.t_events[0], expected, rtol=0, atol=1e-11)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("steps", [{}, {"h": 8e3, "method": "CF4"}], ids=str)
 def test_all_events_of_very_long_steps_are_found(steps, sign):
