@@ -165,6 +165,15 @@ class Construction:
     best: Attempt  # the try of the method, or the one with the fewest stages and flows
     tries: int
 
+    def __repr__(self) -> str:
+        settings, found = self.settings, repr(self.method)
+        if self.method is None:
+            found = f"no method in {self.tries} tries, the smallest f {self.best.f:.2g}"
+        return (
+            f"<Construction: order {settings.order}, {settings.stages} stages, seed "
+            f"{settings.seed}: {found}>"
+        )
+
     @property
     def exact(self) -> bool:
         """Whether a method was found."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
 
 MEMBERSHIP_TOLERANCE = 1e-8
+_NEAR = 10.0  # error of points of which messages say that they may be projected
 
 
 class Manifold(ABC):
@@ -131,7 +132,9 @@ class Manifold(ABC):
         error = float(self.state_error(point))
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
-            why = self._reason(point) or self._projection_hint(point, name)
+            why = self._reason(point)
+            if not why and error < _NEAR:  # else it isn't this point that was meant
+                why = self._projection_hint(point, name)
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
                 f"{error:.3g}, more than {tolerance:.3g}{why}"

@@ -227,7 +227,8 @@ def check_points(
     if len(points) == 1 and rows.ndim == 2:
         points = np.repeat(points, len(rows), axis=0)
     if rows.ndim != 2 or len(rows) != len(points) or rows.size == 0:
-        shape = f"({len(points)}, k)" if many else "(k,)"
+        lead = "members" if len(points) == 1 else len(points)
+        shape = f"({lead}, k)" if many else "(k,)"
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
     rows.flags.writeable = False
     return points, rows

@@ -144,6 +144,7 @@ class TestConstruct:
         assert not construction.exact
         assert construction.tries == 3
         assert construction.best.stages >= 4
+        assert "seed 0: no method in 3 tries, the smallest" in repr(construction)
 
 
 @pytest.mark.parametrize(("scale", "useful"), [(1.0, True), (0.5, True), (1e-7, False)])

@@ -162,6 +162,7 @@ def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
     (fr.SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
     (fr.SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
     (fr.UnitQuaternion(), np.zeros(4), False),
+    (fr.UnitQuaternion(), [7e6, 0.0, 0.0, 0.0], False),  # a position
 ])  # fmt: skip
 def test_projection_is_advised_where_there_is_one(frame, y, projects):
     with pytest.raises(ValueError, match="y0 must be a point of") as error:

@@ -227,6 +227,7 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"y0": [np.eye(3), 1.1 * np.eye(3)]}, ValueError, r"y0\[1\] must be a point of .* 0.1"),
     ({"y0": [np.eye(3), np.inf * np.ones((3, 3))]}, ValueError, r"y0\[1\] must be finite"),
     ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
+    ({"y0": np.eye(3), "parameters": [1.0, 2.0]}, ValueError, r"shape \(members, k\), got"),
     ({"common_steps": "yes"}, TypeError, "common_steps must be"),
     ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
     ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),

@@ -218,7 +218,7 @@ class Samples(ReadOnly):
             if not low <= t <= high:
                 outside(t, t)
             (value,) = rows[bisect_right(search, t) - 1]
-            return value if own is None else value[own]
+            return +value if own is None else +value[own]  # an array of the caller's, as below
 
         def polynomial(t: float) -> Any:
             if not low <= t <= high:

@@ -8,6 +8,7 @@ budget of steps is used up, or a buffer is full; then Python collects the output
 from __future__ import annotations
 
 import ctypes
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +26,7 @@ from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
+_READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
@@ -297,6 +299,8 @@ class Run:
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
+        if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
+            error.add_note("points are read-only: y = y.copy() first")
 
     def _collect(self, taken: list[list[Array]], count: int, *names: str) -> None:
         """Collect the used parts of buffers, as copies if the buffers are used again."""
