@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 import cg
+from tests.model import scripts
 from tests.model.drawing import SPLITTINGS
 from tests.model.programs import Program
 from tests.model.reference import Path, covariance, difference, growth, solve, value_of
+from tests.model.scripts import CALL
 from tests.model.spaces import reals
 
 TOLERANCES = 50  # admitted, times the growth of errors
@@ -26,56 +28,6 @@ EPS = float(np.finfo(float).eps)
 EVENTS, COUNTS = ("t_events", "y_events", "y_after"), ("steps", "nrejected")
 DERIVATIVES = ("transition", "sensitivity", "covariance")
 CALLS = ("nfev", "nexp", "njev", "nlu")
-
-CALL = "s = cg.solve_ivp(f, span, y0, **options)"
-OBSERVED = """calls = [0]
-def counted(*arguments):
-    calls[0] += 1
-    return f(*arguments)
-def observe(t, y, *rest): return [t, float(np.abs(y).sum())]
-s = cg.solve_ivp(NAME, span, y0, **options, observe=observe, store=STORE)"""
-TOGETHER = """def together(event):
-    def rows(t, y, *rest):
-        rest = [zip(*each) if isinstance(each, tuple) else each for each in rest]
-        return np.array([event.function(*one) for one in zip(t.tolist(), y, *rest)])
-    return cg.Event(rows, event.terminal, event.direction, event.jump, event.period, True)
-many = {"events": [together(event) for event in options.get("events", ())]}
-"""
-EVENTS_TOGETHER = (" | many", " | many, vectorized=True")
-VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
-STEPPING = """others = "t_eval dense_output linear derivatives control_derivatives P0 noise".split()
-stepping = {k: v for k, v in options.items() if k not in others}
-g = python if "linear" in options else f
-"""
-STEPPER = f"{STEPPING}s = cg.Stepper(g, span[0], y0, span[1], **stepping)\n"
-STEPS = """t, y = [s.t], [s.y]
-while s.status == "running":
-    message = s.step()
-    assert s.status != "failed", message
-    t, y = [*t, s.t], [*y, s.y]
-    if len(t) % 3 == 2 and s.status == "running":
-        twin = copy.copy(s) if COPIES or len(t) % 2 else pickle.loads(pickle.dumps(s))
-        if len(t) % 4 == 1:
-            s.step()
-        s = twin"""
-GOALS = """y = []
-for goal in GOALS:
-    message = s.advance(goal)
-    assert s.t == goal, message
-    y.append(s.y)
-    s.restart(y=s.y)
-"""
-JAX = """import types, diffrax, jax
-jax.config.update("jax_enable_x64", True)
-traced = types.FunctionType(f.__code__, {**globals(), "np": jax.numpy})
-@jax.jit
-def points(p):
-    return diffrax.diffeqsolve(
-        cg.jax.FrameTerm(lambda t, y, p: traced(t, y, *p), frame), cg.jax.Solver(options["method"]),
-        *span, None, jax.numpy.asarray(y0), args=p, max_steps=4096,
-        stepsize_controller=cg.jax.controller(frame, options["rtol"], options["atol"]),
-        saveat=diffrax.SaveAt(ts=np.linspace(*span, 4)[1:])).ys
-y, slope = points(REST), jax.vjp(points, REST)[1]"""
 
 
 class Difference(AssertionError):
@@ -346,7 +298,7 @@ def observed(case: Case) -> None:
     """Numbers at output times in place of points; and as many calls of f as ``nfev`` says."""
     if not case.program.observe:
         return
-    code = OBSERVED.replace("STORE", "'all'" if case.program.derivatives else "'observed'")
+    code = scripts.OBSERVED.replace("STORE", "'all'" if case.program.derivatives else "'observed'")
     code = code.replace("NAME", "f" if case.program.compiled else "counted")
     run, solution = case.run(code), case.solution
     s = run["s"]
@@ -389,8 +341,9 @@ def step_by_step(case: Case) -> None:
     """Steps of a `Stepper`, copied, pickled and continued, are those of `solve_ivp`."""
     if any(zero.jump and zero.terminal for zero in case.program.events):
         return  # a stepper makes the last jump too
-    code = STEPPER + STEPS.replace("COPIES", str(case.program.compiled == "numba"))
-    plain = case.solve(f"{STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
+    code = f"COPIES, DENSE = {case.program.compiled == 'numba'}, False\n"
+    code += scripts.STEPPER + scripts.STEPS
+    plain = case.solve(f"{scripts.STEPPING}s = cg.solve_ivp(g, span, y0, **stepping)")
     run = case.run(code)
     grid = np.linspace(*case.path.task.span, int(case.program.steps) + 1)
     stops = (*case.path.task.breakpoints, *case.path.task.knots, *grid)
@@ -412,7 +365,7 @@ def advanced(case: Case) -> None:
     if any(zero.terminal for zero in program.events):
         return
     times = [program.at(share) for share in (0.31, 0.77, 1.0)]
-    code = STEPPER + GOALS.replace("GOALS", str(times))
+    code = scripts.STEPPER + scripts.GOALS.replace("GOALS", str(times))
     _near(case, times, case.run(code)["y"], code)
     earlier = f"s.restart(t={times[0]!r}, y=y[0])\ns.advance({times[1]!r})\ny = [s.y]\n"
     _near(case, [times[1]], case.run(code + earlier)["y"], code + earlier)
@@ -424,6 +377,25 @@ def advanced(case: Case) -> None:
     ))  # fmt: skip
     other = replace(case, path=moved, program=replace(program, events=()))
     _near(other, [times[2]], case.run(code)["y"], code)
+
+
+def together(case: Case) -> None:
+    """Members of a `Stepper` are those of `solve_ensemble`, and of single steppers."""
+    program, events = case.program, case.program.events
+    ways = ("", *scripts.VECTORIZED[: not program.compiled])
+    ways += scripts.EVENTS_TOGETHER[: len(ways)] if events else ()
+    way = ways[program.seed % len(ways)]
+    copied = program.compiled == "numba" or "many" in way
+    goals = [program.at(share) for share in (0.31, 0.77, 0.77, 1.0)]
+    values = (copied, program.dense or program.endless, CALLS, EVENTS if events else (), goals)
+    begin = f"{_data_of_members(program)}COPIES, DENSE, CALLS, EVENTS, GOALS = {values}\n"
+    last_jump = any(zero.jump and zero.terminal for zero in events)  # a single stepper makes it too
+    for code in (
+        scripts.COMMON_STEPS * (not case.jumps()),  # refused
+        scripts.OWN_STEPS * (not program.endless),
+        scripts.SINGLE * (program.length != 0 and not last_jump),
+    ):
+        case.run(begin + code.replace("WAY", way))
 
 
 @cache
@@ -438,9 +410,22 @@ def processes(case: Case) -> None:
         members(case, (", executor=pool",), ())
 
 
+def _data_of_members(program: Program) -> str:
+    """Return the code of options of three members, of which the second has its own."""
+    code = f"{scripts.TOGETHER}several, second, swapped = dict(options), dict(options), {{}}\n"
+    for name, of in (("members", "several"), ("mirrored", "second"), ("swapped", "swapped")):
+        if program.inputs:
+            code += f"{of}['inputs'] = {program.named_inputs(name)}\n"
+    if program.parameters:
+        code += f"second['parameters'] = {1.0 if program.endless else 0.9} * parameters\n"
+        code += "several['parameters'] = np.stack([parameters, second['parameters'], parameters])\n"
+        code += "swapped['parameters'] = several['parameters'][[1, 0, 1]]\n"
+    return code
+
+
 def members(
     case: Case,
-    ways: Sequence[str] = ("", ", workers=2", *VECTORIZED, *EVENTS_TOGETHER),
+    ways: Sequence[str] = ("", ", workers=2", *scripts.VECTORIZED, *scripts.EVENTS_TOGETHER),
     common: Sequence[str] = (
         ", common_steps=True",
         ", common_steps=True, vectorized=True",
@@ -449,15 +434,9 @@ def members(
 ) -> None:
     """Members of an ensemble are equal to single solutions, however they are computed."""
     program = case.program
-    code = f"{TOGETHER}several, second = dict(options), dict(options)\n"
+    code = _data_of_members(program)
     ways, common = ([way for way in each if program.events or "many" not in way]
                     for each in (ways, common))  # fmt: skip
-    if program.inputs:
-        code += f"several['inputs'] = {program.named_inputs('members')}\n"
-        code += f"second['inputs'] = {program.named_inputs('mirrored')}\n"
-    if program.parameters:
-        code += f"second['parameters'] = {1.0 if program.endless else 0.9} * parameters\n"
-        code += "several['parameters'] = np.stack([parameters, second['parameters'], parameters])\n"
     if program.endless and program.output is None and not program.dense:
         code += "several['t_eval'] = [span[0]]\n"
     single = case.solve(code + CALL.replace("y0, **options", "other, **second"))
@@ -587,7 +566,7 @@ def in_jax(case: Case) -> None:
     space = program.frame
     if program.length == 0 or program.method == "auto" or space.prelude or space.returned != (-1,):
         return
-    code = JAX.replace("REST", "(parameters,)" if program.parameters else "()")
+    code = scripts.JAX.replace("REST", "(parameters,)" if program.parameters else "()")
     run = case.run(code)
     times = np.linspace(program.start, program.end, 4)[1:]
     _near(case, times, np.array(run["y"]), code)

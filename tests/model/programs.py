@@ -44,6 +44,8 @@ samples{k} = cg.Samples(times{k}, values{k}, {kind})
 mirrored{k} = cg.Samples(times{k}, values{k}[::-1], {kind})
 members{k} = cg.Samples(
     times{k}, np.stack([values{k}, values{k}[::-1], values{k}]), {kind}, members=True)
+swapped{k} = cg.Samples(
+    times{k}, np.stack([values{k}[::-1], values{k}, values{k}[::-1]]), {kind}, members=True)
 """
 FUNCTION = """
 def python(t, y{further}):
