@@ -253,6 +253,7 @@ def test_a_pair_may_advance_its_second_result():
         third=given.third_weights,
     )  # fmt: skip
     assert (exchanged.order, exchanged.embedded_order) == (5, 8)
+    assert exchanged.table().exponent == given.table().exponent
     f = lambda t, y: np.array([np.sin(t), np.cos(3.0 * t), 0.5 * y[0, 1]])
     trials = [
         Step(f, cg.frames.SO3(), method).trial(0.2, np.eye(3), 0.7, 1e-6, 1e-6)
