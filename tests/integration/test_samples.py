@@ -122,8 +122,7 @@ def test_bad_input_is_named(arguments, options, word):
 @pytest.mark.parametrize("members", [False, True])
 def test_values_belong_to_the_caller(kind, members):
     values = np.arange(24.0).reshape(2, 4, 3) if members else np.arange(12.0).reshape(4, 3)
-    samples = Samples(np.arange(4.0), values, kind, members=members)
-    read = samples.reader(1 if members else None)
+    read = Samples(np.arange(4.0), values, kind, members=members).reader(1 if members else None)
     before = read(1.0).copy()
     read(1.0)[...] = 7.0
     np.testing.assert_array_equal(read(1.0), before)

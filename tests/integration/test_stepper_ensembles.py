@@ -4,10 +4,10 @@ import copy
 
 import numpy as np
 import pytest
-from bouncing_ball import bounce, fall, height
+from bouncing_ball import fall, height
 from numpy.testing import assert_array_equal
 from refusals import refuses
-from turning import OPTIONS, turning
+from turning import OPTIONS
 
 import cg
 from cg.frames import SO3, Euclidean
@@ -43,27 +43,6 @@ def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorize
     stepper.restart()
     assert stepper.advance(0.5) is None
     np.testing.assert_allclose(stepper.y[:2], 0.5 * np.exp(0.5), rtol=3e-8)
-
-
-def turning_together(t, y):
-    return np.stack([0.1 + y[:, 0, 0], np.cos(t), np.sin(t) * y[:, 1, 2]], axis=1)
-
-
-@pytest.mark.parametrize("control", [OPTIONS, {"method": "CF4", "h": 0.1}])
-@pytest.mark.parametrize("vectorized", [False, True])
-def test_members_with_common_steps_take_them_together(vectorized, control):
-    y0 = SO3().random_point(np.random.default_rng(3), 4)
-    options = {"frame": SO3(), "vectorized": vectorized, "common_steps": True} | control
-    f = turning_together if vectorized else turning
-    stepper = cg.Stepper(f, 0.0, y0, 1.0, **options)
-    whole = cg.solve_ensemble(f, (0, 1), y0, dense_output=True, **options)
-    steps = 0
-    while stepper.status == "running":
-        assert stepper.step() is None
-        steps += 1
-        for within in (whole.sol, stepper.dense_output()):
-            np.testing.assert_allclose(within(stepper.t), stepper.y, atol=1e-14, rtol=0)
-    assert steps == whole.steps[0]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -117,30 +96,6 @@ HALF = cg.Event(lambda t, y: y[0] - 0.25)
 def dropped(events, t_bound=np.inf, f=fall, **options):
     given = {"frame": Euclidean(2), "events": events, "rtol": 1e-9, "atol": 1e-9}
     return cg.Stepper(f, 0.0, HEIGHTS, t_bound, **given | options)
-
-
-@pytest.mark.parametrize(("events", "common"), [
-    ([LANDS, HALF], False),
-    ([LANDS, HALF], True),
-    ([cg.Event(height, direction=-1, terminal=2, jump=bounce), HALF], False),
-])  # fmt: skip
-def test_members_stay_at_terminal_events_as_in_an_ensemble(events, common):
-    stepper = dropped(events, 1.2, common_steps=common)
-    whole = cg.solve_ensemble(
-        fall, (0, 1.2), HEIGHTS, frame=Euclidean(2), events=events, common_steps=common,
-        rtol=1e-9, atol=1e-9,
-    )  # fmt: skip
-    assert stepper.advance(1.2) is None
-    assert stepper.status == "finished"
-    assert_array_equal(stepper.stopped, whole.status == 1)
-    assert 0 < stepper.stopped.sum() < 3
-    for name in ("t_events", "y_events", "y_after"):
-        for own, others in zip(getattr(stepper, name), getattr(whole, name), strict=True):
-            for k in range(3):
-                assert_array_equal(own[k], others[k])
-    for k, point in enumerate(stepper.y):
-        end = whole.y_events[0][k][-1] if stepper.stopped[k] else whole.y[-1, k]
-        assert_array_equal(point, end)
 
 
 @pytest.mark.parametrize("common", [False, True])
