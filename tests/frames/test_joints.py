@@ -218,9 +218,9 @@ def test_what_phase_spaces_with_joints_refuse():
     refuses(ValueError, "temperature must be", frame.random_momentum, q, -1.0, rng)
     refuses(TypeError, "rng must be a generator", frame.random_momentum, q, 1.0, 0)
     refuses(ValueError, "frame must not be a PhaseSpace", cg.export, "CF4", "c", frame=frame)
-    for whole in Product(Euclidean(1), frame), Power(frame, 2), Product(Power(frame, 1), SO3()):
-        start = (0, 1), whole.random_point(rng)
-        refuses(ValueError, "with joints as a factor", cg.solve_ivp, np.sin, *start, frame=whole)
+    for joined in Product(Euclidean(1), frame), Power(frame, 2), Product(Power(frame, 1), SO3()):
+        y0 = joined.random_point(rng)
+        refuses(ValueError, "with joints as a factor", cg.solve_ivp, abs, (0, 1), y0, frame=joined)
 
 
 def test_a_jointed_phase_space_is_a_value():
