@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import DenseOutput, OdeSolver
 from scipy.integrate._ivp.common import warn_extraneous
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.linear_action import LinearAction
 from cg.frames.power import Power
@@ -71,8 +71,7 @@ def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
     >>> bool(np.abs(np.linalg.norm(run.y, axis=0) - 1).max() < 1e-15)
     True
     """
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    check_frame(frame)
     members = {"frame": frame, "method": method, "__module__": __name__}
     return type("Solver", (FrameSolver,), members)
 

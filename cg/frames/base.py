@@ -373,6 +373,16 @@ class Frame(Manifold, FieldAlgebra):
         return self._vectors(v), self._points(y)
 
 
+def check_frame(frame: Any, name: str = "frame") -> None:
+    """Raise TypeError, which says what is meant, unless ``frame`` is a frame."""
+    if isinstance(frame, Frame):
+        return
+    hint = f"; call it, {frame.__name__}(...)" if isinstance(frame, type) else ""
+    if frame is None:
+        hint = ": the manifold of y0; Euclidean(n) for plain vectors"
+    raise TypeError(f"{name} must be a Frame such as SO3(), got {frame!r}{hint}")
+
+
 def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:
     """Return Euclidean norms of tangents, also where squares of entries overflow."""
     sizes = np.abs(tangents)

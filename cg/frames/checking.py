@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_generator
 
@@ -70,8 +70,7 @@ def check(
     ...     print(str(error).partition(" (")[0])
     frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
     """
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    check_frame(frame)
     rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
     if points is None:
         chosen = frame.random_point(rng, 3)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
@@ -138,8 +138,7 @@ class PhaseSpace(Product):
         joints: Iterable[Joint] = (),
         constraints: Any = None,
     ) -> None:
-        if not isinstance(frame, Frame):
-            raise TypeError(f"frame must be a Frame, got {frame!r}")
+        check_frame(frame)
         numbers, bodies = read_inertia(frame, inertia, gyroscopic=gyroscopic)
         super().__init__(frame, Euclidean(frame.dim))
         numbers = None if inertia is None else numbers
@@ -247,7 +246,7 @@ class PhaseSpace(Product):
         """
         if not self.jointed:
             return ()
-        point, force = self._points(y), real_array(f, "f")
+        point, force = self._points(y), real_array(f, "f (the forces, not the function)")
         if force.shape[-1:] != (self.rhs_dim,):
             raise ValueError(f"f must have shape (..., {self.rhs_dim}), got {force.shape}")
         lead = np.broadcast_shapes(point.shape[:-1], force.shape[:-1])

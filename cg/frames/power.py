@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.block_kinds import Blocks
 from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
@@ -43,8 +43,7 @@ class Power(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        if not isinstance(self.factor, Frame):
-            raise TypeError(f"factor must be a Frame, got {self.factor!r}")
+        check_frame(self.factor, "factor")
         object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @property

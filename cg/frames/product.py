@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.block_kinds import Blocks, compared_by_entries
 from cg.support.arrays import Array, Points, Size
 
@@ -52,8 +52,7 @@ class Product(Frame):
         if not factors:
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
-            if not isinstance(factor, Frame):
-                raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
+            check_frame(factor, f"factors[{index}]")
         places = _slices([_real_size(f) for f in factors])
         vars(self).update(
             factors=factors,
@@ -91,6 +90,15 @@ class Product(Frame):
         ):
             return tuple([y[at] if flat else y[at].reshape(shape) for at, shape, flat in parts])
         return self._split(self._points(y))
+
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return arrays of numbers; where points of the factors are given, an error says how."""
+        try:
+            return super().read_points(value, name)
+        except ValueError as error:
+            if isinstance(value, list | tuple) and len(value) == len(self.factors):
+                raise ValueError(f"{error}; frame.join makes one array of them") from error
+            raise
 
     def join(self, *parts: ArrayLike) -> Array:
         """Return the flat point, shape ``(..., n)``, of one point of every factor."""

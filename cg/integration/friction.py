@@ -82,7 +82,8 @@ def _check(
         which = "" if first is None else f" in member {first + members[k]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
-            f"symplectic then, got other forces for another momentum at t = {t[k]:.17g}{which}"
+            f"symplectic then, got other forces for another momentum at t = {t[k]:.17g}{which}; "
+            "adaptive methods, the default among them, take friction"
         )
 
 

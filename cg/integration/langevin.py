@@ -89,8 +89,9 @@ def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: boo
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
     if method.kind is not Kind.SPLITTING:
         raise ValueError(
-            "thermostat must be given with a splitting method, such as 'Leapfrog', on a phase "
-            f"space only: others have no part of a step that is noise alone, got {method!r}"
+            "thermostat must be given with a splitting method on a phase space, 'Leapfrog' or, "
+            "with joints, 'RATTLE': others have no part of a step that is noise alone, got "
+            f"{method!r}"
         )
     if not is_symmetric(method):
         raise ValueError(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.frames.power import Power
@@ -229,7 +229,11 @@ def _make_control(
     atol = check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
-            raise ValueError(f"{name} must be a number or have shape {shape}, got {value.shape}")
+            what = "coordinate" if in_coordinates else "entry"
+            raise ValueError(
+                f"{name} must be a number or have shape {shape}, one number a {what}, "
+                f"got {value.shape}"
+            )
     if rtol.shape != atol.shape:
         rtol, atol = np.full(shape, rtol), np.full(shape, atol)
     first = None if first_step is None else check_step(first_step, "first_step")
@@ -359,8 +363,7 @@ def _needs_brackets(options: EnsembleOptions) -> bool:
 
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    check_frame(frame)
     rtol, least = RTOL, None
     if options["h"] is None:
         if options["rtol"] is not None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from cg import frames
 from cg.frames import Frame
+from cg.frames.base import check_frame
 from cg.jax.groups import group_rules, quaternion_rules, semidirect_rules
 from cg.jax.manifolds import (
     conjugation_rules,
@@ -28,8 +29,7 @@ from cg.jax.rules import Rules
 
 def rules_of(frame: Frame) -> Rules:
     """Return the functions of a frame in JAX; TypeError if it has none."""
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a cg.frames.Frame, got {frame!r}")
+    check_frame(frame)
     return _rules(frame)
 
 

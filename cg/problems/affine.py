@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
+from cg.frames.base import check_frame
 from cg.problems.quadratic import QuadraticProblem
 from cg.support import flint
 from cg.support.arrays import Array
@@ -103,8 +104,7 @@ class AffineField(AffineProblem):
     slope: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.frame, Frame):
-            raise TypeError(f"frame must be a Frame such as SO3(), got {self.frame!r}")
+        check_frame(self.frame)
         object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
         if self.frame.dtype.kind != "f":
             raise ValueError(

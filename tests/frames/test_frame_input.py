@@ -67,7 +67,7 @@ for i in range(3):
     (lambda: fr.FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
     (lambda: fr.Euclidean(0), ValueError, "n must be at least 1, got 0"),
     (fr.Product, ValueError, "at least one frame"),
-    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame"),
+    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame.*; call it"),
     (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
     *(
         (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")

@@ -16,7 +16,7 @@ from cg.construction.formats.python import PYTHON
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
-from cg.frames.base import Frame
+from cg.frames.base import Frame, check_frame
 from cg.frames.phase_space import PhaseSpace
 from cg.support.parsing import visible
 
@@ -98,8 +98,8 @@ def export(
         if isinstance(method, Splitting) and format == "c":
             raise ValueError(f"frame must be a PhaseSpace for the method {method!r}, got {frame!r}")
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
-    if frame is not None and not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3() or None, got {frame!r}")
+    if frame is not None:
+        check_frame(frame)
     if isinstance(frame, PhaseSpace) and mechanical is None:
         raise ValueError(
             f"frame must not be a PhaseSpace for methods other than splitting, got {method!r}"
