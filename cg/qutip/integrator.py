@@ -51,6 +51,11 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     name = "cg"
 
     def _prepare(self) -> None:
+        if self.system._feedback_functions:
+            raise TypeError(
+                "the system must not depend on the state for the method 'cg', got feedback in the "
+                f"arguments {list(self.system._feedback_functions)}"
+            )
         self._functions, places, matrices = _collect(self.system)
         self._pattern, parts = on_one_pattern(matrices, symmetric=True)
         self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)

@@ -118,9 +118,12 @@ def test_output_times_may_be_equal():
         qutip.sesolve(system, start, [0, 2, 1], options=options)
 
 
-def test_refuses_functions_that_return_operators():
-    system = qutip.QobjEvo(lambda t: t * X)
-    with pytest.raises(TypeError, match="function"):
+@pytest.mark.parametrize(("system", "message"), [
+    (qutip.QobjEvo(lambda t: t * X), "function"),
+    (qutip.QobjEvo([X, cosine], args={"w": qutip.SESolver.ExpectFeedback(Z)}), "on the state"),
+], ids=["operators", "feedback"])  # fmt: skip
+def test_refuses_other_systems(system, message):
+    with pytest.raises(TypeError, match=message):
         qutip.sesolve(system, qutip.basis(2, 0), TIMES, options={**TIGHT, "method": "cg"})
 
 
