@@ -38,7 +38,7 @@ module run_m
     type(callback_t) :: python
     type(events_t) :: events
     type(inner_points_t) :: inner
-    type(observer_t) :: observer, sizes       ! sizes: s of reversible_size_m
+    type(observer_t) :: observer, sizes       ! sizes: s of step_size_m
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)

@@ -1,8 +1,11 @@
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
-! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0.
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
+! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place of
+! coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
 module explicit_m
   use algebra_m, only: dexpinv
-  use method_m, only: kind_algebra
+  use frames_m, only: apply_flows, restore
+  use method_m, only: kind_algebra, kind_registers
   use paths_m, only: combine_coordinates, follow_paths
   use phases_m
   use requests_m, only: reject_stage, request
@@ -15,10 +18,14 @@ module explicit_m
 contains
 
   ! Takes the coefficients at the start for those of the first stage.
-  pure subroutine start_explicit(x)
+  subroutine start_explicit(x)
     type(trajectory_t), intent(inout) :: x
 
     x%f(:, 1) = x%slope
+    if (x%problem%method%kind == kind_registers) then
+      x%y(:, 1) = x%y(:, 0)
+      call move_along_register(x)
+    end if
     x%stage = 2
   end subroutine start_explicit
 
@@ -28,12 +35,16 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: path
 
-    associate (method => x%problem%method)
-      path = merge(0, method%stage_path(x%stage), x%problem%of_time)
-      call follow_paths(x, path)
-      if (x%status /= finished) return
-      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
-                   x%f(:, x%stage), method%goes_on(path))
+    associate (method => x%problem%method, t => x%t + x%problem%method%c(x%stage) * x%h)
+      if (method%kind == kind_registers) then
+        path = merge(0, 1, x%problem%of_time)
+        call request(x, t, x%y(:, path), phase_stage_received, x%request%received)
+      else
+        path = merge(0, method%stage_path(x%stage), x%problem%of_time)
+        call follow_paths(x, path)
+        if (x%status /= finished) return
+        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), method%goes_on(path))
+      end if
     end associate
   end subroutine request_explicit
 
@@ -43,16 +54,20 @@ contains
     logical :: exists
 
     associate (method => x%problem%method)
-      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
-      if (x%stage == method%final_stage .or. (x%problem%of_time .and. &
-                                              .not. abs(method%c(x%stage) - 1) > 0)) then
-        x%end_slope(:) = x%f(:, x%stage)
-        x%end_known = .true.
+      if (method%kind == kind_registers) then
+        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
+        call move_along_register(x)
+      else
+        if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
+        if (x%stage == method%final_stage .or. (x%problem%of_time .and. &
+                                                .not. abs(method%c(x%stage) - 1) > 0)) then
+          x%end_slope(:) = x%f(:, x%stage)
+          x%end_known = .true.
+        end if
       end if
       if (method%kind == kind_algebra .and. method%stage_path(x%stage) > 0) then
-        if (x%path_of_u /= method%stage_path(x%stage)) then
+        if (x%path_of_u /= method%stage_path(x%stage)) &
           call combine_coordinates(method, method%stage_path(x%stage), x)
-        end if
         if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
         call dexpinv(x%problem%frame, method%series, x%u, x%f(:, x%stage), exists)
         if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
@@ -65,5 +80,15 @@ contains
       x%phase = phase_next_stage
     end associate
   end subroutine store_explicit
+
+  ! Moves the point along h b Z.
+  subroutine move_along_register(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%u = (x%h * x%problem%method%b(x%stage)) * x%f(:, 1)
+    call apply_flows(x%problem%frame, 1, x%u, x%y(:, 1))
+    call restore(x%problem%frame, x%y(:, 1))
+    x%counts%nexp = x%counts%nexp + 1
+  end subroutine move_along_register
 
 end module explicit_m

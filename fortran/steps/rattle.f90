@@ -14,7 +14,7 @@
 ! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
 module rattle_m
   use kinds, only: wp
-  use constrained_motion_m, only: constraints_at, is_closed, remove_opening, without_opening
+  use constrained_motion_m, only: constraints_at, is_closed, remove_opening
   use frames_m, only: restore
   use free_motion_m, only: drift
   use heat_bath_m, only: exchange_heat
@@ -26,7 +26,7 @@ module rattle_m
   use iso_fortran_env, only: int64
   implicit none
   private
-  public :: close_result, move_with_joints
+  public :: move_with_joints
 
 contains
 
@@ -147,14 +147,5 @@ contains
       end do
     end associate
   end subroutine correct_change
-
-  ! Closes the joints at the end of an accepted step of another method, which has moved along forces
-  ! that keep them closed up to its error.
-  subroutine close_result(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (.not. (x%problem%frame%jointed .and. .not. allocated(x%joints%impulse))) return
-    call without_opening(x%problem%frame, x%y(:, x%result))
-  end subroutine close_result
 
 end module rattle_m

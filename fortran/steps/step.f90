@@ -1,8 +1,9 @@
 ! One step: its stages, its results and whether it is accepted. What a stage needs is in one file for
-! each kind of stages: explicit.f90, registers.f90, implicit.f90, collocation.f90. For paths see
-! paths.f90, for the error error_estimate.f90.
+! each kind of stages: explicit.f90, implicit.f90, collocation.f90. For paths see paths.f90, for the
+! error error_estimate.f90.
 module step_m
   use kinds, only: wp
+  use constrained_motion_m, only: without_opening
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
@@ -12,8 +13,6 @@ module step_m
   use implicit_m, only: request_implicit, store_implicit
   use method_m, only: kind_collocation, kind_implicit, kind_registers
   use paths_m, only: add_brackets, follow_paths
-  use rattle_m, only: close_result
-  use registers_m, only: request_register, start_registers, store_register
   use requests_m, only: reject_stage, request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t
@@ -40,19 +39,11 @@ contains
         call request_implicit(x)
         return
       end select
-      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
-        if (method%kind == kind_registers) then
-          call start_registers(x)
-        else
-          call start_explicit(x)
-        end if
-      end if
+      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) call start_explicit(x)
       if (x%stage > stages(x)) then
         x%phase = phase_finish_step
       else if (x%problem%at_once) then
         call evaluate_nodes(x)
-      else if (method%kind == kind_registers) then
-        call request_register(x)
       else
         call request_explicit(x)
       end if
@@ -68,8 +59,6 @@ contains
       call store_collocation(x)
     case (kind_implicit)
       call store_implicit(x)
-    case (kind_registers)
-      call store_register(x)
     case default
       call store_explicit(x)
     end select
@@ -211,7 +200,9 @@ contains
         end if
       end if
       if (collocation) call keep_step(x)
-      call close_result(x)
+      ! other methods than RATTLE have moved along forces that keep joints closed up to their error
+      if (.not. allocated(x%joints%impulse)) &
+        call without_opening(x%problem%frame, x%y(:, x%result))
     end associate
   end subroutine accept_or_reject
 

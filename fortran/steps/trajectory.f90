@@ -39,7 +39,7 @@ module trajectory_m
     real(wp) :: duration = 0.0_wp            ! of an integration with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
-    type(observer_t), pointer :: sizes => null()       ! how steps vary, see reversible_size_m
+    type(observer_t), pointer :: sizes => null()       ! how steps vary, see step_size_m
     type(bath_t) :: bath                     ! of a splitting method
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: dense = .true.                ! whether it is stored as a matrix here
