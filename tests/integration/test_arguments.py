@@ -125,7 +125,6 @@ def test_signatures_show_all_options():
 
 @pytest.mark.parametrize(("changes", "error", "message"), [
     ({"f": 3}, TypeError, r"f must be callable as f\(t(, y)?\), got 3"),
-    ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
     ({"method": "CG99"}, ValueError, "got 'CG99'.* CG3"),
     ({"f": never, "method": RK45}, TypeError, r"RK45'>; .*DP5\(4\) has its"),
     ({"f": never, "method": "RK45"}, ValueError, r"'RK45'; .*DP5\(4\) has its"),
