@@ -16,7 +16,7 @@ _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 def invariants(
     solution: Any,
-    functions: Callable[[Any], Mapping[str, ArrayLike]] | Mapping[str, Callable[[Any], ArrayLike]],
+    functions: Callable[[Any], Any] | Mapping[str, Callable[[Any], ArrayLike]],
     ax: Any = None,
 ) -> Any:
     """Draw how far invariants of a solution are from their initial values, against time.
@@ -26,8 +26,8 @@ def invariants(
     solution
     functions
         A function of the points ``solution.y``, time along the first axis, that returns the values
-        of each invariant by its name, such as the ``invariants`` of problems; or such a function of
-        one invariant by each name.
+        of one invariant, or of each by its name, such as the ``invariants`` of problems; or a dict
+        with a function of one invariant by each name.
 
     Returns
     -------
@@ -46,17 +46,14 @@ def invariants(
     check_solution(solution)
     if callable(functions):
         values = functions(solution.y)
+        if not isinstance(values, Mapping):
+            values = {getattr(functions, "__name__", "invariant"): values}
     elif isinstance(functions, Mapping) and all(map(callable, functions.values())):
         values = {name: function(solution.y) for name, function in functions.items()}
     else:
-        raise TypeError(
-            "functions must be a function that returns a dict, or a dict of functions, got "
-            f"{functions!r}"
-        )
-    if not (isinstance(values, Mapping) and values):
-        raise TypeError(
-            f"functions must be one that returns a dict, or a dict, not empty, got {values!r}"
-        )
+        raise TypeError(f"functions must be a function, or a dict of them, got {functions!r}")
+    if not values:
+        raise ValueError("functions must have at least one invariant, got none")
     times = np.asarray(solution.t, dtype=np.float64)
     ax = axes_for(ax)
     for name, value in values.items():

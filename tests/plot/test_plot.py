@@ -294,9 +294,9 @@ def test_invariants_are_drawn_from_their_start():
         np.testing.assert_array_equal(line.get_ydata(), abs(value - value[0]))
     cg.plot.invariants(run, {"energy": lambda y: top.invariants(y)["energy"]}, ax)
     assert ax.get_yscale() == "log"
-    for functions in (lambda y: y[:, 0], {}, lambda y: {}):
-        with pytest.raises(TypeError, match="functions must be one that returns a dict, or a"):
-            cg.plot.invariants(run, functions)
+    cg.plot.invariants(run, lambda y: top.invariants(y)["energy"], ax)
+    np.testing.assert_array_equal(ax.lines[-1].get_ydata(), ax.lines[-2].get_ydata())
+    refuses(ValueError, "functions must have at least one", cg.plot.invariants, run, lambda y: {})
 
 
 STATES = np.array([[1, 0], [0, 1], [1, 1], [1, 1j]], dtype=complex)
