@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.frames.base import Frame
 from cg.integration.derivatives.adjoint_equation import Equation, Gradient, Intervals, solve
 from cg.integration.output.dense import DenseOutput
 from cg.integration.output.results import EnsembleSolution
@@ -28,6 +29,7 @@ from cg.integration.problem import Problem
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
+_ISOTROPY = 1e-3  # of a cotangent, which may be a difference quotient
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,6 +54,7 @@ class Adjoint:
     _equation: Equation
     _output: DenseOutput
     _times: Array  # times of the output
+    _frame: Frame
 
     def __repr__(self) -> str:
         return f"Adjoint(times={len(self._times)}, shape={self._equation.shape})"
@@ -76,15 +79,23 @@ class Adjoint:
         Raises
         ------
         ValueError
-            If the cotangent has another shape or isn't finite; or if the equation is stiff, or
-            jumps where there is no breakpoint, so that too many intervals would be needed.
+            If the cotangent has another shape, isn't finite, or changes along fields that don't
+            move the point, as derivatives by entries may; or if the equation is stiff, or jumps
+            where there is no breakpoint, so that too many intervals would be needed.
 
         Notes
         -----
         The first call evaluates f and its derivatives at five points of each step, and solves for
         the covectors; others take little time.
         """
-        given, equation = self._read(cotangent), self._equation
+        given = self._read(cotangent)
+        if self._equation.generators is None:
+            self._check_isotropy(given[..., 0])
+        return self._gradient(given)
+
+    def _gradient(self, given: Points) -> Gradient:
+        """Return the gradient from the cotangents at all times."""
+        equation = self._equation
         parts, sign = self._parts, self._output._direction
         starts = sign * np.concatenate([part.start for part in parts])
         order = np.argsort(starts)
@@ -130,10 +141,13 @@ class Adjoint:
         def stacked(*rows: Points) -> Points:
             return np.reshape(rows, (*shape, *rows[0].shape))
 
-        real = _each_array(stacked, *map(self.gradient, units))
+        def gradient(unit: Points) -> Gradient:
+            return self._gradient(self._read(unit))
+
+        real = _each_array(stacked, *map(gradient, units))
         if not self._is_complex:
             return Gradient(*real)
-        imaginary = _each_array(stacked, *map(self.gradient, 1j * units))
+        imaginary = _each_array(stacked, *map(gradient, 1j * units))
         both = Gradient(*_each_array(lambda a, b: a + 1j * b, real, imaginary))
         return both._replace(y0=real[0].conj())
 
@@ -149,6 +163,20 @@ class Adjoint:
         given = np.zeros((times, *shape), array.dtype)
         given[... if array.ndim > len(shape) else -1] = array
         return given.reshape(times, shape[0], -1)
+
+    def _check_isotropy(self, given: Array) -> None:
+        """Raise ValueError unless costs are constant along fields that don't move their points."""
+        points = self._output(self._times)
+        along = self._frame.coefficients(points, self._frame.field(given, points))
+        sizes = np.linalg.norm(given, axis=-1)
+        wrong = np.linalg.norm(along - given, axis=-1) > _ISOTROPY * sizes
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise ValueError(
+                "cotangent must be derivatives along the frame's fields, zero along those that "
+                f"don't move the point; derivatives by entries are not; got {given[k]} at t = "
+                f"{self._times[k]:.17g}"
+            )
 
     @property
     def _is_complex(self) -> bool:
@@ -190,7 +218,7 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
         """Return a list of the solution of the only member."""
         one = joint[0]
         assert one.sol is not None
-        adjoint = Adjoint(equation_of(one.sol), one.sol, one.t)
+        adjoint = Adjoint(equation_of(one.sol), one.sol, one.t, problem.plan.frame)
         return [replace(one, sol=one.sol if problem.dense else None, adjoint=adjoint)]
 
     return replace(problem, dense=True, finish=finish)
