@@ -145,7 +145,7 @@ contains
   subroutine add_last_flow(self)
     type(interpolant_t), intent(inout) :: self
     real(wp), dimension(self%frame%point_size) :: reached, aim
-    real(wp) :: v(self%frame%dimension)
+    real(wp) :: largest, v(self%frame%dimension)
 
     self%field(:, self%known + 1) = 0.0_wp
     reached = self%y0
@@ -154,7 +154,11 @@ contains
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
     call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
-    if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
+    largest = huge(v)
+    ! Few nodes may lead far from y1, where small flows don't: near singular matrices, for example.
+    if (self%known < self%scheme%nodes .and. .not. allocated(self%scheme%drift)) &
+      largest = 0.3_wp * abs(self%h) * maxval(abs(self%field(:, :self%known)))
+    if (all(abs(v) <= largest)) self%field(:, self%known + 1) = v
     self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
     self%node = 2
     self%complete = self%known == self%scheme%nodes

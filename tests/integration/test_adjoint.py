@@ -175,15 +175,14 @@ def test_bad_cotangents_are_refused(cotangent):
     refuses(ValueError, "cotangent must", run.gradient, cotangent)
 
 
-@pytest.mark.parametrize("frame", [Sphere(2), Product(SO3(), Stiefel(4, 2))], ids=repr)
-def test_derivatives_by_entries_are_refused_as_cotangents(frame):
-    y = frame.random_point(np.random.default_rng(2))
+def test_derivatives_by_entries_are_refused_as_cotangents():
+    frame = Product(Sphere(2), Stiefel(4, 2))
+    y, units = frame.random_point(np.random.default_rng(2)), np.ones(frame.dim)
     f = {"f": lambda t, y: np.cos(np.arange(frame.dim) + t), "t_span": (0, 1), "y0": y}
-    run = cg.solve_ivp(**f, frame=frame, derivatives="adjoint", t_eval=[0.5, 1])
-    units = np.ones((2, frame.dim))
-    along = frame.coefficients(run.y, frame.field(units, run.y))
+    run = cg.solve_ivp(**f, frame=frame, derivatives="adjoint")
+    along = frame.coefficients(run.y[-1], frame.field(units, run.y[-1]))
     run.gradient(along + 1e-6 * units)
-    refuses(ValueError, "cotangent must be derivatives along", run.gradient, along[-1] + 0.1)
+    refuses(ValueError, "cotangent must be derivatives along", run.gradient, along + 0.1)
 
 
 def test_exceptions_at_nodes_reach_the_caller():

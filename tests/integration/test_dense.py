@@ -150,3 +150,19 @@ def test_times_beyond_the_ends_are_refused(t):
     f, y0 = generic(fr.SO3())
     sol = cg.solve_ivp(f, (0, 1), y0, frame=fr.SO3(), dense_output=True).sol
     refuses(ValueError, "t must", sol, t)
+
+
+def test_output_near_singular_matrices():
+    rng, times = np.random.default_rng(0), np.linspace(-1.3, -1.4, 21)
+    y0 = cg.frames.SPD(3).random_point(rng)
+    w, phase, speed = 0.5 * rng.normal(size=(9, 9)), rng.uniform(-3, 3, 9), rng.normal(size=9)
+
+    def f(t, y):  # an eigenvalue comes down to 7e-4
+        return 0.88 * np.sin(w @ y.ravel() + speed * t + phase) + 0.7 * np.cos(speed * t)
+
+    call = {"f": f, "t_span": (0, -1.5), "y0": y0, "frame": cg.frames.SPD(3), "dense_output": True}
+    exact = cg.solve_ivp(**call, rtol=1e-11, atol=1e-11).sol(times)
+    assert (
+        abs(cg.solve_ivp(**call, method="CG5(4)", rtol=1e-8, atol=1e-8).sol(times) - exact).max()
+        < 2e-8
+    )
