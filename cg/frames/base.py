@@ -377,9 +377,11 @@ def check_frame(frame: Any, name: str = "frame") -> None:
     """Raise TypeError, which says what is meant, unless ``frame`` is a frame."""
     if isinstance(frame, Frame):
         return
-    hint = f"; call it, {frame.__name__}(...)" if isinstance(frame, type) else ""
-    if frame is None:
-        hint = ": the manifold of y0; Euclidean(n) for plain vectors"
+    hint = ""
+    if isinstance(frame, type) and issubclass(frame, Frame):
+        hint = f"; call it, {frame.__name__}(...)"
+    elif frame is None and name == "frame":
+        hint = "; for plain vectors it is Euclidean(n)"
     raise TypeError(f"{name} must be a Frame such as SO3(), got {frame!r}{hint}")
 
 

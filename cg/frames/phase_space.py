@@ -246,7 +246,7 @@ class PhaseSpace(Product):
         """
         if not self.jointed:
             return ()
-        point, force = self._points(y), real_array(f, "f (the forces, not the function)")
+        point, force = self._points(y), real_array(f, "f")
         if force.shape[-1:] != (self.rhs_dim,):
             raise ValueError(f"f must have shape (..., {self.rhs_dim}), got {force.shape}")
         lead = np.broadcast_shapes(point.shape[:-1], force.shape[:-1])

@@ -51,10 +51,10 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     name = "cg"
 
     def _prepare(self) -> None:
-        if self.system._feedback_functions:
+        if feedback := getattr(self.system, "_feedback_functions", None):  # since QuTiP 5.1
             raise TypeError(
                 "the system must not depend on the state for the method 'cg', got feedback in the "
-                f"arguments {list(self.system._feedback_functions)}"
+                f"arguments {list(feedback)}"
             )
         self._functions, places, matrices = _collect(self.system)
         self._pattern, parts = on_one_pattern(matrices, symmetric=True)

@@ -1,7 +1,7 @@
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
-! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place of
-! coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
+! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
+! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
 module explicit_m
   use algebra_m, only: dexpinv
   use frames_m, only: apply_flows, restore
@@ -43,7 +43,8 @@ contains
         path = merge(0, method%stage_path(x%stage), x%problem%of_time)
         call follow_paths(x, path)
         if (x%status /= finished) return
-        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), method%goes_on(path))
+        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
+                     method%goes_on(path))
       end if
     end associate
   end subroutine request_explicit

@@ -1,7 +1,5 @@
 """Ensembles: each member equals its solution alone, with all options."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from refusals import refuses
@@ -9,17 +7,12 @@ from refusals import refuses
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Sphere, UnitQuaternion
 from cg.integration import ensemble
-from cg.integration.arguments import check_points
 from cg.integration.plan.plan import plan_of
 from cg.integration.run import drive
 from cg.integration.run import run as run_module
 from cg.tables import table_of
 
 LINE = {"frame": Euclidean(1)}
-
-
-def growth(t, y, rate):
-    return rate * y
 
 
 def grown(t, y, rates):
@@ -57,9 +50,6 @@ def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
     runs = {
         "compiled": lambda: cg.solve_ensemble(
             function("decays"), (0, 1), [1.0], parameters=numbers, **options
-        ),
-        "python": lambda: cg.solve_ensemble(
-            growth, (0, 1), [1.0], parameters=rates[:, None], **options
         ),
         "vectorized": lambda: cg.solve_ensemble(
             grown, (0, 1), [1.0], parameters=rates[:, None], vectorized=True, **options
@@ -108,18 +98,6 @@ def test_the_wrong_point_of_many_is_named():
     y0[9003, 1, 1] = np.nan
     y0[9999] *= 2.0
     refuses(ValueError, r"y0\[9003\] must", cg.solve_ensemble, rotated, (0, 1), y0, frame=SO3())
-
-
-def test_checking_points_takes_little_memory():
-    y0 = np.broadcast_to(np.eye(3), (50_000, 3, 3))
-    check_points(plan_of(SO3(), table_of("CG3")), y0[:10], None, True)
-    tracemalloc.start()
-    try:
-        points, _ = check_points(plan_of(SO3(), table_of("CG3")), y0, None, True)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert points.nbytes <= peak < 1.6 * points.nbytes
 
 
 @pytest.mark.parametrize("frame", [SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion()], ids=repr)

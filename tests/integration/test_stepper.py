@@ -253,16 +253,10 @@ def van_der_pol(t, y):
     return [y[1], 200.0 * (1.0 - y[0] ** 2) * y[1] - y[0]]
 
 
-def broken_rows(t, y):
-    return np.stack([broken(*each) for each in zip(t, y, strict=True)])
-
-
 RUNS = {
     **{name: (broken, np.eye(3), 3.0, {"method": name, "frame": SO3()})
        for name in ("auto", "CF5(4)", "RKMK5(4)", "DICG3(2)", "RadauIIA5")},
     "stiff": (van_der_pol, [2.0, 0.0], 200.0, {"method": "RadauIIA5", "frame": Euclidean(2)}),
-    "members": (broken_rows, [np.eye(3)] * 2, 3.0,
-                {"method": "CF5(4)", "frame": SO3(), "vectorized": True, "common_steps": True}),
 }  # fmt: skip
 
 
