@@ -21,6 +21,7 @@ from cg.support.caches import cached
 from cg.tables import MethodTable, basis_polynomials
 
 _ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
+_EARLY = 0.3  # largest part of a step that the last flow from few nodes is
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +165,9 @@ def _by_flows(table: MethodTable, start: Start, y1: JaxArray, last: JaxArray) ->
         """Add the last flow, which leads to the end of the step."""
         before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
         left = rules.nearby(before(jnp.ones((), h.dtype)), y1)
+        if scheme is not schemes[-1]:  # as in fortran/steps/flow_interpolant.f90
+            small = jnp.abs(left).max() <= _EARLY * jnp.abs(fields).max()
+            left = jnp.where(small, left, 0.0)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
     ends = h * jnp.stack([start.first, last])
