@@ -287,6 +287,13 @@ class Frame(Manifold, FieldAlgebra):
             v[lost] = nearest_coordinates(self.flow, self._coefficients_at, start, end)
         return v
 
+    def _composed(self, path: Array) -> Array:
+        """Return the coefficients of the flow that is a product of flows, zero if not known.
+
+        ``path`` has the shape ``(count, dim)``, the first flow first.
+        """
+        return np.zeros(self.dim)
+
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return ``v``, shape ``(count, dim)``, after one step of the iteration.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,11 @@ class HomogeneousSpace(Frame):
         # The logarithm of the product of group elements composes the two flows exactly.
         further = self.group.exponential(near(self._coefficients_at(y, end - y)))
         return self.group.logarithm(further @ self.group.exponential(v))
+
+    def _composed(self, path: Array) -> Array:
+        with np.errstate(over="ignore", invalid="ignore"):
+            product = reduce(lambda x, y: y @ x, self.group.exponential(path))
+            return self.group.logarithm(product)
 
     def _bracket(self, u: Array, v: Array) -> Array:
         # The group acts from the left, like its fields of the convention "space".

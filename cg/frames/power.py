@@ -121,6 +121,10 @@ class Power(Frame):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         return self._join_vectors(self.factor._nearest_coordinates(start, end))
 
+    def _composed(self, path: Array) -> Array:
+        each = path.reshape(len(path), self.n, self.factor.dim).swapaxes(0, 1)
+        return np.concatenate([self.factor._composed(flows) for flows in each])
+
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         return self._join_vectors(self.factor.coordinate_sizes(self._points(y)))
 

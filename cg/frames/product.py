@@ -126,6 +126,9 @@ class Product(Frame):
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         return self._joined("_nearest_coordinates", *map(self._split, points))
 
+    def _composed(self, path: Array) -> Array:
+        return self._joined("_composed", self._split_vector(path))
+
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         return self._joined("coordinate_sizes", self.split(y))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -84,7 +85,7 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
 
 def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralOrbit) -> Rules:
     """Return the rules of matrices on which a group acts from both sides."""
-    group = functions_of(frame.group)
+    group, spd = functions_of(frame.group), isinstance(frame, frames.SPD)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
         x = group.exponential(v)
@@ -110,10 +111,15 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
     def geodesic(y0: JaxArray, y1: JaxArray) -> JaxArray:
         return 0.5 * group.log1p(jnp.linalg.solve(y0, y1 - y0).mT)
 
+    def composed(path: JaxArray) -> JaxArray:
+        eye = jnp.eye(frame.group.size, dtype=path.dtype)
+        product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), eye, path)
+        return group.log1p(product - eye)
+
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
     return Rules(
         frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False,
-        first=geodesic if isinstance(frame, frames.SPD) else None,
+        first=geodesic if spd else None, composed=composed if spd else None,
     )  # fmt: skip
 
 

@@ -78,6 +78,15 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
     def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
 
+    def composed(path: JaxArray) -> JaxArray:
+        paths = [path[:, place] for place in vectors]
+        return jnp.concatenate(
+            [
+                jnp.zeros_like(each[0]) if rules.composed is None else rules.composed(each)
+                for rules, each in zip(parts, paths, strict=True)
+            ]
+        )
+
     return Rules(
         frame,
         lambda v, y: join(frame, *each("flow", cut(v), split(frame, y))),
@@ -88,6 +97,7 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
         lambda y: jnp.stack(each("distance", split(frame, y))).max(),
         unique=all(rules.unique for rules in parts),
+        composed=None if all(rules.composed is None for rules in parts) else composed,
     )
 
 
@@ -107,6 +117,10 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         each = jax.vmap(lambda x, y: inverse(x, y, order))
         return each(u.reshape(n, m), v.reshape(n, m)).reshape(-1)
 
+    def composed(path: JaxArray) -> JaxArray:
+        assert rules.composed is not None
+        return jax.vmap(rules.composed, 1)(path.reshape(len(path), n, m)).reshape(-1)
+
     return Rules(
         frame,
         flow,
@@ -117,6 +131,7 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         on_points(rules.sizes),
         lambda y: jax.vmap(rules.distance)(y).max(),
         unique=rules.unique,
+        composed=None if rules.composed is None else composed,
     )
 
 

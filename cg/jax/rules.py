@@ -43,7 +43,8 @@ class Rules:
     closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
     `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says whether two points
     determine the coefficients of the short flow between them. ``first(y0, y1)`` is where `nearby`
-    starts, None for zero.
+    starts, None for zero. ``composed(path)`` are the coefficients of the flow that is the product
+    of flows, shape ``(count, dim)``, the first one first; None where points determine it well.
     """
 
     frame: Frame
@@ -56,6 +57,7 @@ class Rules:
     distance: Map = zero
     unique: bool = True
     first: Pairing | None = None
+    composed: Map | None = None
 
     def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
         """Return the shortest coefficients whose field is nearest to a tangent."""

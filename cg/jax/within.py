@@ -21,7 +21,6 @@ from cg.support.caches import cached
 from cg.tables import MethodTable, basis_polynomials
 
 _ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
-_EARLY = 0.3  # largest part of a step that the last flow from few nodes is
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def interpolant(
         return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(table))
     if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(table, start, stages, last)
-    return _by_flows(table, start, stages.result, last)
+    return _by_flows(table, start, stages, last)
 
 
 @cached
@@ -157,17 +156,20 @@ def _algebra_scheme(table: MethodTable) -> _Scheme:
     return _Scheme(weights)
 
 
-def _by_flows(table: MethodTable, start: Start, y1: JaxArray, last: JaxArray) -> _Interpolant:
+def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(table)
+    path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.columns)
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""
         before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
-        left = rules.nearby(before(jnp.ones((), h.dtype)), y1)
-        if scheme is not schemes[-1]:  # as in fortran/steps/flow_interpolant.f90
-            small = jnp.abs(left).max() <= _EARLY * jnp.abs(fields).max()
-            left = jnp.where(small, left, 0.0)
+        reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(last)
+        if rules.composed is not None:  # as in fortran/steps/flow_interpolant.f90
+            back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
+            left = rules.composed(jnp.concatenate([back, path]))
+            reached = rules.flow(left, reached)
+        left = left + rules.nearby(reached, stages.result)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
     ends = h * jnp.stack([start.first, last])

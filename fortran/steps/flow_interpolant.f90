@@ -16,7 +16,9 @@
 !
 ! Where the fields don't span all directions there may be no such v. That of the nearest tangent
 ! removes the leading error of P too, whose direction is a combination of fields; what is left of
-! y1 - y(1) is of the order of the errors of y1 and y.
+! y1 - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may
+! be far from the error of P, and matters where isotropy turns much within the step, as near singular
+! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
 !
 ! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
 ! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
@@ -62,6 +64,8 @@ module flow_interpolant_m
     integer :: nexp = 0                      ! flows that it took
     real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
+    ! (dimension times flows) those of the step, of a frame in Python if they are kept
+    real(wp), allocatable :: path(:)
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
@@ -84,7 +88,7 @@ contains
     if (allocated(self%y0)) return
     self%frame => frame
     self%scheme => scheme
-    allocate (self%y0(frame%point_size), self%y1(frame%point_size), &
+    allocate (self%path(0), self%y0(frame%point_size), self%y1(frame%point_size), &
               self%u(frame%dimension), self%y(frame%point_size), &
               self%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
               self%field(frame%dimension, scheme%columns), &
@@ -145,20 +149,23 @@ contains
   subroutine add_last_flow(self)
     type(interpolant_t), intent(inout) :: self
     real(wp), dimension(self%frame%point_size) :: reached, aim
-    real(wp) :: largest, v(self%frame%dimension)
+    real(wp) :: v(self%frame%dimension)
 
     self%field(:, self%known + 1) = 0.0_wp
     reached = self%y0
     aim = self%y1
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
-    call difference_nearby(self%frame, reached, aim, nearest_operation, v)
+    if (size(self%path) > 0) then
+      associate (back => -self%v(:, size(self%v, 2) - 1:1:-1))
+        call self%frame%callback%apply(nearest_operation, &
+                                       [reached, reshape(back, [size(back)]), self%path], aim, v)
+      end associate
+    else
+      call difference_nearby(self%frame, reached, aim, nearest_operation, v)
+    end if
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
-    largest = huge(v)
-    ! Few nodes may lead far from y1, where small flows don't: near singular matrices, for example.
-    if (self%known < self%scheme%nodes .and. .not. allocated(self%scheme%drift)) &
-      largest = 0.3_wp * abs(self%h) * maxval(abs(self%field(:, :self%known)))
-    if (all(abs(v) <= largest)) self%field(:, self%known + 1) = v
+    if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
     self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
     self%node = 2
     self%complete = self%known == self%scheme%nodes

@@ -3,14 +3,16 @@
 module within_step_m
   use kinds, only: wp
   use constrained_motion_m, only: add_constraint_forces
+  use blocks_m, only: combine_flows
   use flow_interpolant_m, only: reserve_interpolant, set_ends
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                            flows_of_evaluation, make_cubic, next_node
   use requests_m, only: reject_stage, request
+  use method_m, only: kind_registers, kind_splitting
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, out_of_memory, paused, step_too_long
+  use shared_numbers, only: callback_block, finished, out_of_memory, paused, step_too_long
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
@@ -97,6 +99,7 @@ contains
           return
         end if
       end if
+      interpolant%path = flows_of_step(x, interpolant%h)
       call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
       if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
         call advance_interpolant(x, exists, interpolant%nexp)
@@ -106,6 +109,31 @@ contains
       end if
     end associate
   end subroutine interpolate
+
+  ! The flows of a step of a frame in Python; none of a method that doesn't keep what they combine
+  function flows_of_step(x, h) result(flows)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: h
+    real(wp), allocatable :: flows(:)
+    integer :: path
+
+    allocate (flows(0))
+    associate (method => x%problem%method, n => size(x%f, 1))
+      if (.not. any(x%problem%frame%blocks%kind == callback_block) .or. &
+          method%kind == kind_registers .or. method%kind == kind_splitting) return
+      path = method%result
+      do while (path > 0)
+        associate (first => method%path_first(path), last => method%path_first(path + 1) - 1)
+          block
+            real(wp) :: v(n, first:last)
+            call combine_flows(method%flows, h * method%flows%weight, first, last, n, x%f, v)
+            flows = [reshape(v, [size(v)]), flows]
+          end block
+        end associate
+        path = method%origin(path)
+      end do
+    end associate
+  end function flows_of_step
 
   ! Chooses the phase after a node of the interpolant.
   subroutine advance_interpolant(x, exists, flows)

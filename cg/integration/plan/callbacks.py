@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import FlowOverflowError
+from cg.frames.local_coordinates import near
 from cg.integration.plan.blocks import Dexpinv, dexpinv_of
 from cg.integration.plan.jacobian import Jacobian
 from cg.integration.plan.plan import Plan
@@ -72,12 +73,23 @@ class Callbacks:
         v = self.frame.exp_coordinates(self._point(x), self._point(y))
         return np.full(self.frame.dim, np.nan) if v is None else v
 
-    def _nearby(self, x: Array, y: Array, nearest: bool = False) -> Array:
+    def _nearby(self, x: Array, y: Array) -> Array:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return np.full(self.frame.dim, np.nan)
+        return self.frame.local_coordinates(self._point(x), self._point(y))
+
+    def _nearest(self, a: Array, end: Array) -> Array:
+        # from a point, along flows, to the end or near it
         frame = self.frame
-        coordinates = frame._nearest_coordinates if nearest else frame.local_coordinates
-        return coordinates(self._point(x), self._point(y))
+        if not (np.isfinite(a).all() and np.isfinite(end).all()):
+            return np.full(frame.dim, np.nan)
+        point, path = self._point(a[: len(end)]), a[len(end) :].reshape(-1, frame.dim)
+        v = np.zeros(frame.dim)
+        if len(path) and (composed := near(frame._composed(path))).any():
+            moved = self._flow(composed, point.view(np.float64).ravel())
+            if np.isfinite(moved).all():
+                point, v = moved, composed
+        return v + frame._nearest_coordinates(point, self._point(end))
 
     def _coefficients(self, y: Array, dy: Array) -> Array:
         if not (np.isfinite(y).all() and np.isfinite(dy).all()):
@@ -136,7 +148,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FLOW: Callbacks._flow,
     Operation.COORDINATES: Callbacks._coordinates,
     Operation.NEARBY: Callbacks._nearby,
-    Operation.NEAREST: lambda self, x, y: self._nearby(x, y, nearest=True),
+    Operation.NEAREST: Callbacks._nearest,
     Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
     Operation.COEFFICIENTS: Callbacks._coefficients,
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
