@@ -41,5 +41,5 @@ if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/nu
 fi
 command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
 command -v pdflatex >/dev/null 2>&1 || debian "--no-install-recommends texlive-latex-recommended" TeX
-pip "lielab==0.5.2" "distributed>=2024.8" "mpi4py>=4.0" "kauri>=2.3" "nodepy>=1.1" six cython
+pip "lielab==0.5.2" "distributed>=2024.8" "mpi4py>=4.0" "kauri>=2.3" "casadi>=3.6"
 exit 0

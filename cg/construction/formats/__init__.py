@@ -1,6 +1,6 @@
 """Export of methods: data files, LaTeX tables, and one step in Python or C."""
 
 from cg.construction.formats.digits import known_digits
-from cg.construction.formats.exporting import FORMATS, export, to_diffrax, to_nodepy
+from cg.construction.formats.exporting import FORMATS, export
 
-__all__ = ["FORMATS", "export", "known_digits", "to_diffrax", "to_nodepy"]
+__all__ = ["FORMATS", "export", "known_digits"]
