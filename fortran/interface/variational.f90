@@ -45,6 +45,7 @@ contains
     type(c_ptr), value, intent(in) :: user_data
     integer(c_int) :: code
     type(evaluation_t) :: self
+    integer :: columns
     integer(c_intptr_t), pointer :: address
 
     call c_f_pointer(transfer(transfer(user_data, 0_c_intptr_t) - 8, c_null_ptr), address)
@@ -53,23 +54,23 @@ contains
     self%parameters = user_data
     self%t = t
     associate (record => self%record, n => int(self%record%dimension))
-      if (record%directions > 0) then
-        call evaluate_along(self, n, int(record%directions), y, y(record%width + 1), f, f(n + 1))
-      else
-        call evaluate(self, n, n + int(record%parameters + record%noises), y, y(record%width + 1), &
-                      f, f(n + 1))
-      end if
+      columns = n + int(record%parameters + record%noises)
+      if (record%directions > 0) columns = int(record%directions)
+      call evaluate(self, n, columns, y, y(record%width + 1), f, f(n + 1))
     end associate
     code = self%code
   end function variational_field
 
-  ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows.
+  ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows. What isn't
+  ! given is found by differences, along directions by those along each.
   subroutine evaluate(self, n, columns, y, x, f, slope)
     type(evaluation_t), intent(inout) :: self
     integer, intent(in) :: n, columns                  ! dimension, and columns of X
     real(wp), intent(in) :: y(self%record%width), x(columns, n)
     real(wp), intent(inout) :: f(n), slope(columns, n)
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
+    real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
+    logical :: along, fields_along, parameters_along
     integer :: first, i, j
 
     f = nan
@@ -78,10 +79,15 @@ contains
       call call_f(self, y, f)
       record%failed_function = f_failed
       if (self%code /= 0 .or. .not. finite(n, f)) return
-      if (record%jac == 0) then
-        call difference_along_fields(self, y, f, a)
-      else
+      along = record%directions > 0
+      fields_along = along .and. record%jac == 0
+      parameters_along = along .and. record%df_dp == 0 .and. k > 0
+      a = 0.0_wp
+      d = 0.0_wp
+      if (record%jac /= 0) then
         call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
+      else if (.not. along) then
+        call difference_along_fields(self, y, f, a)
       end if
       if (self%code /= 0) return
       call add_brackets(record, n, f, a)
@@ -91,12 +97,17 @@ contains
           slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
         end do
       end do
-      if (k > 0) then
-        if (record%df_dp == 0) then
-          call difference_by_parameters(self, y, f, d)
-        else
-          call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
-        end if
+      if (record%df_dp /= 0) then
+        call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
+      else if (k > 0 .and. .not. along) then
+        call difference_by_parameters(self, y, f, d)
+      end if
+      if (along) then
+        call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
+        if (record%df_dp /= 0) slope = slope + matmul(transpose(p), d)
+        if (self%code == 0 .and. (fields_along .or. parameters_along)) &
+          call add_differences(self, fields_along, parameters_along, y, x, p, slope)
+      else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
       end if
       if (self%code == 0 .and. record%noises > 0) then
@@ -109,42 +120,6 @@ contains
         record%failed_function = products_failed
     end associate
   end subroutine evaluate
-
-  ! Evaluates f and X' along directions: by differences along each, or by the matrices given.
-  subroutine evaluate_along(self, n, columns, y, x, f, slope)
-    type(evaluation_t), intent(inout) :: self
-    integer, intent(in) :: n, columns
-    real(wp), intent(in) :: y(self%record%width), x(columns, n)
-    real(wp), intent(inout) :: f(n), slope(columns, n)
-    real(wp) :: a(n, n), d(self%record%parameters, n)
-    real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns)
-    logical :: along_fields, along_parameters
-
-    f = nan
-    if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
-    associate (record => self%record)
-      call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [size(d, 1), columns])
-      call call_f(self, y, f)
-      record%failed_function = f_failed
-      if (self%code /= 0 .or. .not. finite(n, f)) return
-      a = 0.0_wp
-      if (record%jac /= 0) call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
-      if (self%code /= 0) return
-      call add_brackets(record, n, f, a)
-      slope = matmul(x, a)
-      if (record%df_dp /= 0) then
-        call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
-        if (self%code == 0) slope = slope + matmul(transpose(p), d)
-      end if
-      along_fields = record%jac == 0
-      along_parameters = record%df_dp == 0 .and. size(d, 1) > 0
-      if (self%code == 0 .and. (along_fields .or. along_parameters)) &
-        call add_differences(self, along_fields, along_parameters, y, x, p, slope)
-      if (self%code /= 0 .or. int(record%failed_function) == df_dp_failed) return
-      if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &
-        record%failed_function = products_failed
-    end associate
-  end subroutine evaluate_along
 
   ! Adds central differences of f along each direction: along the fields and by parameters at once,
   ! unless one part is so much smaller than the other that it would be lost.
