@@ -17,6 +17,7 @@ module accepted_step_m
   use within_step_m, only: interpolate, point_at, request_ends, time_at
   use iso_fortran_env, only: int64
   use shared_numbers
+  use vectors_m, only: nan
   implicit none
   private
   public :: begin_after_events, complete_step, detect_events, examine_step, fail_to_observe, &
@@ -187,6 +188,7 @@ contains
       x%last%h = x%t_end - x%t
       x%last%y(:) = x%y(:, 0)
       x%last%slope(:) = x%slope
+      if (.not. x%slope_known) x%last%slope = nan
       x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)

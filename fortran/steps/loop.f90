@@ -101,6 +101,8 @@ contains
       call accept_or_reject(x)
     case (phase_accepted)
       call examine_step(x, output)
+    case (phase_request_begin)
+      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%received)
     case (phase_request_end)
       call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
     case (phase_begin_received)

@@ -223,8 +223,7 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (x%problem%method%kind == kind_splitting .and. .not. x%last%kept &
-          .and. abs(x%problem%method%c(1)) > 0) return
+      if (x%problem%method%kind == kind_splitting .and. abs(x%problem%method%c(1)) > 0) return
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step

@@ -13,6 +13,7 @@ module within_step_m
   use trajectory_m, only: fail, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: callback_block, finished, out_of_memory, paused, step_too_long
+  use vectors_m, only: finite
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
@@ -33,6 +34,8 @@ contains
       x%phase = phase_store_output
     else if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
+    else if (.not. finite(size(x%last%slope), x%last%slope)) then
+      x%phase = phase_request_begin
     else if (x%slope_known) then
       call interpolate(x)
     end if
@@ -55,6 +58,12 @@ contains
   subroutine store_begin(x)
     type(trajectory_t), intent(inout) :: x
 
+    if (x%interpolate_only) then
+      x%last%slope(:) = x%request%received
+      x%phase = phase_request_end
+      if (x%slope_known) call interpolate(x)
+      return
+    end if
     x%slope(:) = x%request%received
     x%slope_known = .true.
     call request_ends(x)

@@ -241,6 +241,17 @@ def test_advancing_to_the_final_time_calls_f_at_the_times_of_solve_ivp(method, e
     assert times == expected
 
 
+def test_steps_that_begin_with_a_drift_need_no_force_at_their_start():
+    frame = cg.frames.PhaseSpace(SO3(), 1.0)
+    options = {"frame": frame, "h": 0.1, "method": "McLachlan2"}
+    start, force = frame.join(np.eye(3), np.ones(3)), lambda t, y: y[:3] - t
+    dense = cg.solve_ivp(force, (0.0, 1.0), start, dense_output=True, **options)
+    stepper = cg.Stepper(force, 0.0, start, 1.0, **options)
+    stepper.advance(1.0)
+    assert stepper.nfev == cg.solve_ivp(force, (0.0, 1.0), start, **options).nfev
+    assert_array_equal(stepper.dense_output()(0.95), dense.sol(0.95))
+
+
 COUNTS = ("nfev", "nexp", "njev", "nlu", "nrejected")
 
 
