@@ -26,7 +26,8 @@ from typing import Any, TypeVar
 from cg.support.checks import check_integer
 from cg.support.parallel import (
     available_cores,
-    end_with_parent,
+    end_with,
+    interrupts_blocked,
     new_flag,
     single_threads,
     work_for,
@@ -92,7 +93,7 @@ def completed(
             try:
                 if ending is None:
                     for item in islice(queue, _AHEAD * size - len(pending)):
-                        pending[_submit(pool, call, item)] = item
+                        pending[_submit(executor, pool, call, item)] = item
                 if not pending:
                     break
                 done = wait(pending, return_when=FIRST_COMPLETED).done
@@ -130,18 +131,28 @@ def _pool(
         finally:
             _cancel(pending)
         return
-    stop_flag = new_flag()
     if executor is None:
-        pool: Executor = ThreadPoolExecutor(size, initializer=work_for, initargs=(stop_flag,))
-    else:  # a fork of a process with threads may hang
-        spawn = get_context("spawn")
-        pool = ProcessPoolExecutor(size, mp_context=spawn, initializer=end_with_parent)
-    with pool:
+        stop_flag = new_flag()
+        with ThreadPoolExecutor(size, initializer=work_for, initargs=(stop_flag,)) as pool:
+            try:
+                yield pool
+            finally:
+                stop_flag[0] = 1
+                _cancel(pending)
+        return
+    spawn = get_context("spawn")  # a fork of a process with threads may hang
+    theirs, ours = spawn.Pipe(duplex=False)
+    with (
+        theirs,
+        ours,
+        ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,)) as workers,
+    ):
         try:
-            yield pool
+            yield workers
         finally:
-            stop_flag[0] = 1
             _cancel(pending)
+            if pending:  # pieces that nobody waits for
+                ours.close()
 
 
 def _cancel(pending: dict[Future[Result], Item]) -> None:
@@ -151,10 +162,13 @@ def _cancel(pending: dict[Future[Result], Item]) -> None:
             del pending[future]
 
 
-def _submit(pool: Executor, call: Callable[[Item], Result], item: Item) -> Future[Result]:
+def _submit(
+    executor: ExecutorLike, pool: Executor, call: Callable[[Item], Result], item: Item
+) -> Future[Result]:
     """Submit a piece; what a broken executor raises is the error of the piece."""
     try:
-        return pool.submit(call, item)
+        with interrupts_blocked(executor == "processes"):
+            return pool.submit(call, item)
     except Exception as error:
         future: Future[Result] = Future()
         future.set_exception(error)

@@ -7,12 +7,14 @@ is set.
 """
 
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 import numpy as np
@@ -172,16 +174,30 @@ def work_for(stop_flag: StopFlag) -> None:
     _worker.stop_flag = stop_flag
 
 
-def end_with_parent() -> None:
-    """End this process when its parent ends, even if that was killed, so as not to wait forever."""
-    from multiprocessing import parent_process
+def end_with(connection: Connection) -> None:
+    """End this process when the other end of a connection closes, also if its owner was killed.
 
-    parent = parent_process()
-    if parent is None:
-        return
+    Interrupts, which a terminal sends to all processes, are its owner's: one that came while a
+    result is sent would leave a lock behind, for which all others wait.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def wait() -> None:
-        parent.join()
+        with suppress(EOFError, OSError):
+            connection.recv()
         os._exit(1)
 
-    threading.Thread(target=wait, name="end_with_parent", daemon=True).start()
+    threading.Thread(target=wait, name="end_with", daemon=True).start()
+
+
+@contextmanager
+def interrupts_blocked(block: bool) -> Iterator[None]:
+    """Let interrupts wait; processes that are started meanwhile never see any."""
+    if not block or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

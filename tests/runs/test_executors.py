@@ -205,6 +205,15 @@ def test_first_interrupt_finishes_pieces_and_second_discards_them(caplog, monkey
         next(completed(double, range(100), workers=2, finish=True))
 
 
+def interrupt_itself(item):
+    os.kill(os.getpid(), signal.SIGINT)
+    return item
+
+
+def test_processes_ignore_interrupts_which_terminals_send_to_all():
+    assert dict(completed(interrupt_itself, range(4), "processes", 2)) == {k: k for k in range(4)}
+
+
 class TestClusters:
     def test_dask(self, tmp_path, path):
         distributed = pytest.importorskip("distributed")

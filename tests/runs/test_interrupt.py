@@ -226,6 +226,7 @@ class TestInterrupt:
     @pytest.mark.parametrize("call", [
         LONG_FIT,
         "cg.search(7, 27, 9, seed=1, maxfev=10**9, workers=2)",
+        "cg.search(7, 27, 9, seed=1, maxfev=10**9, workers=2, executor='processes')",
         "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=10**9, workers=1)",
         "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=1, refine_below=1e300,"
         " refine_maxfev=10**9, workers=2)",
