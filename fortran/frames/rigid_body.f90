@@ -19,7 +19,9 @@
 ! which the two halves are added, it is computed by Gauss's formula for an even function of sn;
 ! whole periods are counted.
 module rigid_body_m
+  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
+  use vectors_m, only: nan
   implicit none
   private
   public :: top_t, turn_freely
@@ -48,8 +50,6 @@ module rigid_body_m
   ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
   real(wp), parameter :: aside = 0.7_wp
   real(wp), parameter :: pi = acos(-1.0_wp)
-  ! a number of pieces whose counter doesn't overflow
-  real(wp), parameter :: most_pieces = 1e9_wp
 
   ! A solution as functions of u: the modulus, its complement, a3, and the present functions
   type :: motion_t
@@ -59,7 +59,8 @@ module rigid_body_m
 contains
 
   ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part) of
-  ! body axes, which depends continuously on the time.
+  ! body axes, which depends continuously on the time. Both are NaN if the body turns so far that no
+  ! digit of its phase is known.
   pure subroutine turn_freely(top, time, momentum, q)
     type(top_t), intent(in) :: top
     real(wp), intent(in) :: time
@@ -73,6 +74,11 @@ contains
     size = maxval(abs(momentum))
     if (.not. (size > 0 .and. all(abs(momentum) <= huge(size)))) return
     size = size * sqrt(sum((momentum / size)**2))
+    if (.not. size * abs(time) * maxval(top%inverse) * epsilon(size) < 1) then
+      q = nan
+      momentum = nan
+      return
+    end if
     before = momentum / size
     n = matmul(before, top%axes) + matmul(before, top%digits)
     swapped = turns_about_smallest(top, n)
@@ -180,10 +186,10 @@ contains
     type(motion_t), intent(inout) :: motion
     real(wp), intent(inout) :: integral
     real(wp) :: half, sn, cn, dn
-    integer :: i, pieces
+    integer(int64) :: i, pieces
 
     if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
-    pieces = int(min(abs(u) / longest, most_pieces)) + 1
+    pieces = int(abs(u) / longest, int64) + 1
     half = u / (2 * real(pieces, wp))
     call jacobi(half, motion%m, motion%complement, sn, cn, dn)
     do i = 1, pieces

@@ -157,6 +157,11 @@ def test_spins_of_any_size_turn_alike(size):
     assert np.abs(after - scaled / size).max() < 1e-14
 
 
+def test_spins_whose_phase_has_no_digit_end_at_once():
+    with pytest.raises(OverflowError, match="no longer finite"):
+        drift(np.array([0.3e50, 0.9e50, -0.4e50]), 5.0, INERTIA)
+
+
 @pytest.mark.parametrize("inertia", [INERTIA, [1.0, 1.0, 2.0], [1.0, 1.1, 5.0], MATRIX])
 @pytest.mark.parametrize("h", [0.03, 1.3])
 def test_invariants_have_rounding_errors_without_bias(library, inertia, h):
