@@ -175,6 +175,19 @@ def test_bad_cotangents_are_refused(cotangent):
     refuses(ValueError, "cotangent must", run.gradient, cotangent)
 
 
+def test_cotangents_at_nearly_singular_matrices_are_accepted():
+    frame = cg.frames.SPD(2)
+    y0 = frame.restore(np.array([[0.6, -0.8], [0.8, 0.6]]) @ [[0.6, 0.8], [-8e-16, 6e-16]])
+    solution = cg.solve_ivp(
+        lambda t, y, p: p * [0.1, 0.2, 0.3, 0.4], (0, 1), y0, frame=frame, parameters=[1.0],
+        derivatives="adjoint",
+    )  # fmt: skip
+    y = solution.y[-1]
+    size = [np.trace(frame.field(v, y)) for v in np.eye(4)]
+    slope = np.trace(frame.field([0.1, 0.2, 0.3, 0.4], y))
+    np.testing.assert_allclose(solution.gradient(size).parameters, slope, rtol=1e-6)
+
+
 def test_derivatives_by_entries_are_refused_as_cotangents():
     frame = Product(Sphere(2), Stiefel(4, 2))
     y, units = frame.random_point(np.random.default_rng(2)), np.ones(frame.dim)

@@ -56,6 +56,20 @@ def test_differences_stay_within_the_times_of_inputs(span, place):
     np.testing.assert_allclose(solution.sensitivity[-1].item(), expected, rtol=2e-10)
 
 
+@pytest.mark.parametrize("start", [0.0, 1e5])
+@pytest.mark.parametrize("kind", ["cubic", "hold"])
+def test_event_times_have_derivatives_at_late_times_and_near_jumps_of_inputs(start, kind):
+    times = start + np.linspace(0.0, 1.0, 5)
+    inputs = cg.Samples(times, [0.0, -0.3, 0.6, 0.1, 0.2], kind)
+    at = start + 0.5 + 1e-3 * (kind == "hold")  # the value of a held input is another before
+    solution = cg.solve_variational(
+        lambda t, y, u: [0.0], (start, start + 1.0), [1.0], frame=Euclidean(1), inputs=inputs,
+        events=lambda t, y, u: y[0] + 9.0 * u * (t - at) - 1.0,
+    )  # fmt: skip
+    (index,) = np.flatnonzero(abs(solution.t_events[0] - at) < 1e-6)
+    np.testing.assert_allclose(solution.dt_events[0][index], -1.0 / 5.4, rtol=1e-6)
+
+
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_members_that_fail_are_nan():
     f = lambda t, y, p: [p[0] * y[0] ** 2]

@@ -42,7 +42,8 @@ class VariationalEvents(EventTable):
 
     where :math:`\dot J` are the coordinates of the derivative of J along the solution before, and
     :math:`f^+` the coefficients after it [1]_. Derivatives of g and J are central differences of
-    order four.
+    order four. Those by time are found between the neighbouring ``edges``: the ends of the span
+    and the times where inputs or the right-hand side may jump, in increasing order.
 
     References
     ----------
@@ -50,8 +51,9 @@ class VariationalEvents(EventTable):
        for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
     """
 
-    def __init__(self, table: EventTable, field: VariationalField) -> None:
+    def __init__(self, table: EventTable, field: VariationalField, edges: Array) -> None:
         self.table, self.field, self.inputs = table, field, table.inputs
+        self.edges = edges
         self.frame, self.width = table.frame, table.width
         self.events, self.compiled = table.events, table.compiled
         self.rows = table.rows.copy()
@@ -62,11 +64,12 @@ class VariationalEvents(EventTable):
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return VariationalEvents, (self.table, self.field)
+        return VariationalEvents, (self.table, self.field, self.edges)
 
     def on_frame(self, frame: Frame) -> VariationalEvents:
         """Return the events on another frame of the same points without derivatives."""
-        return VariationalEvents(self.table.on_frame(frame), replace(self.field, frame=frame))
+        field = replace(self.field, frame=frame)
+        return VariationalEvents(self.table.on_frame(frame), field, self.edges)
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
@@ -176,7 +179,7 @@ class VariationalEvents(EventTable):
         slope = self._coefficients(t, y, arguments)
         # in a unit of this time the solution moves by the sizes of its coordinates
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
-        unit = min(unit, max(abs(t), 1.0))
+        unit = min(unit, float(np.ptp(self.edges)) or max(abs(t), 1.0))
 
         def values_along(v: Array, time: float = 0.0, steps: Array = _STEPS) -> Array:
             return np.array(
@@ -196,21 +199,24 @@ class VariationalEvents(EventTable):
                 values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
         steps, weights = _STEPS, _WEIGHTS
-        behind, before = _room(t, arguments)
+        behind, before = self._room(t, arguments)
         if min(behind, before) >= 2e-3 * max(behind, before):
-            unit = min(unit, min(behind, before) / (2.0 * _STEP))
-        else:  # at an end of the inputs
+            unit = min(unit, min(behind, before) / (2.02 * _STEP))
+        else:  # near an edge
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
-            unit = min(unit, max(behind, before) / (4.0 * _STEP))
+            unit = min(unit, max(behind, before) / (4.04 * _STEP))
             unit = unit if before > behind else -unit
+        unit = ((t + _STEP * unit) - t) / _STEP or unit  # without rounding of times
         ahead = values_along(unit * slope, unit, steps) / (_STEP * unit)
         return np.array(by_fields), weights @ ahead, by_parameters, float(np.ptp(ahead))
 
-
-def _room(t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
-    """Return how far the inputs reach before and after a time."""
-    reader = arguments[0] if arguments else None
-    if not isinstance(reader, Reader):
-        return math.inf, math.inf
-    first, last = reader.span
-    return max(t - first, 0.0), max(last - t, 0.0)
+    def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
+        """Return the times to the neighbouring edges, or to the ends of the inputs."""
+        edges = self.edges
+        behind = t - float(edges[edges < t].max(initial=-math.inf))
+        before = float(edges[edges > t].min(initial=math.inf)) - t
+        reader = arguments[0] if arguments else None
+        if not isinstance(reader, Reader):
+            return behind, before
+        first, last = reader.span
+        return min(behind, max(t - first, 0.0)), min(before, max(last - t, 0.0))

@@ -76,13 +76,15 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
     covariance = check_covariance(options["P0"], frame.dim, members)
+    edges = np.append(problem.t0, problem.stops)
+    edges = np.unique(edges[np.isfinite(edges)])
     return replace(
         problem,
         plan=plan_of(field.product, problem.plan.method),
         rhs=joint,
         points=field.start(problem.points),
         control=control,
-        events=None if events is None else VariationalEvents(events, field),
+        events=None if events is None else VariationalEvents(events, field, edges),
         finish=partial(_finish, problem, Derivatives(field, covariance)),
     )
 
