@@ -47,7 +47,7 @@ MARKS = {
     "test_order_on_frames test_tableau test_hostile_text test_import test_installation test_peers "
     "test_typing test_without_quads",
     "sanitize": "test_conditions test_lmdif test_structure "
-    "test_flows test_frame_product test_adaptive test_arguments test_compiled "
+    "test_flows test_adaptive test_arguments test_compiled "
     "test_compiled_output test_dense test_ensemble_executors test_events "
     "test_free_motion test_integrate test_integration_loop test_jumps test_mechanics "
     "test_observe test_solve_ensemble test_solve_ivp "

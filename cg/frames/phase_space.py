@@ -18,7 +18,7 @@ from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.caches import cached_by_value
 from cg.support.checks import check_generator, check_real
 
-_ALONG = 1e-2  # of a momentum
+_ALONG = 1e-2  # largest part of a momentum along its point of a sphere, an error of steps
 _TRIES = 200  # to close the joints of random points
 
 

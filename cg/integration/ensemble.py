@@ -17,7 +17,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.friction import check_path
+from cg.integration.friction import refuse_friction_along
 from cg.integration.options import (
     EnsembleOptions,
     Options,
@@ -318,7 +318,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     shape = len(times), members
     points = plan.points(y, shape) if y is not None else None
     if points is not None:
-        check_path(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
+        refuse_friction_along(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(

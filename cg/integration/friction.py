@@ -26,7 +26,7 @@ def _sample(count: int, most: int = _MOST) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
-def check_members(plan: Any, rhs: Any, t: float, points: Points, ahead: bool = False) -> None:
+def refuse_friction(plan: Any, rhs: Any, t: float, points: Points, ahead: bool = False) -> None:
     """Raise ValueError if a force on a sample of members, at points of each, is friction.
 
     Exceptions of ``f`` count in the first member only, and not ahead of the integration.
@@ -42,7 +42,7 @@ def check_members(plan: Any, rhs: Any, t: float, points: Points, ahead: bool = F
         _check(plan.frame, rhs, np.full(len(rest), t), rest, points[rest], True)
 
 
-def check_path(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> None:
+def refuse_friction_along(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> None:
     """Raise ValueError if a force is friction at a sample of the points of a solution.
 
     Points have the shape ``(times, members, *point_shape)``; the solution took ``nfev`` calls.

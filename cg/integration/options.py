@@ -97,8 +97,8 @@ def complete_options(
         name = function.__qualname__.removesuffix(".__init__")
         if positional:
             raise TypeError(
-                f"{name}() takes method and all options by keyword, such as "
-                f"method={positional[0]!r}, got {len(positional)} too many positional arguments"
+                f"{name}() takes the frame and all options by keyword, such as frame= and method=, "
+                f"got {len(positional)} too many positional arguments"
             )
         wrong = next(iter(options.keys() - function.options.keys()))
         parameters = inspect.signature(function).parameters.values()

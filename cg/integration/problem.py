@@ -32,7 +32,7 @@ from cg.integration.arguments import (
 )
 from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.friction import check_members
+from cg.integration.friction import refuse_friction
 from cg.integration.langevin import Langevin, check_thermostat
 from cg.integration.member_inertia import MemberInertia, read_member_inertia
 from cg.integration.options import EnsembleOptions
@@ -370,7 +370,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
     if _returns_derivatives(options["rhs"], options["linear"], frame):
-        frame = for_derivatives(frame, _needs_brackets(options))
+        frame = for_derivatives(frame)[_needs_brackets(options)]
     method = _choose_method(options["method"], options["linear"], frame, least)
     return plan_of(frame, method), rtol
 
@@ -486,9 +486,9 @@ def make_problem(
     check_thermostat(options["thermostat"], plan.method, options, stop < start)
     inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
-    check_members(plan, rhs, start, points)
+    refuse_friction(plan, rhs, start, points)
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
-        check_members(plan, rhs, stop, points, ahead=True)
+        refuse_friction(plan, rhs, stop, points, ahead=True)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])

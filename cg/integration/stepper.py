@@ -29,7 +29,7 @@ from cg.integration.arguments import (
     check_stops,
     is_many,
 )
-from cg.integration.friction import check_members
+from cg.integration.friction import refuse_friction
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.output.dense import DenseOutput, EnsembleOutput
 from cg.integration.output.member_results import split_events
@@ -325,10 +325,9 @@ class Stepper:
         RuntimeError
             If the integration has ended.
         """
-        target = check_real_time(t, "t", infinite=False)
-        if self.status == "finished" and target != self.t:
+        if self.status == "finished" and t != self.t:
             self._check_running()
-        self._check_target(target, "t")
+        target = self._check_target(t, "t")
         if target == self.t:
             return None
         self._check_running()
@@ -469,7 +468,7 @@ class Stepper:
             return
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
         _check_data(changed, self._many, rhs)
-        check_members(run.plan, changed, t, run.plan.points(rows, (run.members,)))
+        refuse_friction(run.plan, changed, t, run.plan.points(rows, (run.members,)))
         run.replace_rhs(changed)
         if inputs is not None:
             assert curves is not None
@@ -575,7 +574,9 @@ class Stepper:
             warnings.warn(text, stacklevel=4)
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
-            check_members(run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True)
+            refuse_friction(
+                run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True
+            )
         return TERMINAL_EVENT if stopped and self.t != target is not None else None
 
     def _collect_events(self) -> bool:

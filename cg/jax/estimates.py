@@ -91,8 +91,9 @@ def error_estimate(
 def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
     """Return the error of a step whose angle is too large to believe the estimate.
 
-    It is the largest change of the coefficients in the step if that is larger, as in
-    ``fortran/steps/step.f90``: constant coefficients may turn by any angle.
+    It is the largest change of the coefficients in the step if that is larger: constant
+    coefficients may turn by any angle. ``limit_angle`` in ``fortran/steps/error_estimate.f90``
+    raises the error by a power of the angle there.
     """
     changes = start.h * (stages.values - stages.values[0])
     largest = changes[jnp.argmax((changes**2).sum(axis=1))]
@@ -101,7 +102,7 @@ def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
 
 
 def turning(frame: Frame, v: JaxArray) -> JaxArray:
-    """Return the angle of a flow, as ``turning`` in ``fortran/frames/error_norm.f90``."""
+    """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
     if isinstance(frame, Product):
         parts = zip(frame.factors, frame._vector_slices, strict=True)
         return jnp.stack([turning(factor, v[place]) for factor, place in parts]).max()

@@ -18,7 +18,7 @@ module heat_bath_m
   type :: bath_t
     logical :: present = .false.
     real(wp) :: friction = 0.0_wp            ! gamma, per time
-    real(wp) :: temperature = 0.0_wp         ! that of Boltzmann's constant times it
+    real(wp) :: temperature = 0.0_wp         ! k_B T, an energy
     integer(int64) :: seed = 0
     integer(int64) :: first = 0              ! member of the ensemble that is the first of the run
     real(wp) :: h = 1.0_wp                   ! the size of steps, which makes times integers

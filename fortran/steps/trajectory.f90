@@ -31,7 +31,7 @@ module trajectory_m
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    logical :: at_once = .false.             ! and is evaluated at all stages of a step at once
+    logical :: at_once = .false.             ! that is evaluated at all stages in one call
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! of adaptive steps
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
@@ -167,7 +167,7 @@ module trajectory_m
     logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! and when inner points of the step were prepared
+    integer :: inner_from = 0                ! outputs_done when inner points of the step were prepared
     type(event_state_t) :: events
     ! (capacity, events) values of events that were requested, in the order of the requests
     real(wp), allocatable :: tape(:, :)

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from bracket_examples import CLOSED_FORMS, WITH, has_bracket, vectors
+from bracket_examples import CLOSED_FORMS, WITH, vectors
 from frame_examples import FRAMES, HEISENBERG, name
 from refusals import refuses
 
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
+from cg.integration.plan.plan import has_brackets
 
 # Flows of the fields of HEISENBERG don't keep to their span.
 OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
@@ -15,7 +16,7 @@ over_frames = pytest.mark.parametrize("frame", WITH, ids=name)
 
 
 def test_bracket_raises_for_fields_without_lie_algebra():
-    without = [frame for frame in FRAMES if not has_bracket(frame)]
+    without = [frame for frame in FRAMES if not has_brackets(frame)]
     assert [type(frame) for frame in without] == [FieldFrame, MatrixFrame]
     assert without[0] is HEISENBERG
 

@@ -4,6 +4,7 @@ import numpy as np
 from frame_examples import FRAMES
 
 from cg import frames as fr
+from cg.integration.plan.plan import has_brackets
 
 CLOSED = fr.MatrixFrame(
     [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]
@@ -20,15 +21,7 @@ HEISENBERG_GROUP = fr.FieldFrame(
 )
 
 
-def has_bracket(frame):
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError:
-        return False
-    return True
-
-
-WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_bracket(frame)]
+WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_brackets(frame)]
 CLOSED_FORMS = [
     fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SU(2), fr.SU(2, "body"), fr.SE3(),
     fr.SE3("space"), fr.Semidirect(fr.SO3(), 2), fr.Sphere(2),

@@ -107,11 +107,6 @@ class Lifted:
         """Number of flows in a step, without those of the error estimate."""
         return self.method.exponentials
 
-    @property
-    def largest_weight(self) -> float:
-        """Magnitude of the largest weight of a flow."""
-        return max(abs(float(w)) for point in self.method.points for w in point.weights.values())
-
 
 def lift(
     tableau: Tableau,

@@ -77,7 +77,7 @@ def jump_ratio(method: Method) -> float | None:
 
 @cached
 def kink_ratio(method: Method) -> float | None:
-    """Return the same where the derivative of the field jumps, at a thousand times of the step."""
+    """Return the largest ratio of error to estimate where the derivative of the field jumps."""
     return _break_ratio(method, 1)
 
 

@@ -89,7 +89,7 @@ def default_start(order: int, structure: Structure, embedded: bool = False) -> S
     """Return the default settings for tableaux.
 
     Above order seven they are those of order seven, with as many stages as there are equations for.
-    Untested are orders 4, 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
+    Untested are orders 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
     """
     known = (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure]
     if order in known:

@@ -75,11 +75,6 @@ class LmdifResult(ReadOnly):
         """Why the solver stopped, as a sentence."""
         return self.info.message
 
-    @property
-    def residual_norm(self) -> float:
-        """The Euclidean norm of ``fvec``."""
-        return math.hypot(*self.fvec)
-
 
 def lmdif(
     f: Residual,

@@ -18,7 +18,7 @@ from cg.integration.derivatives.field import VariationalField
 from cg.integration.derivatives.linear_adjoint import with_linear_adjoint
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.derivatives.split import Derivatives
-from cg.integration.friction import check_path
+from cg.integration.friction import refuse_friction_along
 from cg.integration.options import Options
 from cg.integration.output.dense import DenseOutput
 from cg.integration.output.results import EnsembleSolution
@@ -94,7 +94,9 @@ def _finish(
 ) -> EnsembleSolution:
     """Split the points of the joint problem, and look at the forces along them."""
     solution = derivatives.finish(problem, joint.events, found)
-    check_path(problem.plan, problem.rhs, solution.t, solution.y, int(solution.nfev.sum()))
+    refuse_friction_along(
+        problem.plan, problem.rhs, solution.t, solution.y, int(solution.nfev.sum())
+    )
     return solution
 
 

@@ -61,29 +61,22 @@ class Plan:
         )
         if frame._given is not None:
             core.plan_take_derivatives(self.address)
-        space: Any = frame
-        if table.kind is Kind.SPLITTING and isinstance(frame, Product):  # or one with derivatives
-            space = frame if isinstance(frame, PhaseSpace) else frame.factors[0]
-        if isinstance(space, PhaseSpace):
+        space: Any = frame  # a phase space, or that of points with derivatives
+        if isinstance(frame, Product) and not isinstance(frame, PhaseSpace):
+            space = frame.factors[0]
+        if isinstance(space, PhaseSpace) and (table.kind is Kind.SPLITTING or space is frame):
             tangents = frame.dim // space.dim - 1
             core.plan_set_bodies(self.address, *space.compiled_bodies(), tangents)
-        self._add_joints()
+        self._linkage = None
+        if isinstance(space, PhaseSpace) and space.jointed:
+            self._linkage = linkage_of(space)  # whose functions compiled code calls
+            core.plan_set_joints(self.address, self._linkage.address)
         weakref.finalize(self, core.plan_close, self.address)
         self._make_interpolants()
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a method is sent by its name, so that each process has one instance with its cached data
         return plan_of, (self.frame, self.method)
-
-    def _add_joints(self) -> None:
-        """Add the joints of a phase space, which is the frame or its first factor."""
-        frame = self.frame
-        if isinstance(frame, Product) and not isinstance(frame, PhaseSpace):
-            frame = frame.factors[0]
-        self._linkage = None
-        if isinstance(frame, PhaseSpace) and frame.jointed:
-            self._linkage = linkage_of(frame)  # whose functions compiled code calls
-            self.core.plan_set_joints(self.address, self._linkage.address)
 
     def _make_interpolants(self) -> None:
         output = self.table.output
@@ -169,19 +162,10 @@ def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
     return {}
 
 
-def for_derivatives(frame: Frame, with_brackets: bool) -> Frame:
-    """Return `Frame.for_derivatives`, which is cached."""
-    return (_for_derivatives_with_brackets if with_brackets else _for_derivatives)(frame)
-
-
 @cached_by_value
-def _for_derivatives(frame: Frame) -> Frame:
-    return frame.for_derivatives()
-
-
-@cached_by_value
-def _for_derivatives_with_brackets(frame: Frame) -> Frame:
-    return frame.for_derivatives(with_brackets=True)
+def for_derivatives(frame: Frame) -> dict[bool, Frame]:
+    """Return `Frame.for_derivatives` without and with brackets."""
+    return {known: frame.for_derivatives(with_brackets=known) for known in (False, True)}
 
 
 @cached_by_value

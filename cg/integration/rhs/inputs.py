@@ -99,7 +99,7 @@ class Inputs:
         return np.unique(np.concatenate([first, *others])) if others else first
 
     def limits(self, tolerance: float | None) -> Array:
-        """Return times and how long steps may be from each on, shape (n, 2), as seen so."""
+        """Return times and how long steps may be from each on, shape (n, 2)."""
         none = np.empty((0, 2))
         if tolerance is None:
             return none
