@@ -223,7 +223,8 @@ class PhaseSpace(Product):
         first body, that of a distance is the force between the points, positive if it pushes. Other
         constraints are cosines between axes: third and first, third and second of a hinge, both
         third ones of a universal joint, and first and second, second and third, third and first
-        of others. Their :math:`\lambda` are torques about the normal of both axes.
+        of others. Their :math:`\lambda` are torques on the first body about the vector product of
+        its axis and that of the second one.
 
         Parameters
         ----------

@@ -80,8 +80,9 @@ def solve_ensemble(
     inertia
         On a `cg.frames.PhaseSpace` a sequence of the inertia of each member, in place of that of
         the frame: an array of shape ``(members, 3)`` for bodies with three moments. What the frame
-        itself computes, such as its kinetic energy, is that of its own inertia. Members with joints
-        or ``derivatives`` are integrated one by one, not in ``common_steps``.
+        itself computes, such as velocities and its kinetic energy, is that of its own inertia.
+        Members with joints or ``derivatives`` are integrated one by one, not in ``common_steps``.
+        Derivatives by parameters are those through ``f``, not through the inertia.
     vectorized
         Whether ``f`` takes many members at a time. ``jac``, ``df_dp`` and ``noise`` then take and
         return arrays of one member each too, with the axis of members first.

@@ -96,9 +96,10 @@ def complete_options(
     if positional or not options.keys() <= function.options.keys():
         name = function.__qualname__.removesuffix(".__init__")
         if positional:
+            key = "method" if isinstance(positional[0], str) else "frame"
             raise TypeError(
-                f"{name}() takes the frame and all options by keyword, such as frame= and method=, "
-                f"got {len(positional)} too many positional arguments"
+                f"{name}() takes {key} and all options by keyword, such as "
+                f"{key}={positional[0]!r}, got {len(positional)} too many positional arguments"
             )
         wrong = next(iter(options.keys() - function.options.keys()))
         parameters = inspect.signature(function).parameters.values()
