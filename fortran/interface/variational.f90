@@ -70,18 +70,16 @@ contains
     real(wp), intent(inout) :: f(n), slope(columns, n)
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
-    logical :: along, fields_along, parameters_along
-    integer :: first, i, j
+    logical :: along
+    integer :: i, j
 
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
-    associate (record => self%record, k => size(d, 1))
+    associate (record => self%record, k => size(d, 1), first => n + size(d, 1) + 1)
       call call_f(self, y, f)
       record%failed_function = f_failed
       if (self%code /= 0 .or. .not. finite(n, f)) return
       along = record%directions > 0
-      fields_along = along .and. record%jac == 0
-      parameters_along = along .and. record%df_dp == 0 .and. k > 0
       a = 0.0_wp
       d = 0.0_wp
       if (record%jac /= 0) then
@@ -105,15 +103,13 @@ contains
       if (along) then
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
         if (record%df_dp /= 0) slope = slope + matmul(transpose(p), d)
-        if (self%code == 0 .and. (fields_along .or. parameters_along)) &
-          call add_differences(self, fields_along, parameters_along, y, x, p, slope)
+        if (self%code == 0) call add_differences(self, record%jac == 0, &
+                                                 record%df_dp == 0 .and. k > 0, y, x, p, slope)
       else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
       end if
-      if (self%code == 0 .and. record%noises > 0) then
-        first = n + k + 1
+      if (self%code == 0 .and. record%noises > 0) &
         call add_noise(self, y, a, x(first:, :), slope(first:, :))
-      end if
       if (self%code /= 0) return
       if (any(int(record%failed_function) == [df_dp_failed, noise_failed])) return
       if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &

@@ -23,10 +23,10 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
-  use requests_m, only: check_coefficients, request, retry_or_store
+  use requests_m, only: check_coefficients, retry_or_store
   use phases_m
   use trajectory_m, only: trajectory_t
-  use within_step_m, only: store_begin, store_node, store_end, request_node
+  use within_step_m, only: request_ends_of_last, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
                             needs_minimum, paused
@@ -101,10 +101,8 @@ contains
       call accept_or_reject(x)
     case (phase_accepted)
       call examine_step(x, output)
-    case (phase_request_begin)
-      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%received)
-    case (phase_request_end)
-      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
+    case (phase_request_begin, phase_request_end)
+      call request_ends_of_last(x)
     case (phase_begin_received)
       call store_begin(x)
     case (phase_end_received)

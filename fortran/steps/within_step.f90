@@ -16,8 +16,8 @@ module within_step_m
   use vectors_m, only: finite
   implicit none
   private
-  public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
-            request_interpolant, time_at
+  public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, &
+            request_ends_of_last, request_node, request_interpolant, time_at
 
 contains
 
@@ -40,6 +40,17 @@ contains
       call interpolate(x)
     end if
   end subroutine request_interpolant
+
+  ! Requests the coefficients at one end of the last step.
+  subroutine request_ends_of_last(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (x%phase == phase_request_begin) then
+      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%received)
+    else
+      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
+    end if
+  end subroutine request_ends_of_last
 
   ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
   subroutine request_ends(x)
