@@ -21,7 +21,7 @@ def test_programs(part):
 
 def test_output_does_not_change_which_events_are_found():
     program = Program(
-        space=12, seed=34, turns=2.0, speed=5.0, start=1e5, length=-1.0, method="CF5(4)", steps=3.0,
+        space=12, seed=34, turns=1.8, speed=5.0, start=1e5, length=-1.0, method="CF5(4)", steps=3.0,
         dense=True, observe=True, breaks=(0.5,), parameters=True, callers=("members",),
         events=(Zero("plane", 0.1, 6, jump="other"), Zero("plane", 0.1, 10, 2, 1),
                 Zero("copy", 0.9, 0, 2, -1)),
