@@ -296,7 +296,10 @@ contains
     logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))
 
     waits = run%asks .and. run%lanes%status == needs_events
-    for_all = [(waits(i) .and. .not. run%lanes(i)%wanted_at(1, 1) > 0, i=1, size(waits))]
+    for_all = waits
+    do i = 1, size(waits)
+      if (waits(i)) for_all(i) = .not. run%lanes(i)%wanted_at(1, 1) > 0
+    end do
     of_all = count(for_all)
     allocate (waiting(count(waits)), taken(count(waits)), source=0)
     waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
