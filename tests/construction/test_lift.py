@@ -115,6 +115,7 @@ class TestLift:
         with pytest.raises(cg.LiftError, match="none of 3 starts led to a method of order 4") as e:
             cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
         assert e.value.best > 1e-6
+        refuses(cg.LiftError, "must be exact or have", cg.lift, cg.Tableau(KUTTA.a, KUTTA.b))
 
 
 def test_dop853_is_scipys_to_the_last_bit():

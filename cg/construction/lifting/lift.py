@@ -38,6 +38,9 @@ _EXACT = 1e-33  # largest residual of a method
 _Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
 
 
+_OF_ROUNDING = 1e-15  # sum of squared residuals that rounded coefficients leave
+
+
 class LiftError(ArithmeticError):
     """No start led to a method.
 
@@ -64,7 +67,10 @@ class LiftError(ArithmeticError):
         self.best = best
 
     def __str__(self) -> str:
-        return f"{self.args[0]}; the least sum of squared residuals was {self.best:.1e}"
+        text = f"{self.args[0]}; the least sum of squared residuals was {self.best:.1e}"
+        if self.best < _OF_ROUNDING:
+            text += ": coefficients must be exact or have some 40 digits, rounded ones may not do"
+        return text
 
 
 @dataclass(frozen=True)
@@ -138,7 +144,8 @@ def lift(
     Parameters
     ----------
     tableau
-        Explicit. Rational coefficients stay rational.
+        Explicit, with coefficients that are exact or have some 40 digits: rounded ones, such as
+        doubles, may have no solution. Rational coefficients stay rational.
     order
         Order of the method; by default that of the flat method.
     embedded_order
