@@ -61,6 +61,8 @@ class TestDigits:
         refuses(TypeError, "certificate must", cg.export, method, "json", certificate="proof")
         with pytest.raises(cg.CertificationError):
             cg.export(cg.methods["CG5d"], "json", digits=50, certificate=certificate)
+        with pytest.raises(cg.CertificationError):
+            cg.export(cg.methods["CG5d"], "json", certificate=certificate)
 
 
 def test_rejects():

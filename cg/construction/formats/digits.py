@@ -69,9 +69,9 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     """Return the coefficients of a method, from its certificate if it has too few digits."""
     check_instance("method", method, Method)
     if certificate is not None:
-        from cg.construction.proofs import Certificate
+        from cg.construction.proofs import check
 
-        check_instance("certificate", certificate, Certificate)
+        check(certificate, method)
     stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
