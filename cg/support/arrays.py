@@ -71,6 +71,8 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         raw = np.asarray(value)
         if raw.dtype.kind not in kinds:
             raise TypeError(f"dtype {raw.dtype}")
+        if raw.dtype.kind == "O" and any(entry is None for entry in raw.flat):
+            raise TypeError("None, which NumPy would read as NaN")
         return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(

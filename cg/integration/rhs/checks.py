@@ -47,6 +47,7 @@ def read_value(
     A vectorized function returns ``rows``, each of a member or of a time. The hint gets the shape
     of the array.
     """
+    each = f", a row for each {rows}, since vectorized=True" if rows else ""
     try:
         array: Points = (real_array if dtype == np.float64 else complex_array)(value, name)
     except ValueError as error:
@@ -57,16 +58,14 @@ def read_value(
         text = _JOIN if join else conversion_hint(value, error)
         text = _COMPLEX if not text and is_complex_array(value) and hint is not None else text
         raise ValueError(
-            f"{name} must return {expected}, got {short(value)} at {when(t)}{text}"
+            f"{name} must return {expected}{each}, got {short(value)} at {when(t)}{text}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
     if array.shape != shape:
-        got = "None" if value is None else f"shape {array.shape}"
-        each = f", a row for each {rows}, since vectorized=True" if rows else ""
         raise ValueError(
-            f"{name} must return an array of shape {shape}{each}, got {got} at {when(t)}"
-            f"{hint(array.shape) if hint else ''}"
+            f"{name} must return an array of shape {shape}{each}, got shape {array.shape} at "
+            f"{when(t)}{hint(array.shape) if hint else ''}"
         )
     return array
 
