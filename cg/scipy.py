@@ -19,7 +19,7 @@ from cg.integration.default_method import AUTO, choose_method
 from cg.integration.plan.blocks import turning_coefficients
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
-from cg.tables import HasTable
+from cg.tables import HasTable, table_of
 
 
 def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
@@ -72,6 +72,8 @@ def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
     True
     """
     check_frame(frame)
+    if method != AUTO:
+        table_of(method)  # an error for a wrong name comes here
     members = {"frame": frame, "method": method, "__module__": __name__}
     return type("Solver", (FrameSolver,), members)
 
@@ -113,13 +115,13 @@ class FrameSolver(OdeSolver):
         self._max_angle = max_angle
         self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
+        relative = self._tolerances(rtol, "rtol")
         if isinstance(method, str) and method == AUTO:
-            moved = frame.for_derivatives()
-            method = choose_method(moved, float(np.max(np.asarray(rtol))), kinks=True)
+            method = choose_method(frame.for_derivatives(), float(relative.max()), kinks=True)
         self._stepper = Stepper(
             self._derivative, t0, self.y.reshape(frame.point_shape), self.direction * math.inf,
             frame=frame, method=method, rhs="derivative", max_step=max_step,
-            first_step=first_step, rtol=self._tolerances(rtol, "rtol"),
+            first_step=first_step, rtol=relative,
             atol=self._tolerances(atol, "atol"),
         )  # fmt: skip
         self._reached = self.y.copy()

@@ -312,10 +312,11 @@ class Linkage:
         grown = zip(np.diff(ranks), self.slices, strict=True)
         last = [k for k, (rank, places) in enumerate(grown) if rank < len(places)]
         names = [f"joints[{k}]" if k < len(self.joints) else "constraints" for k in last]
+        hint = "; take a joint with fewer of them there, such as 'ball' in place of 'hinge'"
         raise ValueError(
             f"the constraints of joints must not depend on each other, got rank {ranks[-1]} of "
-            f"{self.count} at {name}: some of {', '.join(names)} follow from those before; take a "
-            "joint with fewer of them there, such as 'ball' in place of 'hinge'"
+            f"{self.count} at {name}: some of {', '.join(names)} follow from those before"
+            f"{hint if self.joints else ', or have no derivatives there'}"
         )
 
     def _value(self, q: Points) -> Array:

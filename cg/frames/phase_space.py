@@ -383,6 +383,8 @@ class PhaseSpace(Product):
     def _reason(self, point: Points) -> str:
         if self._along(point):
             return "; join(q, momentum) removes the momentum along points of spheres"
+        if not np.isfinite(self.state_error(point)):
+            return "; constraints aren't finite there"
         return super()._reason(point)
 
     def _with_joints(self, y: ArrayLike, error: Array, relative: bool = False) -> Array:
