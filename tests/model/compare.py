@@ -270,10 +270,11 @@ def _doubt(case: Case) -> None:
     stops = (*task.breakpoints, *task.knots)
     if path.jumps and any(0 < abs(t - p) < 1e-9 * case.length for t in times for p in stops):
         raise Unclear("an event is nearly at a stop")
+    slope = min((slope for slopes in path.slopes for slope in slopes), default=1.0)
     copied = (path.jumps or path.terminated) and any(e.kind == "copy" for e in case.program.events)
-    if copied and any(16 * EPS * abs(t) < 1e-10 or t in stops for t in times):
+    if copied and any(16 * EPS * abs(t) * min(slope, 1.0) < 1e-10 or t in stops for t in times):
         raise Unclear("events are 1e-10 apart, more than the resolution of time, or at a stop")
-    gap = 2 * bound / min((slope for slopes in path.slopes for slope in slopes), default=1.0)
+    gap = 2 * bound / slope
     if path.jumps and any(1e-9 * case.length < b - a < gap for a, b in pairwise(times)):
         raise Unclear("events come in an order that depends on errors")
 
