@@ -44,8 +44,8 @@ from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
-from cg.support.shared_numbers import Stop
-from cg.support.shared_records import COUNTERS
+from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
+from cg.support.shared_records import COUNTERS, COUNTS
 from cg.support.times import apart
 from cg.tables import MethodTable, made
 
@@ -253,20 +253,20 @@ class Stepper:
     @property
     def next_step(self) -> float | Array | None:
         """Absolute size that the next step tries."""
-        h, sizes = self._run.control.h, self._run.state()[0][:, 1]
+        h, sizes = self._run.control.h, self._run.state()[0][:, StatePlace.NEXT_STEP]
         sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
         if self._many:
             return sizes
         return None if np.isnan(sizes[0]) else float(sizes[0])
 
-    def _count(self, k: int) -> int:
-        return int(self._run.counts[:, k].sum())
+    def _count(self, name: str) -> int:
+        return int(self._run.counts[:, COUNTS.index(name)].sum())
 
-    nfev = property(lambda self: self._count(0), doc="Evaluations of the coefficients.")
-    nexp = property(lambda self: self._count(1), doc="Flows.")
-    njev = property(lambda self: self._count(2), doc="Jacobians of stage equations.")
-    nlu = property(lambda self: self._count(3), doc="Factorisations of them.")
-    nrejected = property(lambda self: self._count(5), doc="Rejected steps.")
+    nfev = property(lambda self: self._count("nfev"), doc="Evaluations of the coefficients.")
+    nexp = property(lambda self: self._count("nexp"), doc="Flows.")
+    njev = property(lambda self: self._count("njev"), doc="Jacobians of stage equations.")
+    nlu = property(lambda self: self._count("nlu"), doc="Factorisations of them.")
+    nrejected = property(lambda self: self._count("nrejected"), doc="Rejected steps.")
 
     def step(self, limit: float | None = None) -> str | None:
         """Take one step, up to the first event in it that is terminal or jumps.
@@ -401,7 +401,7 @@ class Stepper:
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
             same_f = args is None and parameters is None and inputs is None
-            first = -1.0 if same_f else -2.0  # keeps the sizes proposed
+            first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
@@ -590,12 +590,12 @@ class Stepper:
             return False
         table = run.problem.events
         assert table is not None
-        ends = run.status[0] == _TERMINAL or table.rows[of[:, 1], 4].any()
+        ends = run.status[0] == _TERMINAL or table.rows["jumps"][of[:, 1]].any()
         return bool(ends and t[-1] == run.reached[0])
 
     def _end_at_state(self) -> None:
         """Set the start of the last step to that in the state of the trajectory."""
-        self.t_old = float(self._run.state()[0][0, 3])
+        self.t_old = float(self._run.state()[0][0, StatePlace.LAST_T])
         self.step_size = abs(self.t - self.t_old)
 
     def _end_early(self, start: Any, steps: int) -> None:

@@ -136,6 +136,14 @@ class StateSize(IntEnum):
     INTEGERS = 18
 
 
+class StatePlace(IntEnum):
+    """Places of some of its real numbers, from 0, as ``save_state`` writes them."""
+
+    NEXT_STEP = 1
+    LAST_T = 3
+    H = 5
+
+
 class FailedFunction(IntEnum):
     """The function of a right-hand side with derivatives that failed last."""
 
@@ -239,6 +247,10 @@ STEP_CONTROL: dict[str, float | int] = {
     "least_suspicion": 4,
     "max_suspicion": 12,
     "jump_factor": 20.0,
+    # In place of a first step: the size that was proposed, where points alone may have changed, and
+    # where the right-hand side has.
+    "proposed_for_point": -1.0,
+    "proposed_for_f": -2.0,
 }
 """Numbers of the step size control, fortran/steps/controller.f90, which solvers in JAX use too."""
 

@@ -14,7 +14,7 @@ module trajectory_m
   use time_grid_m, only: grid_t
   use vector_field_m, only: vector_field_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: counters_t, paused
+  use shared_numbers, only: counters_t, paused, proposed_for_point
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
@@ -244,9 +244,7 @@ contains
   pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    ! zero to choose it, negative to keep the size that was proposed for the next step: -1 where the
-    ! point alone may have changed, -2 where the right-hand side has
-    real(wp), intent(in) :: first_step
+    real(wp), intent(in) :: first_step     ! zero to choose it, negative as in shared_numbers
     type(trajectory_t), intent(inout) :: x
     ! moves that are smaller, relative to the last step, leave its polynomial and Jacobian
     real(wp), parameter :: small_move = 0.1_wp
@@ -254,7 +252,7 @@ contains
     logical :: near                          ! whether the last step led nearly there
 
     same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
-    near = first_step < 0 .and. first_step >= -1 .and. allocated(x%last%y) &
+    near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last%y) &
            .and. .not. abs(x%t - t) > 0
     if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
     x%t = t

@@ -58,7 +58,7 @@ class VariationalEvents(EventTable):
         self.events, self.compiled = table.events, table.compiled
         self.rows = table.rows.copy()
         if not field.count and isinstance(field.f, CompiledRhs):
-            self.rows[self.rows[:, 1] == 0, 1] = field.f.user_data
+            self.rows["data"][self.rows["data"] == 0] = field.f.user_data
         self._callable = [
             None if source is None else _EVENT(source.address) for source in self.compiled
         ]
@@ -147,7 +147,7 @@ class VariationalEvents(EventTable):
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
         numbers = data_at(t, arguments, self.field.count > 0)
-        data = max(int(self.rows[index, 1]), 0) or (
+        data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
         return self.wrapped(index, float(function(t, point.ctypes.data, data)))

@@ -21,6 +21,7 @@ from cg.support.copies import filled
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
+_ROW = np.dtype([(name, "f8" if kind == "real" else "i8") for name, kind in EVENT.items()])
 
 
 @dataclass(frozen=True)
@@ -132,9 +133,7 @@ class EventTable:
     With ``inputs`` functions in Python get those of a `Reader`, and with ``parameters`` a row of
     these. If ``f`` is ``in_python``, compiled functions don't get its data.
 
-    ``rows`` is the table that compiled code reads: of each event the addresses of the function and
-    of its data, the sign of its direction, its limit, whether it jumps, the bits of its period, and
-    whether it is vectorized.
+    ``rows`` is the table that compiled code reads, with the entries of `EVENT`.
     """
 
     def __init__(
@@ -160,19 +159,19 @@ class EventTable:
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
             limit, sign = event._check(f"events[{i}]")
-            row = {
+            entries = {
                 "function": 0 if source is None else source.address,
                 "data": 0 if source is None else source.user_data or -in_python,
                 "direction": sign,
                 "limit": limit,
                 "jumps": event.jump is not None,
-                "period": np.float64(event.period or 0.0).view(np.int64),
+                "period": event.period or 0.0,
                 "vectorized": event.vectorized,
             }
-            rows.append([row[name] for name in EVENT])
+            rows.append(tuple(entries[name] for name in EVENT))
         if inputs:
             self.events = [_with_input(event) for event in self.events]
-        self.rows: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, len(EVENT))
+        self.rows: NDArray[np.void] = np.array(rows, dtype=_ROW)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -189,17 +188,17 @@ class EventTable:
     @property
     def has_jumps(self) -> bool:
         """Whether an event has a jump."""
-        return bool(self.rows[:, 4].any())
+        return bool(self.rows["jumps"].any())
 
     @property
     def has_terminal(self) -> bool:
         """Whether an event can end the integration."""
-        return bool((self.rows[:, 3] < _UNLIMITED).any())
+        return bool((self.rows["limit"] < _UNLIMITED).any())
 
     @property
     def has_vectorized(self) -> bool:
         """Whether a function takes many members at a time."""
-        return bool(self.rows[:, 6].any())
+        return bool(self.rows["vectorized"].any())
 
     def check_data(self) -> None:
         """Raise ValueError if compiled functions have no data, for inputs or parameters."""

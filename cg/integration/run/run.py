@@ -22,7 +22,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
-from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
+from cg.support.shared_numbers import FieldFlag, JacobianKind, StatePlace, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
@@ -395,9 +395,8 @@ class Run:
         Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
         """
         reals, _, _, slopes = self.state()
-        return np.asarray(
-            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.table.kept, self.plan.table.stages)]
-        )
+        rows = min(self.plan.table.kept, self.plan.table.stages)
+        return np.asarray(reals[0, StatePlace.H] * slopes[0, 2 : 2 + rows])
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
