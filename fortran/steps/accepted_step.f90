@@ -74,7 +74,7 @@ contains
     logical :: may_cut(size(x%events%before))
 
     associate (events => x%problem%events)
-      may_cut = x%problem%goes_on .and. (events%jumps .or. events%limit <= 2_int64**53)
+      may_cut = x%problem%goes_on .and. (events%jumps .or. x%events%count + 1 >= events%limit)
     end associate
   end function may_cut
 

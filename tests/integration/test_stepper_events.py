@@ -94,7 +94,7 @@ def test_new_arguments_change_events():
 
 
 def test_events_at_the_end_of_a_step_that_go_on_cost_nothing():
-    events = [lambda t, y: t - 0.5]
+    events = [cg.Event(lambda t, y: t - 0.5, terminal=2)]
     options = {"events": events, "breakpoints": [0.25, 0.5, 0.75], **OPTIONS}
     plain = cg.solve_ivp(fall, (0, 1), UP, method="RKMK8(5,3)", **options)
     stepper = cg.Stepper(fall, 0, UP, 1.0, method="RKMK8(5,3)", **options)

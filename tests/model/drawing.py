@@ -131,6 +131,8 @@ def admitted(program: Program) -> Program:
             events[k] = replace(events[k], period=False)
         if zero.jump == "other" and edge:
             events[k] = replace(events[k], jump="y0")
+        if events[k].jump == "y0" and zero.place == 0.5:  # or contacts rest at y0
+            events[k] = replace(events[k], place=0.3)
         if zero.kind == "edge":
             events[k] = Zero("edge", 0.1, terminal=1)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
