@@ -98,7 +98,7 @@ class Diagnosis:
             assert method.nominal_residual is not None
             lines.append(
                 f"nominal order: {method.nominal_order}, whose conditions it satisfies up to "
-                f"{method.nominal_residual.text} only"
+                f"{float(method.nominal_residual.value):.3g} only"
             )
         if self.failing is not None:
             lines += [

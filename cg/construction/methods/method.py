@@ -418,7 +418,7 @@ class Method(ABC):
         if not largest <= float(self.nominal_residual.value):
             raise error(
                 f"residuals through nominal_order {self.order} reach {largest:.3g}, "
-                f"more than nominal_residual = {self.nominal_residual.text}"
+                f"more than nominal_residual = {float(self.nominal_residual.value):.3g}"
             )
 
     @property
