@@ -16,8 +16,7 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, distance_bound, make_frame, &
-            restore, turning
+  public :: frame_t, apply_flows, distance_bound, make_frame, restore, turning
 
   type :: frame_t
     integer :: dimension = 0, point_size = 0

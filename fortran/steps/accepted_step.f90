@@ -151,7 +151,7 @@ contains
   subroutine store_with_events(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
+    real(wp) :: until, t, y(x%frame%point_size), after(x%frame%point_size)
     logical :: ended
 
     if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
@@ -267,9 +267,9 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             point = y
-          else if (x%problem%method%kind == kind_polynomial) then
+          else if (x%method%kind == kind_polynomial) then
             call prepare_next(x, output)
-            point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
+            point = x%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
@@ -300,8 +300,8 @@ contains
     real(wp) :: theta
     integer :: most
 
-    inner => x%problem%frame%blocks(1)%action%inner
-    associate (n => x%problem%frame%point_size)
+    inner => x%frame%blocks(1)%action%inner
+    associate (n => x%frame%point_size)
       most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
       x%inner_from = x%outputs_done
       inner%owner = x%member
@@ -328,18 +328,17 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (method => x%problem%method, end => x%request%y, &
-               inner => x%problem%frame%blocks(1)%action%inner)
+    associate (end => x%request%y, inner => x%frame%blocks(1)%action%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
       call prepare_inner(x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
-      associate (first => method%path_first(method%result), &
-                 last => method%path_first(method%result + 1) - 1)
-        call combine_flows(method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call apply_flows(x%problem%frame, last - first + 1, x%v, end)
+      associate (first => x%method%path_first(x%method%result), &
+                 last => x%method%path_first(x%method%result + 1) - 1)
+        call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
+        call apply_flows(x%frame, last - first + 1, x%v, end)
       end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate

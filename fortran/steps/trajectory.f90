@@ -123,6 +123,9 @@ module trajectory_m
 
   type :: trajectory_t
     type(problem_t), pointer :: problem => null()
+    type(frame_t), pointer :: frame => null()          ! of the problem, as those that follow
+    type(method_t), pointer :: method => null()
+    type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
     integer :: status = paused               ! a Stop
@@ -191,6 +194,9 @@ contains
     integer :: k, n
 
     x%problem => problem
+    x%frame => problem%frame
+    x%method => problem%method
+    x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin))
       x%result = merge(1, method%result, method%kind == kind_registers)

@@ -29,7 +29,7 @@ contains
     x%interpolate_only = .true.
     x%status = paused
     x%phase = phase_request_end
-    call reserve_interpolant(x%problem%frame, x%problem%scheme, x%interpolant, memory)
+    call reserve_interpolant(x%frame, x%problem%scheme, x%interpolant, memory)
     if (x%last%cut) then
       x%phase = phase_store_output
     else if (memory /= 0) then
@@ -110,9 +110,8 @@ contains
                       x%end_slope)
       end if
       if (allocated(x%joints%impulse)) then            ! slopes are forces alone
-        call add_constraint_forces(x%problem%frame, interpolant%y0, .true., &
-                                   interpolant%field(:, 1), status)
-        if (status == finished) call add_constraint_forces(x%problem%frame, interpolant%y1, &
+        call add_constraint_forces(x%frame, interpolant%y0, .true., interpolant%field(:, 1), status)
+        if (status == finished) call add_constraint_forces(x%frame, interpolant%y1, &
                                                            .true., interpolant%field(:, 2), status)
         if (status /= finished) then
           call fail(x, status, interpolant%t0)
@@ -138,19 +137,19 @@ contains
     integer :: path
 
     allocate (flows(0))
-    associate (method => x%problem%method, n => size(x%f, 1))
-      if (.not. any(x%problem%frame%blocks%kind == callback_block) .or. &
-          method%kind == kind_registers .or. method%kind == kind_splitting) return
-      path = method%result
+    associate (n => size(x%f, 1))
+      if (.not. any(x%frame%blocks%kind == callback_block) .or. &
+          x%method%kind == kind_registers .or. x%method%kind == kind_splitting) return
+      path = x%method%result
       do while (path > 0)
-        associate (first => method%path_first(path), last => method%path_first(path + 1) - 1)
+        associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
           block
             real(wp) :: v(n, first:last)
-            call combine_flows(method%flows, h * method%flows%weight, first, last, n, x%f, v)
+            call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, n, x%f, v)
             flows = [reshape(v, [size(v)]), flows]
           end block
         end associate
-        path = method%origin(path)
+        path = x%method%origin(path)
       end do
     end associate
   end function flows_of_step
