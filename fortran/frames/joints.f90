@@ -75,9 +75,7 @@ contains
     linkage%rows = size(integers, 2)
     linkage%own = own
     linkage%forces = forces
-    associate (momenta => findloc(blocks%vectors, forces, 1))
-      linkage%before = blocks(momenta)%points
-    end associate
+    linkage%before = blocks(findloc(blocks%vectors, forces, 1))%points
     linkage%after = linkage%before + forces
     linkage%attitude = places(1, :)
     linkage%position = places(2, :)

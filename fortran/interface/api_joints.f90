@@ -62,21 +62,19 @@ subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_
   integer :: i
 
   call c_f_pointer(transfer(address, c_null_ptr), frame)
-  associate (linkage => frame%linkage)
-    do i = 1, points
-      call evaluate_constraints(linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
-      if (failed) return
-      g(:, i) = c%g
-      if (.not. axes_coincide(linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
-      size_of_g(:, i) = c%size
-      associate (momenta => y(linkage%before + 1:linkage%after, i))
-        speed(:, i) = rates(linkage, frame%blocks, c, momenta)
-        c%moved = abs(c%moved)
-        c%own_moved = abs(c%own_moved)
-        size_of_speed(:, i) = rates(linkage, frame%blocks, c, abs(momenta))
-      end associate
-    end do
-  end associate
+  do i = 1, points
+    call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
+    if (failed) return
+    g(:, i) = c%g
+    if (.not. axes_coincide(frame%linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
+    size_of_g(:, i) = c%size
+    associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
+      speed(:, i) = rates(frame%linkage, frame%blocks, c, momenta)
+      c%moved = abs(c%moved)
+      c%own_moved = abs(c%own_moved)
+      size_of_speed(:, i) = rates(frame%linkage, frame%blocks, c, abs(momenta))
+    end associate
+  end do
 end subroutine joints_errors
 
 ! The derivatives of constraints at a point along the fields of the configuration

@@ -47,12 +47,10 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) then
-      associate (events => x%events)
-        x%needs_interpolant = any(events%came_from /= 0) &
-          .or. any(crosses(events%before, events%after, x%problem%events%direction, &
-                           x%problem%events%period) &
-                   .and. (abs(events%after) > 0 .or. may_cut(x)))
-      end associate
+      x%needs_interpolant = any(x%events%came_from /= 0) &
+        .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
+                         x%problem%events%period) &
+                 .and. (abs(x%events%after) > 0 .or. may_cut(x)))
     end if
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
@@ -73,9 +71,8 @@ contains
     type(trajectory_t), intent(in) :: x
     logical :: may_cut(size(x%events%before))
 
-    associate (events => x%problem%events)
-      may_cut = x%problem%goes_on .and. (events%jumps .or. events%limit <= 2_int64**53)
-    end associate
+    may_cut = x%problem%goes_on &
+              .and. (x%problem%events%jumps .or. x%problem%events%limit <= 2_int64**53)
   end function may_cut
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
@@ -90,12 +87,10 @@ contains
     call find_zeros(x, .true.)
     if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
     x%phase = phase_complete_step
-    associate (zeros => x%events%zeros)
-      cuts = may_cut(x)
-      x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
-                                .or. cuts(zeros%event))
-      x%seeks_events = size(zeros) > 0
-    end associate
+    cuts = may_cut(x)
+    x%needs_interpolant = any(x%events%zeros%at < 1 .or. cuts(x%events%zeros%event) &
+                              .or. abs(x%events%after(x%events%zeros%event)) > 0)
+    x%seeks_events = size(x%events%zeros) > 0
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
@@ -223,11 +218,9 @@ contains
     else if (x%events%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
     else
-      associate (events => x%events)
-        events%small = max(small_value * max(abs(events%before), abs(events%after)), &
-                           2 * abs(events%value_after))
-        events%known = .false.
-      end associate
+      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
+                         2 * abs(x%events%value_after))
+      x%events%known = .false.
       x%phase = phase_after_events
     end if
   end subroutine begin_next_step

@@ -32,33 +32,31 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    associate (newton => x%newton)
-      if (newton%iteration == 0) then
-        newton%member = x%member
-        x%f(:, 1) = x%slope
-        if (.not. newton%has_jacobian) then
-          call request_jacobian(x)
+    if (x%newton%iteration == 0) then
+      x%newton%member = x%member
+      x%f(:, 1) = x%slope
+      if (.not. x%newton%has_jacobian) then
+        call request_jacobian(x)
+        return
+      end if
+      if (abs(x%h - x%newton%factored_h) > noise * abs(x%h)) then
+        call factor(x%newton, x%h, singular)
+        x%counts%nlu = x%counts%nlu + 2
+        if (singular) then
+          call give_up(x)
           return
         end if
-        if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor(newton, x%h, singular)
-          x%counts%nlu = x%counts%nlu + 2
-          if (singular) then
-            call give_up(x)
-            return
-          end if
-        end if
-        call predict(newton, x%method%series, x%method%c(2:), x%h)
-        newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
-        newton%iteration = 1
-        x%stage = 2
       end if
-      call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%frame, 1, newton%z(:, x%stage - 1), x%y(:, x%result))
-      x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
-                   phase_stage_received, x%request%received)
-    end associate
+      call predict(x%newton, x%method%series, x%method%c(2:), x%h)
+      x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
+      x%newton%iteration = 1
+      x%stage = 2
+    end if
+    call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
+    call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
+    x%counts%nexp = x%counts%nexp + 1
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
+                 phase_stage_received, x%request%received)
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
@@ -156,17 +154,15 @@ contains
   subroutine give_up(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (newton => x%newton)
-      newton%rate_factor = 1.0_wp
-      x%request%flag = newton%iteration
-      if (newton%fresh) then
-        call reject_stage(x, stages_not_solved, x%t)
-      else
-        newton%has_jacobian = .false.
-        newton%iteration = 0
-        x%phase = phase_next_stage
-      end if
-    end associate
+    x%newton%rate_factor = 1.0_wp
+    x%request%flag = x%newton%iteration
+    if (x%newton%fresh) then
+      call reject_stage(x, stages_not_solved, x%t)
+    else
+      x%newton%has_jacobian = .false.
+      x%newton%iteration = 0
+      x%phase = phase_next_stage
+    end if
   end subroutine give_up
 
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
@@ -174,25 +170,23 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: answer(max(1, size(x%newton%jacobian)))
 
-    associate (newton => x%newton)
-      x%counts%njev = x%counts%njev + 1
-      if (.not. x%problem%has_jacobian) then
-        call displacements(x, newton%z(:, 1))
-        newton%column = 1
-        call request_column(x)
-        return
-      end if
-      answer = -huge(1.0_wp)
-      call x%frame%callback%apply(jacobian_operation, &
-                                         [x%t, real(x%member - 1, wp), x%slope], x%y(:, 0), answer)
-      if (.not. all(abs(answer) < huge(1.0_wp))) then
-        call fail(x, raised, x%t)
-        return
-      end if
-      newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
-      if (.not. newton%sparse) call add_brackets(x)
-      call finish_jacobian(x)
-    end associate
+    x%counts%njev = x%counts%njev + 1
+    if (.not. x%problem%has_jacobian) then
+      call displacements(x, x%newton%z(:, 1))
+      x%newton%column = 1
+      call request_column(x)
+      return
+    end if
+    answer = -huge(1.0_wp)
+    call x%frame%callback%apply(jacobian_operation, [x%t, real(x%member - 1, wp), x%slope], &
+                                x%y(:, 0), answer)
+    if (.not. all(abs(answer) < huge(1.0_wp))) then
+      call fail(x, raised, x%t)
+      return
+    end if
+    x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
+    if (.not. x%newton%sparse) call add_brackets(x)
+    call finish_jacobian(x)
   end subroutine request_jacobian
 
   ! The displacements of differences. They are relative to coordinates, however small, so that the
@@ -300,13 +294,11 @@ contains
   pure subroutine keep_step(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (newton => x%newton)
-      newton%last = x%f(:, 2:)
-      newton%last_h = x%h
-      newton%fresh = .false.
-      newton%moved = .false.
-      newton%has_jacobian = converges_fast(x)
-    end associate
+    x%newton%last = x%f(:, 2:)
+    x%newton%last_h = x%h
+    x%newton%fresh = .false.
+    x%newton%moved = .false.
+    x%newton%has_jacobian = converges_fast(x)
   end subroutine keep_step
 
 end module collocation_m

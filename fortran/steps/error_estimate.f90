@@ -61,28 +61,26 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: first(2)                     ! e1 and e2, of the quadratures
 
-    associate (v => x%u)
-      call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
-      if (x%method%embedded > 0) then
-        if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
-      end if
-      x%path_of_u = 0
-      if (x%method%in_parts) then
-        call estimate_parts(x, first)
-      else
-        call estimate_whole(x, first)
-      end if
-      call limit_angle(x)
-      if (x%method%has_nodes .and. abs(x%h_before) > 0) then
-        call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, v)
-        v = x%h * v
-        call remove_isotropy(x%frame, x%y(:, x%result), v)
-        x%error = max(x%error, norm_of_u(x))
-      else if (x%method%has_nodes .and. x%counts%steps == 0) then
-        if (any(first > resolved * variation(x))) &
-          x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
-      end if
-    end associate
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
+    if (x%method%embedded > 0) then
+      if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
+    end if
+    x%path_of_u = 0
+    if (x%method%in_parts) then
+      call estimate_parts(x, first)
+    else
+      call estimate_whole(x, first)
+    end if
+    call limit_angle(x)
+    if (x%method%has_nodes .and. abs(x%h_before) > 0) then
+      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
+      x%u = x%h * x%u
+      call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+      x%error = max(x%error, norm_of_u(x))
+    else if (x%method%has_nodes .and. x%counts%steps == 0) then
+      if (any(first > resolved * variation(x))) &
+        x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
+    end if
   end subroutine estimate_error
 
   ! The largest change of the coefficients from the start of the step to a node
@@ -209,11 +207,9 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: i
 
-    associate (v => x%u)
-      call combine(size(v), size(x%f, 2), x%h * x%method%error(:, i), x%f, v)
-      if (x%method%kind == kind_collocation) call filtered(x%newton, v)
-      call remove_isotropy(x%frame, x%y(:, x%result), v)
-    end associate
+    call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
+    if (x%method%kind == kind_collocation) call filtered(x%newton, x%u)
+    call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
 
   ! Which of e1, e2 and e3 sum i of stages belongs to: those at the end of the step to e2 and e3, else

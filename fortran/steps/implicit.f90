@@ -52,21 +52,19 @@ contains
   subroutine next_block(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (solver => x%solver)
-      if (solver%last > 0) call rewind_paths(x)
-      do
-        solver%first = solver%last + 1
-        if (solver%first > size(x%method%c)) exit
-        solver%last = solver%last + size(x%method%c) / x%method%blocks
-        if (solver%first < solver%last .or. x%method%stage_path(solver%first) > 0) exit
-      end do
-      solver%iteration = 1
-      solver%column = 0
-      solver%correction = huge(1.0_wp)
-      solver%smallest = huge(1.0_wp)
-      x%stage = solver%first
-      x%phase = merge(phase_finish_step, phase_next_stage, solver%first > size(x%method%c))
-    end associate
+    if (x%solver%last > 0) call rewind_paths(x)
+    do
+      x%solver%first = x%solver%last + 1
+      if (x%solver%first > size(x%method%c)) exit
+      x%solver%last = x%solver%last + size(x%method%c) / x%method%blocks
+      if (x%solver%first < x%solver%last .or. x%method%stage_path(x%solver%first) > 0) exit
+    end do
+    x%solver%iteration = 1
+    x%solver%column = 0
+    x%solver%correction = huge(1.0_wp)
+    x%solver%smallest = huge(1.0_wp)
+    x%stage = x%solver%first
+    x%phase = merge(phase_finish_step, phase_next_stage, x%solver%first > size(x%method%c))
   end subroutine next_block
 
   ! Returns to the first stage of the block. If it is the only one, its path is the last of its

@@ -99,17 +99,15 @@ contains
     real(wp), dimension(x%frame%dimension) :: u, v
     integer :: j, k
 
-    associate (weight => x%method%bracket)
-      do j = 1, size(weight, 3)
-        u = 0.0_wp
-        v = 0.0_wp
-        do k = 1, size(x%method%c) + j - 1
-          u = u + (x%h * weight(k, 1, j)) * x%f(:, k)
-          v = v + weight(k, 2, j) * x%f(:, k)
-        end do
-        call bracket(x%frame, u, v, x%f(:, size(x%method%c) + j))
+    do j = 1, size(x%method%bracket, 3)
+      u = 0.0_wp
+      v = 0.0_wp
+      do k = 1, size(x%method%c) + j - 1
+        u = u + (x%h * x%method%bracket(k, 1, j)) * x%f(:, k)
+        v = v + x%method%bracket(k, 2, j) * x%f(:, k)
       end do
-    end associate
+      call bracket(x%frame, u, v, x%f(:, size(x%method%c) + j))
+    end do
   end subroutine add_brackets
 
 end module paths_m

@@ -69,12 +69,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer :: status
 
-    associate (joints => x%joints, n => x%frame%linkage%before)
-      if (joints%here%known) then
-        if (all(abs(joints%place - y(:n)) <= 0)) return
+    associate (n => x%frame%linkage%before)
+      if (x%joints%here%known) then
+        if (all(abs(x%joints%place - y(:n)) <= 0)) return
       end if
-      joints%place = y(:n)
-      call constraints_at(x%frame, y, 1, joints%here, status)
+      x%joints%place = y(:n)
+      call constraints_at(x%frame, y, 1, x%joints%here, status)
     end associate
     if (status /= finished) call fail(x, status, x%t)
   end subroutine find_constraints

@@ -268,16 +268,14 @@ contains
     if (x%status /= finished) return
     call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
-    associate (events => x%events)
-      events%known = .true.
-      events%before = values
-      where (events%came_from /= 0 .and. abs(values) <= max(small, smallest))
-        events%before = 0.0_wp
-        events%value_after = values
-      elsewhere
-        events%came_from = 0
-      end where
-    end associate
+    x%events%known = .true.
+    x%events%before = values
+    where (x%events%came_from /= 0 .and. abs(values) <= max(small, smallest))
+      x%events%before = 0.0_wp
+      x%events%value_after = values
+    elsewhere
+      x%events%came_from = 0
+    end where
   end subroutine evaluate_at_start
 
 end module requests_m

@@ -66,12 +66,10 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
 
-    associate (grid => x%grid)
-      if (.not. (abs(grid%stop - stop) > 0 &
-                 .or. abs(grid%start + real(x%grid_done, wp) * grid%step - x%t) > 0)) return
-      call make_grid(x%t, stop, x%problem%h, grid)
-      x%grid_done = 0
-    end associate
+    if (.not. (abs(x%grid%stop - stop) > 0 &
+               .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) return
+    call make_grid(x%t, stop, x%problem%h, x%grid)
+    x%grid_done = 0
   end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
@@ -113,16 +111,15 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: start_value(size(x%control%v)), curvature
 
-    associate (control => x%control)
-      x%request%shared = control%guessed_size
-      if (all(abs(x%request%received) < huge(1.0_wp))) then
-        call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-        call tangent(x%frame, x%tolerances, x%request%received, x%y(:, x%result), control%v)
-        curvature = norm(x%tolerances, control%v - start_value, control%scale) / control%guessed_size
-        x%request%shared = limited(x, min(100 * control%guessed_size, first_size( &
-          control%norms(1), control%norms(2), curvature, x%tolerances%exponent)))
-      end if
-    end associate
+    x%request%shared = x%control%guessed_size
+    if (all(abs(x%request%received) < huge(1.0_wp))) then
+      call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
+      call tangent(x%frame, x%tolerances, x%request%received, x%y(:, x%result), x%control%v)
+      curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
+                  / x%control%guessed_size
+      x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
+        x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
+    end if
     x%phase = phase_size_shared
     if (x%problem%common) x%status = needs_minimum
   end subroutine choose_first_size
@@ -233,23 +230,23 @@ contains
     real(wp), parameter :: near = 1e-2_wp              ! of a step, where s is compared
     integer :: i
 
-    associate (problem => x%problem, size => x%control%step_size)
+    associate (size => x%control%step_size)
       v = 0.0_wp
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      time = near * problem%h * values(0)
+      time = near * x%problem%h * values(0)
       do i = -1, 1, 2
         if (x%status /= raised) call evaluate_size(x, real(i, wp) * time * v, values(i))
       end do
       if (x%status == raised) return
-      change = sign(1.0_wp, stop - x%t) * problem%h * log(values(1) / values(-1)) / (2 * time)
+      change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) / (2 * time)
       if (size > 0) then
-        density = problem%h / size - change
+        density = x%problem%h / size - change
       else
         density = 1 / values(0) - change / 2
       end if
-      if (density > 0) size = problem%h / density
+      if (density > 0) size = x%problem%h / density
       x%h = sign(size, stop - x%t)
       x%t_end = x%t + x%h
       if (.not. (density > 0 .and. abs(x%t_end - x%t) > 0)) call fail(x, step_too_small, x%t)

@@ -101,32 +101,31 @@ contains
     logical :: exists
     integer :: status
 
-    associate (last => x%last, interpolant => x%interpolant)
-      interpolant%noisy = x%problem%bath%present
-      if (x%interpolate_only) then
-        call set_ends(interpolant, last%t, last%h, last%y, x%y(:, 0), last%slope, x%slope)
-      else
-        call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                      x%end_slope)
+    x%interpolant%noisy = x%problem%bath%present
+    if (x%interpolate_only) then
+      call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, x%slope)
+    else
+      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                    x%end_slope)
+    end if
+    if (allocated(x%joints%impulse)) then            ! slopes are forces alone
+      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
+                                 status)
+      if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
+                                                         .true., x%interpolant%field(:, 2), status)
+      if (status /= finished) then
+        call fail(x, status, x%interpolant%t0)
+        return
       end if
-      if (allocated(x%joints%impulse)) then            ! slopes are forces alone
-        call add_constraint_forces(x%frame, interpolant%y0, .true., interpolant%field(:, 1), status)
-        if (status == finished) call add_constraint_forces(x%frame, interpolant%y1, &
-                                                           .true., interpolant%field(:, 2), status)
-        if (status /= finished) then
-          call fail(x, status, interpolant%t0)
-          return
-        end if
-      end if
-      interpolant%path = flows_of_step(x, interpolant%h)
-      call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
-      if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
-        call advance_interpolant(x, exists, interpolant%nexp)
-      else
-        call make_cubic(exists, interpolant)
-        x%phase = phase_detect_events
-      end if
-    end associate
+    end if
+    x%interpolant%path = flows_of_step(x, x%interpolant%h)
+    call begin_interpolant(x%problem%unique_flows, x%f, x%interpolant, exists)
+    if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
+      call advance_interpolant(x, exists, x%interpolant%nexp)
+    else
+      call make_cubic(exists, x%interpolant)
+      x%phase = phase_detect_events
+    end if
   end subroutine interpolate
 
   ! The flows of a step of a frame in Python; none of a method that doesn't keep what they combine
