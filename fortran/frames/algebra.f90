@@ -9,7 +9,7 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers
-  use orthogonal_m, only: largest_own, skew_bracket
+  use orthogonal_m, only: largest_own, multiply_real => multiply
   use unitary_m, only: multiply
   use vectors_m, only: cross
   implicit none
@@ -254,15 +254,18 @@ contains
     end if
   end subroutine get_coefficients
 
-  ! Replaces a matrix by its bracket with x.
+  ! Replaces a matrix by its bracket with x, the difference of their product and its adjoint.
   subroutine apply_bracket(block, x, matrix, spare)
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: x(:)
     real(wp), contiguous, target, intent(inout) :: matrix(:), spare(:)
+    real(wp), pointer, contiguous :: product(:, :)
     complex(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_bracket(block%n, x, matrix, spare)
+      product(1:block%n, 1:block%n) => spare
+      call multiply_real(block%n, x, matrix, product)
+      product = product - transpose(product)
     else
       view => as_complex(block%n, spare)
       call multiply(block%n, as_complex(block%n, x), as_complex(block%n, matrix), view)

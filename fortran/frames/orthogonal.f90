@@ -11,7 +11,7 @@ module orthogonal_m
   use lapack_m, only: dgemm
   implicit none
   private
-  public :: move_orthogonal, multiply, skew_bracket, to_orthogonal
+  public :: move_orthogonal, multiply, to_orthogonal
 
   ! Largest norms of matrices whose exponential series is summed: in numbers, with powers reduced by
   ! the characteristic polynomial, and in matrices
@@ -41,22 +41,6 @@ contains
       y = moved
     end do
   end subroutine move_orthogonal
-
-  ! x y - y x, for skew matrices
-  subroutine skew_bracket(n, x, y, z)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n, n), y(n, n)
-    real(wp), intent(out) :: z(n, n)
-    real(wp) :: product(n, n)
-    integer :: i, j
-
-    call multiply(n, x, y, product)
-    do j = 1, n
-      do i = 1, n
-        z(i, j) = product(i, j) - product(j, i)
-      end do
-    end do
-  end subroutine skew_bracket
 
   ! The exponential by scaling and squaring of the series. If there are many squarings, rounding off
   ! the group is removed after each.
