@@ -9,7 +9,7 @@ module derivatives_m
   use orthogonal_m, only: multiply
   use rotations_m, only: get_quaternion, set_quaternion
   use shared_numbers
-  use stiefel_m, only: make_intrinsic, stiefel_tangent
+  use stiefel_m, only: stiefel_coefficients
   use unitary_m, only: multiply_unitary => multiply
   use vectors_m, only: cross
   implicit none
@@ -49,7 +49,7 @@ contains
         case (so_block)
           call in_rotation(block, y(first), slope(first), v(k + 1), dropped)
         case (stiefel_block)
-          call in_columns(block, y(first), slope(first), v(k + 1), dropped)
+          call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k + 1), dropped)
         case default
           call in_block(frame, block, y(first:last), slope(first:last), &
                         v(k + 1:k + block%dimension), dropped)
@@ -194,18 +194,5 @@ contains
     call algebra_matrix(block%kind, block%n, v, element)
     dropped = sum(real(x - element, wp)**2 + aimag(x - element)**2)
   end subroutine in_unitary
-
-  ! Of orthonormal columns
-  subroutine in_columns(block, y, slope, v, dropped)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: y(block%k, block%n), slope(block%k, block%n)
-    real(wp), intent(out) :: v(block%k, block%n), dropped
-    real(wp) :: x(block%k, block%n)
-
-    v = slope
-    call make_intrinsic(block%k, block%n, y, v)
-    call stiefel_tangent(block%k, block%n, v, y, x)
-    dropped = sum((slope - x)**2)
-  end subroutine in_columns
 
 end module derivatives_m
