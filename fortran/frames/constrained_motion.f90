@@ -24,7 +24,7 @@ contains
     logical :: failed
 
     call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, failed)
-    if (.not. failed) call factor_constraints(frame%linkage, frame%blocks, c)
+    if (.not. failed) call factor_constraints(frame%linkage, c)
     status = merge(raised, merge(finished, joints_not_solved, c%known), failed)
   end subroutine constraints_at
 
@@ -46,9 +46,9 @@ contains
     whole = f
     if (forces_alone) call add_free_motion(frame, y, whole)
     associate (m => frame%linkage%forces)
-      x = -rates(frame%linkage, frame%blocks, c, whole(m + 1:2 * m)) - c%bias
+      x = -rates(frame%linkage, c, whole(m + 1:2 * m)) - c%bias
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, frame%blocks, c, .false., x, f(m + 1:2 * m))
+      call constraint_impulse(frame%linkage, c, .false., x, f(m + 1:2 * m))
     end associate
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
@@ -104,7 +104,7 @@ contains
       x = -c%g
       call solve_constraints(frame%linkage, c, x)
       v = 0.0_wp
-      call constraint_impulse(frame%linkage, frame%blocks, c, .true., x, v(:frame%linkage%forces))
+      call constraint_impulse(frame%linkage, c, .true., x, v(:frame%linkage%forces))
       call apply_flows(frame, 1, v, y)
     end do
     status = joints_not_solved
@@ -120,9 +120,9 @@ contains
     integer :: i
 
     do i = 1, 2
-      x = -rates(frame%linkage, frame%blocks, c, momenta)
+      x = -rates(frame%linkage, c, momenta)
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, frame%blocks, c, .false., x, momenta)
+      call constraint_impulse(frame%linkage, c, .false., x, momenta)
     end do
   end subroutine remove_opening
 

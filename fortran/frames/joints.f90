@@ -41,6 +41,7 @@ module joints_m
     type(row_t), allocatable :: row(:)
     integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies, 0 of
                                              ! the ground
+    integer, allocatable :: field(:, :)      ! (4, rows) velocities before theirs, -1 of the ground
     integer, allocatable :: first(:)         ! (rows + own) the first column in the envelope
     integer, allocatable :: start(:)         ! (rows + own) its place in the factor, less one
     type(callback_t) :: python               ! evaluates rows of one's own
@@ -80,8 +81,8 @@ contains
     linkage%attitude = places(1, :)
     linkage%position = places(2, :)
     n = linkage%rows + own
-    allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), linkage%first(n), &
-              linkage%start(n))
+    allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), &
+              linkage%field(4, linkage%rows), linkage%first(n), linkage%start(n))
     do i = 1, linkage%rows
       linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
                              reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
@@ -92,6 +93,9 @@ contains
         if (linkage%row(i)%body(j) > 0) &
           linkage%block(2 * j - 1:2 * j, i) = places(:, linkage%row(i)%body(j))
       end do
+      associate (block => linkage%block(:, i))
+        linkage%field(:, i) = merge(blocks(max(block, 1))%vectors, -1, block > 0)
+      end associate
     end do
     do i = 1, n
       linkage%first(i) = 1
@@ -341,6 +345,7 @@ contains
     logical, intent(out) :: failed
     real(wp) :: answer(linkage%own * (1 + min(depth, 1) * linkage%forces + depth / 2))
     real(wp) :: scale(linkage%forces), length
+    logical :: moves(linkage%forces)                   ! positions
     integer :: i
 
     associate (n => linkage%own, rows => linkage%rows, m => linkage%forces)
@@ -351,19 +356,15 @@ contains
       c%own = reshape(answer(n + 1:n + n * m), [m, n])
       if (depth > 1) c%bias(rows + 1:) = answer(n + n * m + 1:)
       length = 0.0_wp
+      moves = .false.
       do i = 1, size(blocks)
         associate (b => blocks(i))
-          if (b%kind == euclidean_block .and. b%vectors < m) &
-            length = max(length, maxval(abs(y(b%points + 1:b%points + b%n))))
+          if (b%kind /= euclidean_block .or. b%vectors >= m) cycle
+          length = max(length, maxval(abs(y(b%points + 1:b%points + b%n))))
+          moves(b%vectors + 1:b%vectors + b%n) = .true.
         end associate
       end do
-      scale = 1.0_wp
-      do i = 1, size(blocks)
-        associate (b => blocks(i))
-          if (b%kind == euclidean_block .and. b%vectors < m) &
-            scale(b%vectors + 1:b%vectors + b%n) = length
-        end associate
-      end do
+      scale = merge(length, 1.0_wp, moves)
       do i = 1, n
         c%size(rows + i) = sum(abs(c%own(:, i)) * scale)
         c%least(rows + i) = sum(abs(c%own(:, i)))
@@ -402,9 +403,8 @@ contains
   end subroutine velocities
 
   ! Factors G J^-1 G^T, whose rows have been evaluated.
-  pure subroutine factor_constraints(linkage, blocks, c)
+  pure subroutine factor_constraints(linkage, c)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
     real(wp), parameter :: least = 1e3_wp * epsilon(1.0_wp)
     real(wp) :: sum, diagonal
@@ -415,11 +415,11 @@ contains
       do i = 1, size(c%g)
         do j = first(i), i - 1
           k = max(first(i), first(j))
-          l(start(i) + j) = (entry(linkage, blocks, c, i, j) &
+          l(start(i) + j) = (entry(linkage, c, i, j) &
                              - dot_product(l(start(i) + k:start(i) + j - 1), &
                                            l(start(j) + k:start(j) + j - 1))) / l(start(j) + j)
         end do
-        diagonal = entry(linkage, blocks, c, i, i)
+        diagonal = entry(linkage, c, i, i)
         associate (row => l(start(i) + first(i):start(i) + i - 1))
           sum = diagonal - dot_product(row, row)
         end associate
@@ -431,9 +431,8 @@ contains
   end subroutine factor_constraints
 
   ! The entry of G J^-1 G^T in row i and column j <= i
-  pure real(wp) function entry(linkage, blocks, c, i, j)
+  pure real(wp) function entry(linkage, c, i, j)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     integer, intent(in) :: i, j
     integer :: k, l
@@ -445,15 +444,14 @@ contains
         return
       end if
       do k = 1, 4
-        associate (b => linkage%block(k, j))
-          if (b == 0) cycle
+        associate (v => linkage%field(k, j))
+          if (v < 0) cycle
           if (i > rows) then
-            entry = entry + dot_product(c%own(blocks(b)%vectors + 1:blocks(b)%vectors + 3, &
-                                              i - rows), c%moved(:, k, j))
+            entry = entry + dot_product(c%own(v + 1:v + 3, i - rows), c%moved(:, k, j))
             cycle
           end if
           do l = 1, 4
-            if (linkage%block(l, i) == b) &
+            if (linkage%field(l, i) == v) &
               entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
           end do
         end associate
@@ -481,9 +479,8 @@ contains
   end subroutine solve_constraints
 
   ! G J^-1 times a vector of forces or momenta, by the derivatives that J^-1 was applied to
-  pure function rates(linkage, blocks, c, momenta)
+  pure function rates(linkage, c, momenta)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     real(wp), intent(in) :: momenta(:)
     real(wp) :: rates(size(c%g))
@@ -492,9 +489,8 @@ contains
     rates = 0.0_wp
     do i = 1, linkage%rows
       do k = 1, 4
-        associate (b => linkage%block(k, i))
-          if (b > 0) rates(i) = rates(i) + dot_product(c%moved(:, k, i), &
-            momenta(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
+        associate (v => linkage%field(k, i))
+          if (v >= 0) rates(i) = rates(i) + dot_product(c%moved(:, k, i), momenta(v + 1:v + 3))
         end associate
       end do
     end do
@@ -504,9 +500,8 @@ contains
   end function rates
 
   ! Adds G^T x to momenta, or J^-1 G^T x to velocities.
-  pure subroutine constraint_impulse(linkage, blocks, c, moved, x, vector)
+  pure subroutine constraint_impulse(linkage, c, moved, x, vector)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     logical, intent(in) :: moved                       ! whether by J^-1
     real(wp), intent(in) :: x(:)
@@ -515,11 +510,9 @@ contains
 
     do i = 1, linkage%rows
       do k = 1, 4
-        associate (b => linkage%block(k, i))
-          if (b == 0) cycle
-          associate (part => vector(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
-            part = part + x(i) * merge(c%moved(:, k, i), c%slope(:, k, i), moved)
-          end associate
+        associate (v => linkage%field(k, i))
+          if (v >= 0) vector(v + 1:v + 3) = vector(v + 1:v + 3) &
+            + x(i) * merge(c%moved(:, k, i), c%slope(:, k, i), moved)
         end associate
       end do
     end do

@@ -69,10 +69,10 @@ subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_
     if (.not. axes_coincide(frame%linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
     size_of_g(:, i) = c%size
     associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
-      speed(:, i) = rates(frame%linkage, frame%blocks, c, momenta)
+      speed(:, i) = rates(frame%linkage, c, momenta)
       c%moved = abs(c%moved)
       c%own_moved = abs(c%own_moved)
-      size_of_speed(:, i) = rates(frame%linkage, frame%blocks, c, abs(momenta))
+      size_of_speed(:, i) = rates(frame%linkage, c, abs(momenta))
     end associate
   end do
 end subroutine joints_errors
@@ -101,7 +101,7 @@ subroutine joints_slopes(address, n, y, forces, rows, slope)
   do i = 1, rows
     unit = 0.0_wp
     unit(i) = 1.0_wp
-    call constraint_impulse(frame%linkage, frame%blocks, c, .false., unit, slope(:, i))
+    call constraint_impulse(frame%linkage, c, .false., unit, slope(:, i))
   end do
 end subroutine joints_slopes
 
