@@ -106,7 +106,9 @@ contains
     if (x%method%embedded > 0) errors(1) = distance(x, x%method%embedded)
     do i = 1, size(x%method%error, 2)
       call sum_of_stages(x, i)
-      place = estimate_of(x%method, i)
+      ! sums at the end of the step belong to e2 and e3, else each half to one
+      place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
+      if (x%method%power == 0) place = 1 + i
       error = norm_of_u(x)
       if (x%method%kind == kind_polynomial) error = hypot(errors(place), error)
       if (.not. error <= errors(place)) errors(place) = error
@@ -211,16 +213,6 @@ contains
     if (x%method%kind == kind_collocation) call filtered(x%newton, x%u)
     call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
-
-  ! Which of e1, e2 and e3 sum i of stages belongs to: those at the end of the step to e2 and e3, else
-  ! each half to one.
-  pure integer function estimate_of(method, i)
-    type(method_t), intent(in) :: method
-    integer, intent(in) :: i
-
-    estimate_of = merge(1, 2, i <= (size(method%error, 2) + 1) / 2)
-    if (method%power == 0) estimate_of = 1 + i
-  end function estimate_of
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
