@@ -59,8 +59,7 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%vectors + 1, &
-                 last => frame%blocks(i)%vectors + frame%blocks(i)%dimension)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) then
           w(first:last) = 0.0_wp
         else if (block%kind == callback_block) then
@@ -112,20 +111,18 @@ contains
 
     exists = .true.
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) cycle
         sign = side(block)
         if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         else if (block%kind == se3_block) then
-          call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
-                              v(k + 1:k + block%dimension), exists)
+          call dexpinv_motion(block%k, sign, u(first:last), v(first:last), exists)
         else if (is_rotation(block)) then
-          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+          call dexpinv_rotation(sign, u(first:last), v(first:last), exists)
         else
-          call dexpinv_matrix(block, sign, order, u(k + 1:k + block%dimension), &
-                              v(k + 1:k + block%dimension), exists)
+          call dexpinv_matrix(block, sign, order, u(first:last), v(first:last), exists)
         end if
       end associate
     end do

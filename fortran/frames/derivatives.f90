@@ -35,24 +35,22 @@ contains
       return
     end if
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%points + 1, &
-                 last => frame%blocks(i)%points + frame%blocks(i)%point_size, &
-                 k => frame%blocks(i)%vectors)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, first => frame%blocks(i)%p1, &
+                 last => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
-          v(k + 1:k + block%n) = slope(first:last)
+          v(k:block%v2) = slope(first:last)
           cycle
         case (so3_block, se3_block)
-          call in_motion(block, y(first), slope(first), v(k + 1), dropped)
+          call in_motion(block, y(first), slope(first), v(k), dropped)
         case (quaternion_block)
-          call in_quaternion(block, y(first), slope(first), v(k + 1), dropped)
+          call in_quaternion(block, y(first), slope(first), v(k), dropped)
         case (so_block)
-          call in_rotation(block, y(first), slope(first), v(k + 1), dropped)
+          call in_rotation(block, y(first), slope(first), v(k), dropped)
         case (stiefel_block)
-          call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k + 1), dropped)
+          call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k), dropped)
         case default
-          call in_block(frame, block, y(first:last), slope(first:last), &
-                        v(k + 1:k + block%dimension), dropped)
+          call in_block(frame, block, y(first:last), slope(first:last), v(k:block%v2), dropped)
         end select
         if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
       end associate

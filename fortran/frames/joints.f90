@@ -76,7 +76,7 @@ contains
     linkage%rows = size(integers, 2)
     linkage%own = own
     linkage%forces = forces
-    linkage%before = blocks(findloc(blocks%vectors, forces, 1))%points
+    linkage%before = blocks(findloc(blocks%v1, forces + 1, 1))%p1 - 1
     linkage%after = linkage%before + forces
     linkage%attitude = places(1, :)
     linkage%position = places(2, :)
@@ -94,7 +94,7 @@ contains
           linkage%block(2 * j - 1:2 * j, i) = places(:, linkage%row(i)%body(j))
       end do
       associate (block => linkage%block(:, i))
-        linkage%field(:, i) = merge(blocks(max(block, 1))%vectors, -1, block > 0)
+        linkage%field(:, i) = merge(blocks(max(block, 1))%v1 - 1, -1, block > 0)
       end associate
     end do
     do i = 1, n
@@ -144,8 +144,8 @@ contains
       velocity(:, i) = 0.0_wp
       turning(:, i) = 0.0_wp
       associate (turns => linkage%attitude(i), moves => linkage%position(i))
-        if (moves > 0) velocity(:, i) = omega(blocks(moves)%vectors + 1:blocks(moves)%vectors + 3)
-        if (turns > 0) turning(:, i) = omega(blocks(turns)%vectors + 1:blocks(turns)%vectors + 3)
+        if (moves > 0) velocity(:, i) = omega(blocks(moves)%v1:blocks(moves)%v2)
+        if (turns > 0) turning(:, i) = omega(blocks(turns)%v1:blocks(turns)%v2)
         if (turns > 0) then
           if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
         end if
@@ -281,17 +281,17 @@ contains
     real(wp) :: q(4)
 
     x = 0.0_wp
-    if (position > 0) x = y(blocks(position)%points + 1:blocks(position)%points + 3)
+    if (position > 0) x = y(blocks(position)%p1:blocks(position)%p2)
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     if (attitude > 0) then
-      associate (block => blocks(attitude), k => blocks(attitude)%points)
+      associate (block => blocks(attitude), k => blocks(attitude)%p1)
         if (block%kind == so3_block) then
-          r(1, :) = y(k + 1:k + 3)
-          r(2, :) = y(k + 4:k + 6)
-          r(3, :) = y(k + 7:k + 9)
+          r(1, :) = y(k:k + 2)
+          r(2, :) = y(k + 3:k + 5)
+          r(3, :) = y(k + 6:k + 8)
           return
         end if
-        q = get_quaternion(block, y(k + 1:k + 4))
+        q = get_quaternion(block, y(k:k + 3))
       end associate
     end if
     associate (a => q(1), b => q(2), c => q(3), w => q(4))
@@ -359,9 +359,9 @@ contains
       moves = .false.
       do i = 1, size(blocks)
         associate (b => blocks(i))
-          if (b%kind /= euclidean_block .or. b%vectors >= m) cycle
-          length = max(length, maxval(abs(y(b%points + 1:b%points + b%n))))
-          moves(b%vectors + 1:b%vectors + b%n) = .true.
+          if (b%kind /= euclidean_block .or. b%v1 > m) cycle
+          length = max(length, maxval(abs(y(b%p1:b%p2))))
+          moves(b%v1:b%v2) = .true.
         end associate
       end do
       scale = merge(length, 1.0_wp, moves)
@@ -396,8 +396,8 @@ contains
     integer :: i
 
     do i = 1, size(bodies)
-      associate (v => blocks(i)%vectors, n => blocks(i)%dimension)
-        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
+      associate (v => blocks(i)%v1, last => blocks(i)%v2)
+        call find_velocities(bodies(i), last - v + 1, momenta(v:last), omega(v:last))
       end associate
     end do
   end subroutine velocities

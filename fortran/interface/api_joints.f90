@@ -20,7 +20,7 @@ subroutine joints_open(blocks, description, numbers, constants, columns, column,
 
   allocate (frame)
   call make_frame(description, constants, frame)
-  frame%before = frame%blocks(columns + 1)%points
+  frame%before = frame%blocks(columns + 1)%p1 - 1
   frame%forces = frame%blocks(columns + 1)%dimension
   allocate (frame%bodies(columns))
   call make_bodies(column, inertia, frame, frame%bodies)

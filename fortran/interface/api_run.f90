@@ -34,7 +34,7 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangent
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
-  plan%frame%before = plan%frame%blocks(bodies + 1)%points
+  plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
   plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
   plan%frame%tangents = tangents
   allocate (plan%frame%bodies(bodies))
