@@ -111,15 +111,13 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j, k
 
-    associate (m => frame%forces)
-      associate (momentum => y(frame%before + 1:))       ! and tangents
-        do j = begin, last
-          do k = flows%first(j), flows%first(j + 1) - 1
-            momentum = momentum + weight(k) * f(m + 1:frame%dimension, flows%stage(k))
-          end do
-          if (abs(times(j)) > 0) call drift(frame, times(j), y)
+    associate (momentum => y(frame%before + 1:))       ! and tangents
+      do j = begin, last
+        do k = flows%first(j), flows%first(j + 1) - 1
+          momentum = momentum + weight(k) * f(frame%forces + 1:frame%dimension, flows%stage(k))
         end do
-      end associate
+        if (abs(times(j)) > 0) call drift(frame, times(j), y)
+      end do
     end associate
   end subroutine move_by_kicks
 

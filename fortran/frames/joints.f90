@@ -348,13 +348,13 @@ contains
     logical :: moves(linkage%forces)                   ! positions
     integer :: i
 
-    associate (n => linkage%own, rows => linkage%rows, m => linkage%forces)
+    associate (n => linkage%own, m => linkage%forces)
       call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
                                 y(:linkage%before), answer, failed)
-      c%g(rows + 1:) = answer(:n)
+      c%g(linkage%rows + 1:) = answer(:n)
       if (depth == 0) return
       c%own = reshape(answer(n + 1:n + n * m), [m, n])
-      if (depth > 1) c%bias(rows + 1:) = answer(n + n * m + 1:)
+      if (depth > 1) c%bias(linkage%rows + 1:) = answer(n + n * m + 1:)
       length = 0.0_wp
       moves = .false.
       do i = 1, size(blocks)
@@ -366,8 +366,8 @@ contains
       end do
       scale = merge(length, 1.0_wp, moves)
       do i = 1, n
-        c%size(rows + i) = sum(abs(c%own(:, i)) * scale)
-        c%least(rows + i) = sum(abs(c%own(:, i)))
+        c%size(linkage%rows + i) = sum(abs(c%own(:, i)) * scale)
+        c%least(linkage%rows + i) = sum(abs(c%own(:, i)))
       end do
     end associate
   end subroutine evaluate_own
@@ -438,25 +438,23 @@ contains
     integer :: k, l
 
     entry = 0.0_wp
-    associate (rows => linkage%rows)
-      if (j > rows) then
-        entry = dot_product(c%own(:, i - rows), c%own_moved(:, j - rows))
-        return
-      end if
-      do k = 1, 4
-        associate (v => linkage%field(k, j))
-          if (v < 0) cycle
-          if (i > rows) then
-            entry = entry + dot_product(c%own(v + 1:v + 3, i - rows), c%moved(:, k, j))
-            cycle
-          end if
-          do l = 1, 4
-            if (linkage%field(l, i) == v) &
-              entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
-          end do
-        end associate
-      end do
-    end associate
+    if (j > linkage%rows) then
+      entry = dot_product(c%own(:, i - linkage%rows), c%own_moved(:, j - linkage%rows))
+      return
+    end if
+    do k = 1, 4
+      associate (v => linkage%field(k, j))
+        if (v < 0) cycle
+        if (i > linkage%rows) then
+          entry = entry + dot_product(c%own(v + 1:v + 3, i - linkage%rows), c%moved(:, k, j))
+          cycle
+        end if
+        do l = 1, 4
+          if (linkage%field(l, i) == v) &
+            entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
+        end do
+      end associate
+    end do
   end function entry
 
   ! Solves G J^-1 G^T x = b by the factor.

@@ -116,9 +116,8 @@ contains
           if (entry >= action%first(j + 1)) exit
           k = k + 1
         end do
-        associate (values => action%value(m * action%row(j, i) - m + 1:m * (k - 1)))
-          action%norm(i) = max(action%norm(i), sum(abs(values)))
-        end associate
+        action%norm(i) = max(action%norm(i), &
+                             sum(abs(action%value(m * action%row(j, i) - m + 1:m * (k - 1)))))
       end do
       action%row(action%n + 1, i) = k
     end do

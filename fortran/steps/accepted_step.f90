@@ -294,26 +294,24 @@ contains
     integer :: most
 
     inner => x%frame%blocks(1)%action%inner
-    associate (n => x%frame%point_size)
-      most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
-      x%inner_from = x%outputs_done
-      inner%owner = x%member
-      inner%count = 0
-      if (most <= 0) return
-      if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
-      do while (inner%count < most)
-        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
-        if (.not. theta < 1) exit
-        inner%count = inner%count + 1
-        inner%theta(inner%count) = theta
-      end do
-      inner%wanted = inner%count > 0
-      if (.not. inner%wanted) return
-      if (allocated(inner%y)) then
-        if (size(inner%y, 2) < inner%count) deallocate (inner%y)
-      end if
-      if (.not. allocated(inner%y)) allocate (inner%y(n, inner%count))
-    end associate
+    most = min(max_count, max(1, max_numbers / x%frame%point_size), output%outputs - x%outputs_done)
+    x%inner_from = x%outputs_done
+    inner%owner = x%member
+    inner%count = 0
+    if (most <= 0) return
+    if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
+    do while (inner%count < most)
+      theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
+      if (.not. theta < 1) exit
+      inner%count = inner%count + 1
+      inner%theta(inner%count) = theta
+    end do
+    inner%wanted = inner%count > 0
+    if (.not. inner%wanted) return
+    if (allocated(inner%y)) then
+      if (size(inner%y, 2) < inner%count) deallocate (inner%y)
+    end if
+    if (.not. allocated(inner%y)) allocate (inner%y(x%frame%point_size, inner%count))
   end subroutine prepare_inner
 
   ! Prepares the point at the last output time passed where it isn't yet.

@@ -74,17 +74,15 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (z => x%newton%z, series => x%method%series)
-      x%f(:, x%stage) = x%request%received
-      call dexpinv(x%frame, series, z(:, x%stage - 1), x%f(:, x%stage), exists)
-      if (.not. exists) then
-        call reject_stage(x, step_too_long, x%t)
-        return
-      end if
-      x%stage = x%stage + 1
-      x%phase = phase_next_stage
-      if (x%stage > size(x%method%c)) call correct_stages(x)
-    end associate
+    x%f(:, x%stage) = x%request%received
+    call dexpinv(x%frame, x%method%series, x%newton%z(:, x%stage - 1), x%f(:, x%stage), exists)
+    if (.not. exists) then
+      call reject_stage(x, step_too_long, x%t)
+      return
+    end if
+    x%stage = x%stage + 1
+    x%phase = phase_next_stage
+    if (x%stage > size(x%method%c)) call correct_stages(x)
   end subroutine store_collocation
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.

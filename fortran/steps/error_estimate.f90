@@ -264,9 +264,8 @@ contains
       end associate
     end do
     do k = s + 1, 2 * s - 1
-      associate (middle => (t(k) + t(k + 1)) / 2)
-        largest = max(largest, abs(product(middle - t, mask=[(counts(j), j=1, 2 * s)])))
-      end associate
+      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t, &
+                                         mask=[(counts(j), j=1, 2 * s)])))
     end do
     v = largest * merge(v, 0.0_wp, abs(v) > roundings * sizes)
 

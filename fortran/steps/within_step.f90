@@ -136,21 +136,20 @@ contains
     integer :: path
 
     allocate (flows(0))
-    associate (n => size(x%f, 1))
-      if (.not. any(x%frame%blocks%kind == callback_block) .or. &
-          x%method%kind == kind_registers .or. x%method%kind == kind_splitting) return
-      path = x%method%result
-      do while (path > 0)
-        associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
-          block
-            real(wp) :: v(n, first:last)
-            call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, n, x%f, v)
-            flows = [reshape(v, [size(v)]), flows]
-          end block
-        end associate
-        path = x%method%origin(path)
-      end do
-    end associate
+    if (.not. any(x%frame%blocks%kind == callback_block) .or. &
+        x%method%kind == kind_registers .or. x%method%kind == kind_splitting) return
+    path = x%method%result
+    do while (path > 0)
+      associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
+        block
+          real(wp) :: v(size(x%f, 1), first:last)
+          call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, size(v, 1), &
+                             x%f, v)
+          flows = [reshape(v, [size(v)]), flows]
+        end block
+      end associate
+      path = x%method%origin(path)
+    end do
   end function flows_of_step
 
   ! Chooses the phase after a node of the interpolant.
