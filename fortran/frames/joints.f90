@@ -97,13 +97,10 @@ contains
         linkage%field(:, i) = merge(blocks(max(block, 1))%v1 - 1, -1, block > 0)
       end associate
     end do
-    do i = 1, n
-      linkage%first(i) = 1
-      if (i > linkage%rows) cycle
-      do j = 1, i
-        if (coupled(linkage%block(:, i), linkage%block(:, j))) exit
-      end do
-      linkage%first(i) = j
+    linkage%first = 1
+    do i = 1, linkage%rows
+      linkage%first(i) = findloc([(coupled(linkage%block(:, i), linkage%block(:, j)), j = 1, i)], &
+                                 .true., 1)
     end do
     linkage%start(1) = 1 - linkage%first(1)
     do i = 2, n
@@ -138,17 +135,16 @@ contains
     call reserve(linkage, c)
     failed = .false.
     if (depth == 2) call velocities(blocks, bodies, y(linkage%before + 1:linkage%after), omega)
+    velocity = 0.0_wp
+    turning = 0.0_wp
     do i = 1, size(linkage%attitude)
-      call place(blocks, linkage%attitude(i), linkage%position(i), y, x(:, i), r(:, :, i))
-      if (depth < 2) cycle
-      velocity(:, i) = 0.0_wp
-      turning(:, i) = 0.0_wp
       associate (turns => linkage%attitude(i), moves => linkage%position(i))
+        call place(blocks, turns, moves, y, x(:, i), r(:, :, i))
+        if (depth < 2) cycle
         if (moves > 0) velocity(:, i) = omega(blocks(moves)%v1:blocks(moves)%v2)
-        if (turns > 0) turning(:, i) = omega(blocks(turns)%v1:blocks(turns)%v2)
-        if (turns > 0) then
-          if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
-        end if
+        if (turns == 0) cycle
+        turning(:, i) = omega(blocks(turns)%v1:blocks(turns)%v2)
+        if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
       end associate
     end do
     do i = 1, linkage%rows
