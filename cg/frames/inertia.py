@@ -63,6 +63,10 @@ class Body:
             return np.asarray(momentum * self.inverse[:, 0])
         return np.asarray(momentum @ self.inverse)
 
+    def times_root(self, x: Array) -> Array:
+        """Return rows times the root of the inertia, shape ``(..., n)``."""
+        return np.asarray(x * self.root[:, 0] if self.root.shape[1] == 1 else x @ self.root)
+
 
 def numbers_of(bodies: tuple[Body, ...]) -> Array:
     """Return the constants of bodies, as compiled code reads them."""
@@ -112,13 +116,17 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     if frame.dim == 3 and not isinstance(frame, Euclidean | Sphere):
         hint = "; a body without a moment about an axis, such as a linear rotor, is a Sphere(2)"
     matrix = _checked(value, frame.dim, name, hint)
+    if matrix.ndim == 1:
+        inverse, root = 1.0 / matrix[:, None], np.sqrt(matrix)[:, None]
+    else:
+        inverse = np.asarray(np.linalg.inv(matrix), np.float64)
+        root = np.asarray(np.linalg.cholesky(matrix), np.float64)
+        inverse = 0.5 * (inverse + inverse.T)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
     bodies.append(
         Body(
-            _inverse(matrix),
-            np.asarray(
-                np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix)
-            ),
+            inverse,
+            root,
             None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
@@ -227,13 +235,6 @@ def _checked(value: Any, n: int, name: str, hint: str) -> Array:
     if not smallest > 0.0:
         raise ValueError(f"{name} must be positive definite, got {short(value)}{hint}")
     return matrix
-
-
-def _inverse(matrix: Array) -> Array:
-    if matrix.ndim == 1:
-        return np.asarray(1.0 / matrix[:, None])
-    inverse = np.linalg.inv(matrix)
-    return np.asarray(0.5 * (inverse + inverse.T))
 
 
 def _top(frame: Frame, matrix: Array, name: str) -> Array | None:

@@ -77,34 +77,6 @@ subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_
   end do
 end subroutine joints_errors
 
-! The derivatives of constraints at a point along the fields of the configuration
-subroutine joints_slopes(address, n, y, forces, rows, slope)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use frames_m, only: frame_t
-  use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints
-  use kinds, only: wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: n, forces, rows
-  real(wp), intent(in) :: y(n)
-  real(wp), intent(inout) :: slope(forces, rows)
-  type(frame_t), pointer :: frame
-  type(constraints_t) :: c
-  real(wp) :: unit(rows)
-  logical :: failed
-  integer :: i
-
-  call c_f_pointer(transfer(address, c_null_ptr), frame)
-  call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, 1, c, failed)
-  slope = 0.0_wp
-  if (failed) return
-  do i = 1, rows
-    unit = 0.0_wp
-    unit(i) = 1.0_wp
-    call constraint_impulse(frame%linkage, c, .false., unit, slope(:, i))
-  end do
-end subroutine joints_slopes
-
 ! Closes the joints of points.
 subroutine joints_close(address, n, points, y, status)
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
