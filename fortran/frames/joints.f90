@@ -144,7 +144,7 @@ contains
         if (moves > 0) velocity(:, i) = omega(blocks(moves)%v1:blocks(moves)%v2)
         if (turns == 0) cycle
         turning(:, i) = omega(blocks(turns)%v1:blocks(turns)%v2)
-        if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
+        if (.not. blocks(turns)%space) turning(:, i) = matmul(r(:, :, i), turning(:, i))
       end associate
     end do
     do i = 1, linkage%rows
@@ -176,7 +176,7 @@ contains
           arm(:, j) = row%point(:, j)
           end(:, j) = arm(:, j)
           if (k == 0) cycle
-          arm(:, j) = turned(r(:, :, k), arm(:, j))
+          arm(:, j) = matmul(r(:, :, k), arm(:, j))
           end(:, j) = x(:, k) + arm(:, j)
         end do
         d = end(:, 1) - end(:, 2)
@@ -187,7 +187,7 @@ contains
         k = row%body(j)
         if (k == 0 .or. row%form == fixed_length) cycle
         if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
-        axis(:, j) = turned(r(:, :, k), axis(:, j))
+        axis(:, j) = matmul(r(:, :, k), axis(:, j))
       end do
       c%size(i) = length
       select case (row%form)
@@ -297,14 +297,6 @@ contains
     end associate
   end subroutine place
 
-  ! A vector in the axes of space, with shapes that the compiler knows
-  pure function turned(r, v)
-    real(wp), intent(in) :: r(3, 3), v(3)
-    real(wp) :: turned(3)
-
-    turned = v(1) * r(:, 1) + v(2) * r(:, 2) + v(3) * r(:, 3)
-  end function turned
-
   ! Whether axes that shall coincide do so, and aren't opposite or exchanged: three zero cosines
   ! between different axes allow that too.
   pure logical function axes_coincide(linkage, blocks, y)
@@ -322,8 +314,8 @@ contains
           call place(blocks, linkage%block(2 * j - 1, i), linkage%block(2 * j, i), y, x, r(:, :, j))
         end do
         do k = 1, 3                                    ! each row has the next axis of the second body
-          first(:, k) = turned(r(:, :, 1), rows(k)%axis(:, 1))
-          second(:, 1 + modulo(k, 3)) = turned(r(:, :, 2), rows(k)%axis(:, 2))
+          first(:, k) = matmul(r(:, :, 1), rows(k)%axis(:, 1))
+          second(:, 1 + modulo(k, 3)) = matmul(r(:, :, 2), rows(k)%axis(:, 2))
         end do
         if (any(sum(first * second, 1) < 0.5_wp)) axes_coincide = .false.
       end associate
