@@ -188,9 +188,7 @@ contains
       end do
       if (done) exit
     end do
-    do i = 1, n
-      values(i) = a(i, i)
-    end do
+    values = [(a(i, i), i=1, n)]
   end subroutine diagonalise
 
 end module isospectral_m

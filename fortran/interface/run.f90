@@ -257,12 +257,8 @@ contains
     if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
-      if (memory /= 0) then
-        do i = 1, k
-          run%lanes(requests(i))%status = out_of_memory
-        end do
-        return
-      end if
+      if (memory /= 0) run%lanes(requests)%status = out_of_memory
+      if (memory /= 0) return
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           where(i) = lane%request%t
