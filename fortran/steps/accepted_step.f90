@@ -46,12 +46,10 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) then
-      x%needs_interpolant = any(x%events%came_from /= 0) &
-        .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
-                         x%problem%events%period) &
-                 .and. (abs(x%events%after) > 0 .or. may_cut(x)))
-    end if
+    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
+                       x%problem%events%period) &
+               .and. (abs(x%events%after) > 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
   end subroutine examine_step
@@ -146,20 +144,15 @@ contains
   subroutine store_with_events(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, t, y(x%frame%point_size), after(x%frame%point_size)
+    real(wp) :: until, y(x%frame%point_size)
     logical :: ended
 
     if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
-    if (x%status == finished) call store_zeros(x, output, until, ended, after)
+    if (x%status == finished) call store_zeros(x, output, until, ended, y)
     if (x%status /= finished) return
     deallocate (x%events%zeros)
-    t = time_at(x, until)
-    if (ended) then
-      y = after
-    else
-      call point_at(x, until, y)
-    end if
-    call store_until(x, t, y, ended, output)
+    if (.not. ended) call point_at(x, until, y)
+    call store_until(x, time_at(x, until), y, ended, output)
   end subroutine store_with_events
 
   ! Stores the output of a step up to time t, where the solution is y.

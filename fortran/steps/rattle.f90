@@ -23,7 +23,6 @@ module rattle_m
   use shared_numbers, only: finished, joints_not_solved, raised
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use iso_fortran_env, only: int64
   implicit none
   private
   public :: move_with_joints
@@ -101,7 +100,7 @@ contains
           call constraint_impulse(linkage, here, .false., lambda, &
                                   y(linkage%before + 1:linkage%after))
           call drift(x%frame, time, y)
-          x%counts%nexp = x%counts%nexp + 1_int64
+          x%counts%nexp = x%counts%nexp + 1
           call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
           if (failed) exit
           if (linkage%own > 0) then
