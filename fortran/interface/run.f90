@@ -96,9 +96,7 @@ contains
     budget = run%record%budget
     together = size(run%lanes) > 1 .and. .not. run%problem%common &
                .and. (.not. associated(run%problem%field) .or. run%events%together)
-    associate (lanes => size(run%lanes, kind=int64))
-      share = (budget + lanes - 1) / lanes
-    end associate
+    share = (budget + size(share, kind=int64) - 1) / size(share, kind=int64)
     if (together) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0

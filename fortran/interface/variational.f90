@@ -71,7 +71,6 @@ contains
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
     logical :: along
-    integer :: i, j
 
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
@@ -89,12 +88,7 @@ contains
       end if
       if (self%code /= 0) return
       call add_brackets(record, n, f, a)
-      do i = 1, n
-        slope(:, i) = a(1, i) * x(:, 1)
-        do j = 2, n
-          slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
-        end do
-      end do
+      slope = matmul(x, a)
       if (record%df_dp /= 0) then
         call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
       else if (k > 0 .and. .not. along) then
@@ -325,9 +319,7 @@ contains
     call c_f_pointer(transfer(record%index, c_null_ptr), index, [3, count])
     call c_f_pointer(transfer(record%constant, c_null_ptr), constant, [count])
     do c = 1, count
-      associate (i => index(1, c), j => index(2, c), k => index(3, c))
-        a(j, k) = a(j, k) + constant(c) * f(i)
-      end associate
+      a(index(2, c), index(3, c)) = a(index(2, c), index(3, c)) + constant(c) * f(index(1, c))
     end do
   end subroutine add_brackets
 
