@@ -197,18 +197,16 @@ contains
 
     call sizes(x%frame, x%y(:, 0), d)
     if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
-      d = max(d, merge(maxval(d, without_control(x, size(d))), x%tolerances%atol, &
-                       without_control(x, size(d))))
+      d = max(d, merge(maxval(d, without_control(x)), x%tolerances%atol, without_control(x)))
     where (.not. d > 0) d = abs(x%h * x%slope)
     where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
     d = sqrt(epsilon(1.0_wp)) * d
   end subroutine displacements
 
   ! The coordinates without control of errors, of which the derivatives of a solution are examples
-  pure function without_control(x, n)
+  pure function without_control(x)
     type(trajectory_t), intent(in) :: x
-    integer, intent(in) :: n                           ! dimension
-    logical :: without_control(n)
+    logical :: without_control(x%frame%dimension)
 
     without_control = .false.
     if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
@@ -241,7 +239,7 @@ contains
       newton%jacobian(:, column) = x%request%received
       call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      uncontrolled = without_control(x, size(uncontrolled))
+      uncontrolled = without_control(x)
       if (.not. uncontrolled(column)) &
         newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1

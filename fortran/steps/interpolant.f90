@@ -154,7 +154,6 @@ contains
       theta = self%scheme%node(self%node, next_count(self))
       call evaluate_interpolant(self, theta, self%y)
     end if
-    self%nexp = self%nexp + flows_of_evaluation(self)
   end subroutine next_node
 
   ! Stores the coefficients at the node.

@@ -261,12 +261,11 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: v(x%frame%dimension)
     real(wp), intent(out) :: value
-    real(wp) :: y(x%frame%point_size), flow(size(v)), values(1)
+    real(wp) :: y(x%frame%point_size), values(1)
     logical :: failed
 
     y = x%y(:, 0)
-    flow = v
-    call apply_flows(x%frame, 1, flow, y)
+    call apply_flows(x%frame, 1, v, y)
     call x%problem%sizes%observe(x%member, x%t, y, values, failed)
     value = values(1)
     if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))

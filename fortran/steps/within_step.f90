@@ -121,7 +121,7 @@ contains
     x%interpolant%path = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(x%problem%unique_flows, x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
-      call advance_interpolant(x, exists, x%interpolant%nexp)
+      call advance_interpolant(x, exists)
     else
       call make_cubic(exists, x%interpolant)
       x%phase = phase_detect_events
@@ -153,12 +153,12 @@ contains
   end function flows_of_step
 
   ! Chooses the phase after a node of the interpolant.
-  subroutine advance_interpolant(x, exists, flows)
+  subroutine advance_interpolant(x, exists)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: exists
-    integer, intent(in) :: flows                       ! that the node has taken
 
-    x%counts%nexp = x%counts%nexp + int(flows, int64)
+    x%counts%nexp = x%counts%nexp + int(x%interpolant%nexp, int64)
+    x%interpolant%nexp = 0
     x%phase = phase_node_received
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%interpolant%t0)
@@ -181,12 +181,10 @@ contains
   ! Stores the coefficients at a node.
   subroutine store_node(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: before
     logical :: exists
 
-    before = x%interpolant%nexp
     call add_node(x%request%received, x%interpolant, exists)
-    call advance_interpolant(x, exists, x%interpolant%nexp - before)
+    call advance_interpolant(x, exists)
   end subroutine store_node
 
   ! Evaluates the solution at a fraction theta of the step.
