@@ -106,7 +106,12 @@ contains
     integer :: k
 
     if (n > largest_own) then
-      call diagonalise_by_lapack(n, y, values, vectors)
+      block
+        real(wp) :: work(1 + 6 * n + 2 * n**2)
+        integer :: iwork(3 + 5 * n), info
+        vectors = y
+        call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
+      end block
     else
       call diagonalise(n, y, values, vectors)
     end if
@@ -115,18 +120,6 @@ contains
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
   end subroutine decompose
-
-  ! Eigenvalues and eigenvectors of matrices of many rows
-  subroutine diagonalise_by_lapack(n, matrix, values, vectors)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: values(n), vectors(n, n)
-    real(wp) :: work(1 + 6 * n + 2 * n**2)
-    integer :: iwork(3 + 5 * n), info
-
-    vectors = matrix
-    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-  end subroutine diagonalise_by_lapack
 
   ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
   ! rounding
