@@ -64,7 +64,7 @@ def series_dexpinv(
     ``bound``, shape ``(...)``, of the eigenvalues of ``adjoint``.
     """
     total, power = v, v
-    terms = _series_terms(order)
+    terms = series_terms(order)
     for term in terms:
         power = adjoint(power)
         if term:
@@ -100,7 +100,7 @@ def _growth(
 
 
 @cache
-def _series_terms(order: int) -> tuple[float, ...]:
+def series_terms(order: int) -> tuple[float, ...]:
     """Return the coefficients of the powers 1, 2, ... up to the last nonzero one."""
     terms = [float(term) for term in bernoulli_terms(max(order, 0))[1:]]
     while terms and not terms[-1]:

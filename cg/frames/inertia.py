@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.power import Power
-from cg.frames.product import Product
+from cg.frames.product import Product, real_size
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import hat, vee
 from cg.frames.so import SO
@@ -64,6 +63,10 @@ class Body:
             return np.asarray(momentum * self.inverse[:, 0])
         return np.asarray(momentum @ self.inverse)
 
+    def times_root(self, x: Array) -> Array:
+        """Return rows times the root of the inertia, shape ``(..., n)``."""
+        return np.asarray(x * self.root[:, 0] if self.root.shape[1] == 1 else x @ self.root)
+
 
 def numbers_of(bodies: tuple[Body, ...]) -> Array:
     """Return the constants of bodies, as compiled code reads them."""
@@ -98,15 +101,7 @@ def read_inertia(
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     """Append the bodies of a factor; return its inertia as hashable numbers."""
     if type(frame) is Product:
-        if value is None:
-            value = (None,) * len(frame.factors)
-        if not isinstance(value, tuple | list) or len(value) != len(frame.factors):
-            raise ValueError(
-                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
-                f"{short(value)}"
-            )
-        parts = enumerate(zip(frame.factors, value, strict=True))
-        return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
+        return tuple(_read(*part, bodies) for part in _of_each_factor(frame, value, name))
     if type(frame) is Power:
         each = _of_each_body(frame, value, name)
         if each is None:
@@ -121,18 +116,21 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     if frame.dim == 3 and not isinstance(frame, Euclidean | Sphere):
         hint = "; a body without a moment about an axis, such as a linear rotor, is a Sphere(2)"
     matrix = _checked(value, frame.dim, name, hint)
+    if matrix.ndim == 1:
+        inverse, root = 1.0 / matrix[:, None], np.sqrt(matrix)[:, None]
+    else:
+        inverse = np.asarray(np.linalg.inv(matrix), np.float64)
+        root = np.asarray(np.linalg.cholesky(matrix), np.float64)
+        inverse = 0.5 * (inverse + inverse.T)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
-    width = prod(frame.point_shape) * (2 if frame.dtype.kind == "c" else 1)
     bodies.append(
         Body(
-            _inverse(matrix),
-            np.asarray(
-                np.sqrt(matrix)[:, None] if matrix.ndim == 1 else np.linalg.cholesky(matrix)
-            ),
+            inverse,
+            root,
             None,
             _top(frame, matrix, name),
             slice(vectors, vectors + frame.dim),
-            slice(points, points + width),
+            slice(points, points + real_size(frame)),
             isinstance(frame, Sphere),
         )
     )
@@ -147,14 +145,8 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
     ValueError if the motion isn't known with it, or if it isn't antisymmetric.
     """
     if type(frame) is Product:
-        parts = (None,) * len(frame.factors) if value is None else value
-        if not isinstance(parts, tuple | list) or len(parts) != len(frame.factors):
-            raise ValueError(
-                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
-                f"{short(value)}"
-            )
-        each = enumerate(zip(frame.factors, parts, strict=True))
-        return [m for k, (f, part) in each for m in gyroscopic_matrices(f, part, f"{name}[{k}]")]
+        parts = _of_each_factor(frame, value, name)
+        return [matrix for part in parts for matrix in gyroscopic_matrices(*part)]
     if type(frame) is Power:
         return frame.n * gyroscopic_matrices(frame.factor, value, name)
     if value is None:
@@ -178,6 +170,18 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
             f"thermostat=cg.Langevin, got {short(value)}"
         )
     return [(matrix - matrix.T) / 2]
+
+
+def _of_each_factor(frame: Product, value: Any, name: str) -> list[tuple[Frame, Any, str]]:
+    """Return the factors of a product, and the part of a value for each with its name."""
+    parts = (None,) * len(frame.factors) if value is None else value
+    if not isinstance(parts, tuple | list) or len(parts) != len(frame.factors):
+        raise ValueError(
+            f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
+            f"{short(value)}"
+        )
+    names = [f"{name}[{k}]" for k in range(len(parts))]
+    return [*zip(frame.factors, parts, names, strict=True)]
 
 
 def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
@@ -231,13 +235,6 @@ def _checked(value: Any, n: int, name: str, hint: str) -> Array:
     if not smallest > 0.0:
         raise ValueError(f"{name} must be positive definite, got {short(value)}{hint}")
     return matrix
-
-
-def _inverse(matrix: Array) -> Array:
-    if matrix.ndim == 1:
-        return np.asarray(1.0 / matrix[:, None])
-    inverse = np.linalg.inv(matrix)
-    return np.asarray(0.5 * (inverse + inverse.T))
 
 
 def _top(frame: Frame, matrix: Array, name: str) -> Array | None:

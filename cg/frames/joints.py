@@ -297,10 +297,12 @@ class Linkage:
         """Raise ValueError if constraints depend on each other at a point."""
         if np.isfinite(self.forces(y, np.zeros(self._frame.dim))[1]).all():
             return
-        slope = np.zeros((self.count, self._frame.rhs_dim))
-        self._core.joints_slopes(self.address, y, slope.T)
-        moved = [body.velocity(slope[:, body.vectors]) for body in self._frame._bodies]
-        matrix = slope @ np.concatenate(moved, axis=-1).T
+        dim = self._frame.rhs_dim
+        points = np.tile(y, (dim, 1))
+        points[:, -dim:] = np.eye(dim)
+        rates = self.errors(points)[:, self.count :].T  # G J⁻¹, by unit momenta
+        roots = [body.times_root(rates[:, body.vectors]) for body in self._frame._bodies]
+        matrix = np.sum([root @ root.T for root in roots], axis=0)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         matrix /= scale * scale[:, None]
         used: list[int] = []

@@ -59,44 +59,18 @@ def combine(v: Array, basis: Points) -> Points:
     return np.asarray(flat.reshape(*v.shape[:-1], *basis.shape[1:]))
 
 
-def newton_schulz(y: Points, adjoint: Points) -> Points:
+def newton_schulz(y: Points) -> Points:
     r"""Return :math:`\frac32 y - \frac12 y\, y^* y`, one step towards :math:`y^* y = I`.
 
     Products of rounded group elements leave the group: after 10^5 random flows on SO(3) the
     distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up. The
     step is the identity on the group and reduces a distance :math:`\epsilon` to
     :math:`\frac32\epsilon^2`, so it removes rounding errors without changing the order of a method.
-    With the conjugate transpose as ``adjoint`` it converges to the polar factor (Higham, *Functions
-    of Matrices*, 2008, section 8.3).
+    It converges to the polar factor (Higham, *Functions of Matrices*, 2008, section 8.3). The
+    arrays may be those of JAX.
     """
-    return np.asarray(1.5 * y - 0.5 * (y @ (adjoint @ y)))
-
-
-def determinant_step(y: Points) -> Points:
-    """Return multiples of ``y`` after a Newton step towards determinant 1."""
-    with np.errstate(invalid="ignore"):
-        excess = np.linalg.det(y) - 1.0
-    return np.asarray(y * (1.0 - excess / y.shape[-1])[..., None, None])
-
-
-def determinant_correction(y: Points) -> Points:
-    r"""Return the change of least norm that makes the determinants of real matrices 1.
-
-    To first order it is a multiple of the gradient, the matrix of cofactors, which is computed from
-    the singular value decomposition without cancellation or overflow.
-    """
-    left, singular, right = np.linalg.svd(y)
-    # Where the sign depends on rounding, the change is no larger than rounding.
-    sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
-    smallest = singular[..., -1:]
-    # Singular values below rounding are replaced by the rounding, to avoid division by them.
-    others = np.maximum(singular, np.finfo(np.float64).eps * singular[..., :1])
-    # The cofactors, products of all singular values but one, relative to the largest one
-    cofactors = smallest / others
-    cofactors[..., -1] = 1.0
-    excess = smallest - sign[..., None] / others[..., :-1].prod(axis=-1, keepdims=True)
-    change = (-excess / np.vecdot(cofactors, cofactors)[..., None]) * cofactors
-    return np.asarray((left * change[..., None, :]) @ right)
+    nearer: Points = 1.5 * y - 0.5 * (y @ (y.mT.conj() @ y))
+    return nearer
 
 
 def symplectic_correction(y: Points, form: Array, xp: Any = np) -> Points:
@@ -114,37 +88,6 @@ def symplectic_correction(y: Points, form: Array, xp: Any = np) -> Points:
     length = xp.hypot(positive[..., :, None], positive[..., None, :])
     change: Points = form.T @ left @ (-rows / length * (defect / length)) @ right
     return change
-
-
-def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Points:
-    r"""Return matrices after one Newton step of least norm towards a non-compact group.
-
-    Solutions on such a group may grow. A matrix of norm :math:`g` has rounding errors of
-    :math:`\epsilon g`, and a constraint such as :math:`\det y - 1` has those times its derivative.
-    The step of least norm divides by that derivative, so its length is :math:`\epsilon g`, like the
-    rounding of the flow itself. A step along the group, such as `newton_schulz` with the group's
-    involution, multiplies y by a matrix of norm :math:`\epsilon g^2`: at :math:`g = 10^8` no digit
-    would be left.
-    """
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        try:
-            restored = y + correction(y)
-            if np.isfinite(restored.sum()):
-                return np.asarray(restored)
-        except np.linalg.LinAlgError:  # raised for matrices that are not finite
-            pass
-        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
-        restored = y + correction(np.where(finite, y, np.eye(y.shape[-1])))
-    computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
-    return np.where(finite & computed, restored, y)
-
-
-def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Array:
-    """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
-    finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        change = np.where(finite, correction(np.where(finite, y, np.eye(y.shape[-1]))), np.nan)
-        return np.asarray(two_norm(change) / two_norm(y))
 
 
 def singular_values(y: Points) -> Array:
@@ -167,11 +110,6 @@ def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Point
         if not (np.abs(change).max(initial=0.0) > _ROUNDING * np.abs(y).max(initial=0.0)):
             break
     return y
-
-
-def unit_step(y: Points) -> Points:
-    r"""Return :math:`\frac12 (3 - |y|^2)\, y`, the same step for vectors of length one."""
-    return np.asarray((1.5 - 0.5 * np.vecdot(y, y))[..., None] * y)
 
 
 def distance_from_unitary(y: Points, *, special: bool) -> Array:

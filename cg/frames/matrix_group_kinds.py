@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
-from cg.frames.matrix_functions import minimum_norm_step, newton_corrected, relative_correction
+from cg.frames.matrix_functions import newton_corrected, two_norm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import OrthonormalColumns
 from cg.support.arrays import Array, Convention, Points, check_convention
@@ -48,8 +48,26 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
         """Return the change of least norm that takes matrices to the group, to first order."""
 
     def restore(self, y: Points) -> Points:
-        """Return ``y`` after the Newton step of least norm towards the group."""
-        return minimum_norm_step(y, self._correction)
+        r"""Return ``y`` after the Newton step of least norm towards the group.
+
+        Solutions on such a group may grow. A matrix of norm :math:`g` has rounding errors of
+        :math:`\epsilon g`, and a constraint such as :math:`\det y - 1` has those times its
+        derivative. The step of least norm divides by that derivative, so its length is
+        :math:`\epsilon g`, like the rounding of the flow itself. A step along the group, such as
+        one of Newton and Schulz with the group's involution, multiplies y by a matrix of norm
+        :math:`\epsilon g^2`: at :math:`g = 10^8` no digit would be left.
+        """
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            try:
+                restored = y + self._correction(y)
+                if np.isfinite(restored.sum()):
+                    return np.asarray(restored)
+            except np.linalg.LinAlgError:  # raised for matrices that are not finite
+                pass
+            finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
+            restored = y + self._correction(np.where(finite, y, np.eye(self.n)))
+        computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
+        return np.where(finite & computed, restored, y)
 
     def _project(self, y: Points) -> Points:
         # Nearest in the Frobenius norm, up to the square of the distance.
@@ -60,4 +78,8 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
 
         The membership error of a large matrix is dominated by rounding.
         """
-        return relative_correction(self._points(y), self._correction)
+        point = self._points(y)
+        finite = np.isfinite(point).all(axis=(-2, -1), keepdims=True)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            change = self._correction(np.where(finite, point, np.eye(self.n)))
+            return np.asarray(two_norm(np.where(finite, change, np.nan)) / two_norm(point))

@@ -41,7 +41,7 @@ class OrthonormalColumns(Frame):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
-        return newton_schulz(y, y.mT.conj())
+        return newton_schulz(y)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the 2-norm distance to the nearest point, shape ``(...)``."""

@@ -53,7 +53,7 @@ class Product(Frame):
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
             check_frame(factor, f"factors[{index}]")
-        places = _slices([_real_size(f) for f in factors])
+        places = _slices([real_size(f) for f in factors])
         vars(self).update(
             factors=factors,
             _vector_slices=_slices([f.dim for f in factors]),
@@ -261,7 +261,7 @@ def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_Rea
     )
 
 
-def _real_size(factor: Frame) -> int:
+def real_size(factor: Frame) -> int:
     """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.entries import Entries, entries_of
-from cg.frames.matrix_functions import determinant_correction
 from cg.frames.matrix_group_kinds import NoncompactMatrixGroup
 from cg.support.arrays import Array, Points
 
@@ -56,7 +55,20 @@ class SL(NoncompactMatrixGroup):
         return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"
 
     def _correction(self, y: Points) -> Points:
-        return determinant_correction(y)
+        # To first order it is a multiple of the gradient, the matrix of cofactors. The singular
+        # value decomposition gives it without cancellation or overflow.
+        left, singular, right = np.linalg.svd(y)
+        # Where the sign depends on rounding, the change is no larger than rounding.
+        sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
+        smallest = singular[..., -1:]
+        # Singular values below rounding are replaced by the rounding, to avoid division by them.
+        others = np.maximum(singular, np.finfo(np.float64).eps * singular[..., :1])
+        # The cofactors, products of all singular values but one, relative to the largest one
+        cofactors = smallest / others
+        cofactors[..., -1] = 1.0
+        excess = smallest - sign[..., None] / others[..., :-1].prod(axis=-1, keepdims=True)
+        change = (-excess / np.vecdot(cofactors, cofactors)[..., None]) * cofactors
+        return np.asarray((left * change[..., None, :]) @ right)
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`|\det y - 1| / n`, shape ``(...)``.

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.so import SO
@@ -64,7 +63,7 @@ class Sphere(Sized, UnitVectors, HomogeneousSpace):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards length one."""
-        return unit_step(y)
+        return np.asarray((1.5 - 0.5 * np.vecdot(y, y))[..., None] * y)
 
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.SPHERE, 3, 0),) if self.n == 2 else None

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
-from cg.frames.matrix_functions import determinant_step
 from cg.frames.u import U, gell_mann
 from cg.support.arrays import Points
 from cg.support.shared_numbers import BlockKind
@@ -50,11 +51,14 @@ class SU(U):
         return self.n**2 - 1
 
     def _make_basis(self) -> Entries:
-        return gell_mann(self.n, -0.5j)
+        return gell_mann(self.n)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards unitary matrices and one towards determinant 1."""
-        return determinant_step(super().restore(y))
+        unitary = super().restore(y)
+        with np.errstate(invalid="ignore"):
+            excess = np.linalg.det(unitary) - 1.0
+        return np.asarray(unitary * (1.0 - excess / self.n)[..., None, None])
 
     @property
     def _rotation_sign(self) -> float:

@@ -52,7 +52,7 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return self.n**2
 
     def _make_basis(self) -> Entries:
-        special, diagonal = gell_mann(self.n, -0.5j), np.arange(self.n) * (self.n + 1)
+        special, diagonal = gell_mann(self.n), np.arange(self.n) * (self.n + 1)
         phase = np.full_like(diagonal, self.dim - 1), diagonal
         values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
         return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
@@ -76,8 +76,8 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return self._algebra_projection(unitary_log1p(difference, special=self._special))
 
 
-def gell_mann(n: int, factor: complex = 1.0) -> Entries:
-    r"""Return the ``n * n - 1`` generalised Gell-Mann matrices of size ``n`` times a factor.
+def gell_mann(n: int) -> Entries:
+    r"""Return the ``n * n - 1`` generalised Gell-Mann matrices of size ``n`` times -i/2.
 
     :math:`\operatorname{tr} \lambda_j \lambda_k = 2\delta_{jk}`. For each ``j`` from 1: for each
     ``i < j`` the symmetric and the antisymmetric matrix of that pair, then the diagonal one with
@@ -98,4 +98,4 @@ def gell_mann(n: int, factor: complex = 1.0) -> Entries:
         ((last + 1) ** 2 - 2, entry, entry, diagonal),
     ]
     fields, rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
-    return Entries(fields, rows * n + columns, factor * values)
+    return Entries(fields, rows * n + columns, -0.5j * values)

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import Frame
-from cg.frames.dexpinv import bernoulli_terms
+from cg.frames.dexpinv import series_terms
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
 from cg.jax.rules import Dexpinv, cross, dot, linear
 
@@ -71,9 +71,7 @@ def series_dexpinv(frame: Frame) -> Dexpinv:
     constants = frame._adjoint_basis
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        terms = [float(term) for term in bernoulli_terms(max(order, 0))[1:]]
-        while terms and not terms[-1]:
-            terms.pop()
+        terms = series_terms(order)
         if not terms:
             return v
         matrix = linear(u, constants)

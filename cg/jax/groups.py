@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
-from cg.frames.matrix_functions import symplectic_correction
+from cg.frames.matrix_functions import newton_schulz, symplectic_correction
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
@@ -30,7 +30,6 @@ from cg.jax.rules import (
     held,
     length_error,
     linear,
-    newton_schulz,
     same,
     turned,
     unit_step,

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg import frames
+from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import least_generator
 from cg.integration.plan.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
@@ -22,7 +23,6 @@ from cg.jax.rules import (
     held,
     length_error,
     linear,
-    newton_schulz,
     real_dtype,
     same,
     unit_step,

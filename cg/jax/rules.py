@@ -187,11 +187,6 @@ def adjoint(y: JaxArray) -> JaxArray:
     return y.T.conj()
 
 
-def newton_schulz(y: JaxArray) -> JaxArray:
-    """Return a matrix whose columns are nearer to orthonormal, by the step of Newton and Schulz."""
-    return 1.5 * y - 0.5 * (y @ (adjoint(y) @ y))
-
-
 def column_error(y: JaxArray) -> JaxArray:
     """Return the distance of a matrix from those with orthonormal columns."""
     return 0.5 * jnp.abs(adjoint(y) @ y - jnp.eye(y.shape[1])).max()

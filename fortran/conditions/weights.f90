@@ -91,7 +91,7 @@ contains
     end do
     ends(0) = .false.
     pattern%segments = count(ends)
-    allocate (pattern%segment_start(pattern%segments + 1), pattern%origin(pattern%segments))
+    allocate (pattern%segment_start(pattern%segments + 1))
     allocate (pattern%segment_at(0:pattern%points), source=0)
     pattern%segment_start(1) = 1
     k = 0
@@ -102,9 +102,7 @@ contains
       pattern%segment_start(k + 1) = m + 1
     end do
     pattern%segment = [(count(pattern%segment_start <= pattern%point(k)), k=1, pattern%unknowns)]
-    do k = 1, pattern%segments
-      pattern%origin(k) = pattern%segment_at(pattern%parent(pattern%segment_start(k)))
-    end do
+    pattern%origin = pattern%segment_at(pattern%parent(pattern%segment_start(:pattern%segments)))
     pattern%stage_segment = pattern%segment_at(stage_point)
     pattern%at = pattern%stage_segment(layout(begin + 1:))
     pattern%inner = maxval([0, pattern%stage_segment])

@@ -9,7 +9,7 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers
-  use orthogonal_m, only: largest_own, skew_bracket
+  use orthogonal_m, only: largest_own, multiply_real => multiply
   use unitary_m, only: multiply
   use vectors_m, only: cross
   implicit none
@@ -59,8 +59,7 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%vectors + 1, &
-                 last => frame%blocks(i)%vectors + frame%blocks(i)%dimension)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) then
           w(first:last) = 0.0_wp
         else if (block%kind == callback_block) then
@@ -112,20 +111,18 @@ contains
 
     exists = .true.
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) cycle
         sign = side(block)
         if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         else if (block%kind == se3_block) then
-          call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
-                              v(k + 1:k + block%dimension), exists)
+          call dexpinv_motion(block%k, sign, u(first:last), v(first:last), exists)
         else if (is_rotation(block)) then
-          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+          call dexpinv_rotation(sign, u(first:last), v(first:last), exists)
         else
-          call dexpinv_matrix(block, sign, order, u(k + 1:k + block%dimension), &
-                              v(k + 1:k + block%dimension), exists)
+          call dexpinv_matrix(block, sign, order, u(first:last), v(first:last), exists)
         end if
       end associate
     end do
@@ -254,15 +251,18 @@ contains
     end if
   end subroutine get_coefficients
 
-  ! Replaces a matrix by its bracket with x.
+  ! Replaces a matrix by its bracket with x, the difference of their product and its adjoint.
   subroutine apply_bracket(block, x, matrix, spare)
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: x(:)
     real(wp), contiguous, target, intent(inout) :: matrix(:), spare(:)
+    real(wp), pointer, contiguous :: product(:, :)
     complex(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_bracket(block%n, x, matrix, spare)
+      product(1:block%n, 1:block%n) => spare
+      call multiply_real(block%n, x, matrix, product)
+      product = product - transpose(product)
     else
       view => as_complex(block%n, spare)
       call multiply(block%n, as_complex(block%n, x), as_complex(block%n, matrix), view)

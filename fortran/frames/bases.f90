@@ -8,8 +8,6 @@ module bases_m
   private
   public :: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients, skew_matrix
 
-  complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
-
 contains
 
   ! The complex matrix that is held in real numbers
@@ -55,20 +53,15 @@ contains
     end do
   end subroutine skew_coefficients
 
-  ! The element of the Lie algebra with coefficients v
+  ! The element of the Lie algebra of SU(n) or U(n) with coefficients v
   pure subroutine algebra_matrix(kind, n, v, x)
     integer, intent(in) :: kind, n
     real(wp), intent(in) :: v(:)                 ! (dimension)
     complex(wp), intent(out) :: x(n, n)
-    real(wp) :: skew(n, n), d
+    real(wp) :: d
     integer :: i, j, k
 
-    if (kind == so_block) then
-      call skew_matrix(n, v, skew)
-      x = cmplx(skew, 0.0_wp, wp)
-      return
-    end if
-    x = zero
+    x = cmplx(0.0_wp, 0.0_wp, wp)
     k = 1
     do j = 2, n
       do i = 1, j - 1

@@ -13,8 +13,8 @@ module blocks_m
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
     integer :: k = 0            ! their columns, where they aren't square
     integer :: constants = 0    ! constants of the blocks before
-    integer :: vectors = 0      ! coefficients of the blocks before
-    integer :: points = 0       ! entries of the points of the blocks before
+    integer :: v1 = 1, v2 = 0   ! the first and the last of its coefficients among all
+    integer :: p1 = 1, p2 = 0   ! and of the entries of its point
     integer :: dimension = 0    ! number of coefficients
     integer :: point_size = 0   ! number of entries of a point
     type(linear_action_t) :: action

@@ -24,7 +24,7 @@ contains
     logical :: failed
 
     call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, failed)
-    if (.not. failed) call factor_constraints(frame%linkage, frame%blocks, c)
+    if (.not. failed) call factor_constraints(frame%linkage, c)
     status = merge(raised, merge(finished, joints_not_solved, c%known), failed)
   end subroutine constraints_at
 
@@ -45,10 +45,10 @@ contains
     if (status /= finished) return
     whole = f
     if (forces_alone) call add_free_motion(frame, y, whole)
-    associate (m => frame%linkage%forces, linkage => frame%linkage)
-      x = -rates(linkage, frame%blocks, c, whole(m + 1:2 * m)) - c%bias
-      call solve_constraints(linkage, c, x)
-      call constraint_impulse(linkage, frame%blocks, c, .false., x, f(m + 1:2 * m))
+    associate (m => frame%linkage%forces)
+      x = -rates(frame%linkage, c, whole(m + 1:2 * m)) - c%bias
+      call solve_constraints(frame%linkage, c, x)
+      call constraint_impulse(frame%linkage, c, .false., x, f(m + 1:2 * m))
     end associate
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
@@ -91,24 +91,22 @@ contains
     integer :: i
 
     last = huge(last)
-    associate (linkage => frame%linkage)
-      do i = 1, iterations
-        call constraints_at(frame, y, 1, c, status)
-        if (status /= finished) return
-        if (i == 1) size_before = maxval(max(c%size, c%least))
-        if (is_closed(c, last)) then
-          call remove_opening(frame, c, y(linkage%before + 1:linkage%after))
-          if (size_before > 0 .and. maxval(c%size) > far * size_before) status = joints_not_solved
-          if (.not. axes_coincide(linkage, frame%blocks, y)) status = joints_not_solved
-          return
-        end if
-        x = -c%g
-        call solve_constraints(linkage, c, x)
-        v = 0.0_wp
-        call constraint_impulse(linkage, frame%blocks, c, .true., x, v(:linkage%forces))
-        call apply_flows(frame, 1, v, y)
-      end do
-    end associate
+    do i = 1, iterations
+      call constraints_at(frame, y, 1, c, status)
+      if (status /= finished) return
+      if (i == 1) size_before = maxval(max(c%size, c%least))
+      if (is_closed(c, last)) then
+        call remove_opening(frame, c, y(frame%linkage%before + 1:frame%linkage%after))
+        if (size_before > 0 .and. maxval(c%size) > far * size_before) status = joints_not_solved
+        if (.not. axes_coincide(frame%linkage, frame%blocks, y)) status = joints_not_solved
+        return
+      end if
+      x = -c%g
+      call solve_constraints(frame%linkage, c, x)
+      v = 0.0_wp
+      call constraint_impulse(frame%linkage, c, .true., x, v(:frame%linkage%forces))
+      call apply_flows(frame, 1, v, y)
+    end do
     status = joints_not_solved
   end subroutine close_joints
 
@@ -122,9 +120,9 @@ contains
     integer :: i
 
     do i = 1, 2
-      x = -rates(frame%linkage, frame%blocks, c, momenta)
+      x = -rates(frame%linkage, c, momenta)
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, frame%blocks, c, .false., x, momenta)
+      call constraint_impulse(frame%linkage, c, .false., x, momenta)
     end do
   end subroutine remove_opening
 

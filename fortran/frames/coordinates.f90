@@ -32,13 +32,11 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), &
-                 u => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
-                 p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
+      associate (block => frame%blocks(i), p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
         if (block%kind == callback_block) then
           call frame%callback%apply(coordinates_operation, x, y, v)
         else
-          call difference_in_block(block, x(p + 1:p + n), y(p + 1:p + n), v(u + 1:u + m))
+          call difference_in_block(block, x(p:last), y(p:last), v(block%v1:block%v2))
         end if
       end associate
     end do
@@ -80,17 +78,14 @@ contains
 
     s = 1.0_wp
     do i = 1, size(frame%blocks)
-      associate (v => frame%blocks(i)%vectors, p => frame%blocks(i)%points, &
-                 n => frame%blocks(i)%point_size)
-        select case (frame%blocks(i)%kind)
+      associate (block => frame%blocks(i), m => 3 + frame%blocks(i)%k)  ! m: entries of a row
+        select case (block%kind)
         case (euclidean_block)
-          s(v + 1:v + n) = abs(y(p + 1:p + n))
+          s(block%v1:block%v2) = abs(y(block%p1:block%p2))
         case (se3_block)
-          associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
-            do j = 4, m
-              s(v + 3 * j - 8:v + 3 * j - 6) = norm2(y([p + j, p + m + j, p + 2 * m + j]))
-            end do
-          end associate
+          do j = 3, m - 1
+            s(block%v1 + 3 * j - 6:block%v1 + 3 * j - 4) = norm2(y(block%p1 + j + [0, m, 2 * m]))
+          end do
         case (callback_block)
           call frame%callback%apply(sizes_operation, y, y, s)
         end select

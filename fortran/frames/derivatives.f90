@@ -9,7 +9,7 @@ module derivatives_m
   use orthogonal_m, only: multiply
   use rotations_m, only: get_quaternion, set_quaternion
   use shared_numbers
-  use stiefel_m, only: make_intrinsic, stiefel_tangent
+  use stiefel_m, only: stiefel_coefficients
   use unitary_m, only: multiply_unitary => multiply
   use vectors_m, only: cross
   implicit none
@@ -35,24 +35,22 @@ contains
       return
     end if
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%points + 1, &
-                 last => frame%blocks(i)%points + frame%blocks(i)%point_size, &
-                 k => frame%blocks(i)%vectors)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, first => frame%blocks(i)%p1, &
+                 last => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
-          v(k + 1:k + block%n) = slope(first:last)
+          v(k:block%v2) = slope(first:last)
           cycle
         case (so3_block, se3_block)
-          call in_motion(block, y(first), slope(first), v(k + 1), dropped)
+          call in_motion(block, y(first), slope(first), v(k), dropped)
         case (quaternion_block)
-          call in_quaternion(block, y(first), slope(first), v(k + 1), dropped)
+          call in_quaternion(block, y(first), slope(first), v(k), dropped)
         case (so_block)
-          call in_rotation(block, y(first), slope(first), v(k + 1), dropped)
+          call in_rotation(block, y(first), slope(first), v(k), dropped)
         case (stiefel_block)
-          call in_columns(block, y(first), slope(first), v(k + 1), dropped)
+          call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k), dropped)
         case default
-          call in_block(frame, block, y(first:last), slope(first:last), &
-                        v(k + 1:k + block%dimension), dropped)
+          call in_block(frame, block, y(first:last), slope(first:last), v(k:block%v2), dropped)
         end select
         if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
       end associate
@@ -194,18 +192,5 @@ contains
     call algebra_matrix(block%kind, block%n, v, element)
     dropped = sum(real(x - element, wp)**2 + aimag(x - element)**2)
   end subroutine in_unitary
-
-  ! Of orthonormal columns
-  subroutine in_columns(block, y, slope, v, dropped)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: y(block%k, block%n), slope(block%k, block%n)
-    real(wp), intent(out) :: v(block%k, block%n), dropped
-    real(wp) :: x(block%k, block%n)
-
-    v = slope
-    call make_intrinsic(block%k, block%n, y, v)
-    call stiefel_tangent(block%k, block%n, v, y, x)
-    dropped = sum((slope - x)**2)
-  end subroutine in_columns
 
 end module derivatives_m

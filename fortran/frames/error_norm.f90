@@ -41,20 +41,17 @@ contains
       return
     end if
     do i = 1, size(frame%blocks)
-      associate (k => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
-                 p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
-        select case (frame%blocks(i)%kind)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, m => frame%blocks(i)%v2, &
+                 p => frame%blocks(i)%p1, n => frame%blocks(i)%p2)
+        select case (block%kind)
         case (callback_block)
           call frame%callback%apply(tangent_operation, v, y, found)
         case (linear_action_block)
-          call linear_tangent(frame%blocks(i)%action, v(k + 1:k + m), y(p + 1:p + n), &
-                              found(p + 1:p + n))
+          call linear_tangent(block%action, v(k:m), y(p:n), found(p:n))
         case (stiefel_block)
-          call stiefel_tangent(frame%blocks(i)%k, frame%blocks(i)%n, v(k + 1:k + m), &
-                               y(p + 1:p + n), found(p + 1:p + n))
+          call stiefel_tangent(block%k, block%n, v(k:m), y(p:n), found(p:n))
         case default
-          call isospectral_tangent(frame%blocks(i)%n, v(k + 1:k + m), y(p + 1:p + n), &
-                                   found(p + 1:p + n))
+          call isospectral_tangent(block%n, v(k:m), y(p:n), found(p:n))
         end select
       end associate
     end do
@@ -114,9 +111,8 @@ contains
         call frame%callback%apply(shortest_operation, (v), y, v)
       end if
       if (frame%blocks(i)%kind /= sphere_block) cycle
-      associate (k => frame%blocks(i)%vectors, p => frame%blocks(i)%points)
-        v(k + 1:k + 3) = v(k + 1:k + 3) &
-                         - dot_product(v(k + 1:k + 3), y(p + 1:p + 3)) * y(p + 1:p + 3)
+      associate (k => frame%blocks(i)%v1, p => frame%blocks(i)%p1)
+        v(k:k + 2) = v(k:k + 2) - dot_product(v(k:k + 2), y(p:p + 2)) * y(p:p + 2)
       end associate
     end do
   end subroutine remove_isotropy

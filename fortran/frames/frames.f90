@@ -16,8 +16,7 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, distance_bound, make_frame, &
-            restore, turning
+  public :: frame_t, apply_flows, distance_bound, make_frame, restore, turning
 
   type :: frame_t
     integer :: dimension = 0, point_size = 0
@@ -55,8 +54,8 @@ contains
         block%space = iand(options, space_axes) /= 0
         block%scalar_first = iand(options, scalar_first) /= 0
         block%polynomial = iand(options, polynomial) /= 0
-        block%vectors = frame%dimension
-        block%points = frame%point_size
+        block%v1 = frame%dimension + 1
+        block%p1 = frame%point_size + 1
         block%dimension = 3
         block%n = description(2, i)
         select case (block%kind)
@@ -101,6 +100,8 @@ contains
         end select
         frame%dimension = frame%dimension + block%dimension
         frame%point_size = frame%point_size + block%point_size
+        block%v2 = frame%dimension
+        block%p2 = frame%point_size
       end associate
     end do
   end subroutine make_frame
@@ -116,8 +117,8 @@ contains
 
     turning = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
-        angle = norm2(v(k + 1:k + merge(3, block%dimension, block%kind == se3_block)))
+      associate (block => frame%blocks(i))
+        angle = norm2(v(block%v1:merge(block%v1 + 2, block%v2, block%kind == se3_block)))
         select case (block%kind)
         case (euclidean_block)
           cycle
@@ -125,8 +126,8 @@ contains
           angle = norm2(v * frame%constants(block%constants + 1:block%constants + block%dimension))
           if (fields) angle = 0.0_wp
         case (linear_action_block)
-          angle = spectral_bound(block%action, v(k + 1:k + block%dimension))
-          if (fields) angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+          angle = spectral_bound(block%action, v(block%v1:block%v2))
+          if (fields) angle = 2 * dot_product(abs(v(block%v1:block%v2)), block%action%norm)
         case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
           if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select
@@ -150,8 +151,7 @@ contains
       if (present(only)) then
         if (i /= only) cycle
       end if
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors + 1, &
-                 p => frame%blocks(i)%points + 1)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, p => frame%blocks(i)%p1)
         select case (block%kind)
         case (euclidean_block)
           call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
@@ -227,26 +227,24 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), p => frame%blocks(i)%points, &
-                 n => frame%blocks(i)%point_size, rows => frame%blocks(i)%n)
+      associate (block => frame%blocks(i), p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
         select case (block%kind)
         case (so3_block, se3_block)
-          call orthogonalise(3 + block%k, y(p + 1:p + n))
+          call orthogonalise(3 + block%k, y(p:last))
         case (quaternion_block, sphere_block)
-          y(p + 1:p + n) = (1.5_wp - 0.5_wp * dot_product(y(p + 1:p + n), y(p + 1:p + n))) &
-                           * y(p + 1:p + n)
+          y(p:last) = (1.5_wp - 0.5_wp * dot_product(y(p:last), y(p:last))) * y(p:last)
         case (so_block)
-          call to_orthogonal(rows, y(p + 1:p + n))
+          call to_orthogonal(block%n, y(p:last))
         case (isospectral_block)
-          call restore_isospectral(rows, frame%constants(block%constants + 1:), y(p + 1:p + n))
+          call restore_isospectral(block%n, frame%constants(block%constants + 1:), y(p:last))
         case (stiefel_block)
-          call restore_stiefel(block%k, rows, y(p + 1:p + n))
+          call restore_stiefel(block%k, block%n, y(p:last))
         case (su_block, u_block)
-          call restore_unitary(block%kind, rows, y(p + 1:p + n))
+          call restore_unitary(block%kind, block%n, y(p:last))
         case (su2_block)
-          q = get_quaternion(block, y(p + 1:p + n))
+          q = get_quaternion(block, y(p:last))
           q = (1.5_wp - 0.5_wp * dot_product(q, q)) * q
-          call set_quaternion(q, y(p + 1:p + n))
+          call set_quaternion(q, y(p:last))
         end select
       end associate
     end do
@@ -264,8 +262,7 @@ contains
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
     distance_bound = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), point => y(frame%blocks(i)%points + 1: &
-                 frame%blocks(i)%points + frame%blocks(i)%point_size))
+      associate (block => frame%blocks(i), point => y(frame%blocks(i)%p1:frame%blocks(i)%p2))
         select case (block%kind)
         case (euclidean_block)
           cycle

@@ -72,8 +72,7 @@ contains
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i))
         if (block%kind == sphere_block) &
-          call remove_component(y(block%points + 1:block%points + 3), &
-                                vector(block%vectors + 1:block%vectors + 3))
+          call remove_component(y(block%p1:block%p2), vector(block%v1:block%v2))
       end associate
     end do
   end subroutine make_tangential
@@ -88,15 +87,13 @@ contains
 
     k = frame%before
     do i = 1, size(frame%bodies)
-      associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
-                 body => frame%bodies(i), m => frame%forces)
-        associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
-          call find_velocities(body, n, momentum, own(:n))
-          velocity = velocity + own(:n)
-          if (body%turns) &
-            f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
-          if (allocated(body%gyroscopic)) &
-            f(m + v + 1:m + v + n) = f(m + v + 1:m + v + n) + matmul(body%gyroscopic, velocity)
+      associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
+                 m => frame%forces)
+        associate (momentum => y(k + v:k + last), velocity => f(v:last), slope => f(m + v:m + last))
+          call find_velocities(body, size(velocity), momentum, own(v:last))
+          velocity = velocity + own(v:last)
+          if (body%turns) slope = slope + cross(momentum, velocity)
+          if (allocated(body%gyroscopic)) slope = slope + matmul(body%gyroscopic, velocity)
         end associate
       end associate
     end do
@@ -114,15 +111,13 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j, k
 
-    associate (m => frame%forces)
-      associate (momentum => y(frame%before + 1:))       ! and tangents
-        do j = begin, last
-          do k = flows%first(j), flows%first(j + 1) - 1
-            momentum = momentum + weight(k) * f(m + 1:frame%dimension, flows%stage(k))
-          end do
-          if (abs(times(j)) > 0) call drift(frame, times(j), y)
+    associate (momentum => y(frame%before + 1:))       ! and tangents
+      do j = begin, last
+        do k = flows%first(j), flows%first(j + 1) - 1
+          momentum = momentum + weight(k) * f(frame%forces + 1:frame%dimension, flows%stage(k))
         end do
-      end associate
+        if (abs(times(j)) > 0) call drift(frame, times(j), y)
+      end do
     end associate
   end subroutine move_by_kicks
 
@@ -157,12 +152,11 @@ contains
       call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
-        associate (momentum => momenta(block%vectors + 1:block%vectors + block%dimension))
+        associate (momentum => momenta(block%v1:block%v2))
           if (.not. allocated(body%gyroscopic)) then
             call move_body(frame, i, time, momentum, y)
           else if (block%kind == euclidean_block) then
-            call move_linearly(body, time, momentum, &
-                               y(block%points + 1:block%points + block%point_size))
+            call move_linearly(body, time, momentum, y(block%p1:block%p2))
           else
             momentum = momentum + rotor_momentum(body)
             parts = time * substeps(body)
@@ -188,8 +182,7 @@ contains
     real(wp) :: v(frame%forces), q(4)
 
     associate (block => frame%blocks(i), body => frame%bodies(i))
-      associate (point => y(block%points + 1:block%points + block%point_size), &
-                 own => v(block%vectors + 1:block%vectors + block%dimension))
+      associate (point => y(block%p1:block%p2), own => v(block%v1:block%v2))
         if (body%turns) then
           call turn_freely(body%top, time, momentum, q)
           call turn_point(block, q, point)

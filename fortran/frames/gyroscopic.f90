@@ -46,8 +46,7 @@ contains
     real(wp), intent(inout) :: momentum(3), y(frame%point_size)
     real(wp) :: v(frame%forces), q(4), sinc
 
-    associate (own => v(frame%blocks(i)%vectors + 1:frame%blocks(i)%vectors + 3), &
-               body => frame%bodies(i))
+    associate (own => v(frame%blocks(i)%v1:frame%blocks(i)%v2), body => frame%bodies(i))
       call find_velocities(body, 3, rotor_momentum(body), own)
       own = time * own
       call exponential(own, q, sinc)

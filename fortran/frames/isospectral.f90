@@ -6,7 +6,7 @@ module isospectral_m
   use kinds, only: wp
   use bases_m, only: skew_coefficients, skew_matrix
   use lapack_m, only: dsyevd
-  use orthogonal_m, only: largest_own, move_orthogonal, multiply, to_orthogonal
+  use orthogonal_m, only: largest_own, move_orthogonal, multiply, multiply_symmetric, to_orthogonal
   use vectors_m, only: nan
   implicit none
   private
@@ -31,28 +31,8 @@ contains
     call move_orthogonal(n, .true., f, g)
     call multiply(n, y, g, product)
     call multiply_symmetric(n, g, product, y)
+    if (n > largest_own) y = (y + transpose(y)) / 2
   end subroutine move_isospectral
-
-  ! The product a^T b, which is symmetric
-  subroutine multiply_symmetric(n, a, b, y)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: a(n, n), b(n, n)
-    real(wp), intent(out) :: y(n, n)
-    real(wp) :: product(n, n)
-    integer :: i, j
-
-    if (n > largest_own) then
-      call multiply(n, transpose(a), b, product)
-      y = (product + transpose(product)) / 2
-      return
-    end if
-    do j = 1, n
-      do i = 1, j
-        y(i, j) = dot_product(a(:, i), b(:, j))
-        y(j, i) = y(i, j)
-      end do
-    end do
-  end subroutine multiply_symmetric
 
   ! x y - y x for the skew matrix x with coefficients v, which is x y and its transpose
   subroutine isospectral_tangent(n, v, y, tangent)
@@ -82,6 +62,7 @@ contains
     end do
     vectors = transpose(vectors)
     call multiply_symmetric(n, vectors, scaled, y)
+    if (n > largest_own) y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
   ! The coefficients of a derivative, without isotropy, and the square of the length of the rest. In
@@ -125,7 +106,12 @@ contains
     integer :: k
 
     if (n > largest_own) then
-      call diagonalise_by_lapack(n, y, values, vectors)
+      block
+        real(wp) :: work(1 + 6 * n + 2 * n**2)
+        integer :: iwork(3 + 5 * n), info
+        vectors = y
+        call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
+      end block
     else
       call diagonalise(n, y, values, vectors)
     end if
@@ -134,18 +120,6 @@ contains
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
   end subroutine decompose
-
-  ! Eigenvalues and eigenvectors of matrices of many rows
-  subroutine diagonalise_by_lapack(n, matrix, values, vectors)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: values(n), vectors(n, n)
-    real(wp) :: work(1 + 6 * n + 2 * n**2)
-    integer :: iwork(3 + 5 * n), info
-
-    vectors = matrix
-    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-  end subroutine diagonalise_by_lapack
 
   ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
   ! rounding
@@ -188,9 +162,7 @@ contains
       end do
       if (done) exit
     end do
-    do i = 1, n
-      values(i) = a(i, i)
-    end do
+    values = [(a(i, i), i=1, n)]
   end subroutine diagonalise
 
 end module isospectral_m

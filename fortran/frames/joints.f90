@@ -41,6 +41,7 @@ module joints_m
     type(row_t), allocatable :: row(:)
     integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies, 0 of
                                              ! the ground
+    integer, allocatable :: field(:, :)      ! (4, rows) velocities before theirs, -1 of the ground
     integer, allocatable :: first(:)         ! (rows + own) the first column in the envelope
     integer, allocatable :: start(:)         ! (rows + own) its place in the factor, less one
     type(callback_t) :: python               ! evaluates rows of one's own
@@ -75,15 +76,13 @@ contains
     linkage%rows = size(integers, 2)
     linkage%own = own
     linkage%forces = forces
-    associate (momenta => findloc(blocks%vectors, forces, 1))
-      linkage%before = blocks(momenta)%points
-    end associate
+    linkage%before = blocks(findloc(blocks%v1, forces + 1, 1))%p1 - 1
     linkage%after = linkage%before + forces
     linkage%attitude = places(1, :)
     linkage%position = places(2, :)
     n = linkage%rows + own
-    allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), linkage%first(n), &
-              linkage%start(n))
+    allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), &
+              linkage%field(4, linkage%rows), linkage%first(n), linkage%start(n))
     do i = 1, linkage%rows
       linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
                              reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
@@ -94,14 +93,14 @@ contains
         if (linkage%row(i)%body(j) > 0) &
           linkage%block(2 * j - 1:2 * j, i) = places(:, linkage%row(i)%body(j))
       end do
+      associate (block => linkage%block(:, i))
+        linkage%field(:, i) = merge(blocks(max(block, 1))%v1 - 1, -1, block > 0)
+      end associate
     end do
-    do i = 1, n
-      linkage%first(i) = 1
-      if (i > linkage%rows) cycle
-      do j = 1, i
-        if (coupled(linkage%block(:, i), linkage%block(:, j))) exit
-      end do
-      linkage%first(i) = j
+    linkage%first = 1
+    do i = 1, linkage%rows
+      linkage%first(i) = findloc([(coupled(linkage%block(:, i), linkage%block(:, j)), j = 1, i)], &
+                                 .true., 1)
     end do
     linkage%start(1) = 1 - linkage%first(1)
     do i = 2, n
@@ -136,17 +135,16 @@ contains
     call reserve(linkage, c)
     failed = .false.
     if (depth == 2) call velocities(blocks, bodies, y(linkage%before + 1:linkage%after), omega)
+    velocity = 0.0_wp
+    turning = 0.0_wp
     do i = 1, size(linkage%attitude)
-      call place(blocks, linkage%attitude(i), linkage%position(i), y, x(:, i), r(:, :, i))
-      if (depth < 2) cycle
-      velocity(:, i) = 0.0_wp
-      turning(:, i) = 0.0_wp
       associate (turns => linkage%attitude(i), moves => linkage%position(i))
-        if (moves > 0) velocity(:, i) = omega(blocks(moves)%vectors + 1:blocks(moves)%vectors + 3)
-        if (turns > 0) turning(:, i) = omega(blocks(turns)%vectors + 1:blocks(turns)%vectors + 3)
-        if (turns > 0) then
-          if (.not. blocks(turns)%space) turning(:, i) = turned(r(:, :, i), turning(:, i))
-        end if
+        call place(blocks, turns, moves, y, x(:, i), r(:, :, i))
+        if (depth < 2) cycle
+        if (moves > 0) velocity(:, i) = omega(blocks(moves)%v1:blocks(moves)%v2)
+        if (turns == 0) cycle
+        turning(:, i) = omega(blocks(turns)%v1:blocks(turns)%v2)
+        if (.not. blocks(turns)%space) turning(:, i) = matmul(r(:, :, i), turning(:, i))
       end associate
     end do
     do i = 1, linkage%rows
@@ -178,7 +176,7 @@ contains
           arm(:, j) = row%point(:, j)
           end(:, j) = arm(:, j)
           if (k == 0) cycle
-          arm(:, j) = turned(r(:, :, k), arm(:, j))
+          arm(:, j) = matmul(r(:, :, k), arm(:, j))
           end(:, j) = x(:, k) + arm(:, j)
         end do
         d = end(:, 1) - end(:, 2)
@@ -189,7 +187,7 @@ contains
         k = row%body(j)
         if (k == 0 .or. row%form == fixed_length) cycle
         if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
-        axis(:, j) = turned(r(:, :, k), axis(:, j))
+        axis(:, j) = matmul(r(:, :, k), axis(:, j))
       end do
       c%size(i) = length
       select case (row%form)
@@ -279,17 +277,17 @@ contains
     real(wp) :: q(4)
 
     x = 0.0_wp
-    if (position > 0) x = y(blocks(position)%points + 1:blocks(position)%points + 3)
+    if (position > 0) x = y(blocks(position)%p1:blocks(position)%p2)
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     if (attitude > 0) then
-      associate (block => blocks(attitude), k => blocks(attitude)%points)
+      associate (block => blocks(attitude), k => blocks(attitude)%p1)
         if (block%kind == so3_block) then
-          r(1, :) = y(k + 1:k + 3)
-          r(2, :) = y(k + 4:k + 6)
-          r(3, :) = y(k + 7:k + 9)
+          r(1, :) = y(k:k + 2)
+          r(2, :) = y(k + 3:k + 5)
+          r(3, :) = y(k + 6:k + 8)
           return
         end if
-        q = get_quaternion(block, y(k + 1:k + 4))
+        q = get_quaternion(block, y(k:k + 3))
       end associate
     end if
     associate (a => q(1), b => q(2), c => q(3), w => q(4))
@@ -298,14 +296,6 @@ contains
       r(:, 3) = [2 * (a * c + b * w), 2 * (b * c - a * w), 1 - 2 * (a * a + b * b)]
     end associate
   end subroutine place
-
-  ! A vector in the axes of space, with shapes that the compiler knows
-  pure function turned(r, v)
-    real(wp), intent(in) :: r(3, 3), v(3)
-    real(wp) :: turned(3)
-
-    turned = v(1) * r(:, 1) + v(2) * r(:, 2) + v(3) * r(:, 3)
-  end function turned
 
   ! Whether axes that shall coincide do so, and aren't opposite or exchanged: three zero cosines
   ! between different axes allow that too.
@@ -324,8 +314,8 @@ contains
           call place(blocks, linkage%block(2 * j - 1, i), linkage%block(2 * j, i), y, x, r(:, :, j))
         end do
         do k = 1, 3                                    ! each row has the next axis of the second body
-          first(:, k) = turned(r(:, :, 1), rows(k)%axis(:, 1))
-          second(:, 1 + modulo(k, 3)) = turned(r(:, :, 2), rows(k)%axis(:, 2))
+          first(:, k) = matmul(r(:, :, 1), rows(k)%axis(:, 1))
+          second(:, 1 + modulo(k, 3)) = matmul(r(:, :, 2), rows(k)%axis(:, 2))
         end do
         if (any(sum(first * second, 1) < 0.5_wp)) axes_coincide = .false.
       end associate
@@ -343,32 +333,29 @@ contains
     logical, intent(out) :: failed
     real(wp) :: answer(linkage%own * (1 + min(depth, 1) * linkage%forces + depth / 2))
     real(wp) :: scale(linkage%forces), length
+    logical :: moves(linkage%forces)                   ! positions
     integer :: i
 
-    associate (n => linkage%own, rows => linkage%rows, m => linkage%forces)
+    associate (n => linkage%own, m => linkage%forces)
       call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
                                 y(:linkage%before), answer, failed)
-      c%g(rows + 1:) = answer(:n)
+      c%g(linkage%rows + 1:) = answer(:n)
       if (depth == 0) return
       c%own = reshape(answer(n + 1:n + n * m), [m, n])
-      if (depth > 1) c%bias(rows + 1:) = answer(n + n * m + 1:)
+      if (depth > 1) c%bias(linkage%rows + 1:) = answer(n + n * m + 1:)
       length = 0.0_wp
+      moves = .false.
       do i = 1, size(blocks)
         associate (b => blocks(i))
-          if (b%kind == euclidean_block .and. b%vectors < m) &
-            length = max(length, maxval(abs(y(b%points + 1:b%points + b%n))))
+          if (b%kind /= euclidean_block .or. b%v1 > m) cycle
+          length = max(length, maxval(abs(y(b%p1:b%p2))))
+          moves(b%v1:b%v2) = .true.
         end associate
       end do
-      scale = 1.0_wp
-      do i = 1, size(blocks)
-        associate (b => blocks(i))
-          if (b%kind == euclidean_block .and. b%vectors < m) &
-            scale(b%vectors + 1:b%vectors + b%n) = length
-        end associate
-      end do
+      scale = merge(length, 1.0_wp, moves)
       do i = 1, n
-        c%size(rows + i) = sum(abs(c%own(:, i)) * scale)
-        c%least(rows + i) = sum(abs(c%own(:, i)))
+        c%size(linkage%rows + i) = sum(abs(c%own(:, i)) * scale)
+        c%least(linkage%rows + i) = sum(abs(c%own(:, i)))
       end do
     end associate
   end subroutine evaluate_own
@@ -397,16 +384,15 @@ contains
     integer :: i
 
     do i = 1, size(bodies)
-      associate (v => blocks(i)%vectors, n => blocks(i)%dimension)
-        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
+      associate (v => blocks(i)%v1, last => blocks(i)%v2)
+        call find_velocities(bodies(i), last - v + 1, momenta(v:last), omega(v:last))
       end associate
     end do
   end subroutine velocities
 
   ! Factors G J^-1 G^T, whose rows have been evaluated.
-  pure subroutine factor_constraints(linkage, blocks, c)
+  pure subroutine factor_constraints(linkage, c)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
     real(wp), parameter :: least = 1e3_wp * epsilon(1.0_wp)
     real(wp) :: sum, diagonal
@@ -417,11 +403,11 @@ contains
       do i = 1, size(c%g)
         do j = first(i), i - 1
           k = max(first(i), first(j))
-          l(start(i) + j) = (entry(linkage, blocks, c, i, j) &
+          l(start(i) + j) = (entry(linkage, c, i, j) &
                              - dot_product(l(start(i) + k:start(i) + j - 1), &
                                            l(start(j) + k:start(j) + j - 1))) / l(start(j) + j)
         end do
-        diagonal = entry(linkage, blocks, c, i, i)
+        diagonal = entry(linkage, c, i, i)
         associate (row => l(start(i) + first(i):start(i) + i - 1))
           sum = diagonal - dot_product(row, row)
         end associate
@@ -433,34 +419,30 @@ contains
   end subroutine factor_constraints
 
   ! The entry of G J^-1 G^T in row i and column j <= i
-  pure real(wp) function entry(linkage, blocks, c, i, j)
+  pure real(wp) function entry(linkage, c, i, j)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     integer, intent(in) :: i, j
     integer :: k, l
 
     entry = 0.0_wp
-    associate (rows => linkage%rows)
-      if (j > rows) then
-        entry = dot_product(c%own(:, i - rows), c%own_moved(:, j - rows))
-        return
-      end if
-      do k = 1, 4
-        associate (b => linkage%block(k, j))
-          if (b == 0) cycle
-          if (i > rows) then
-            entry = entry + dot_product(c%own(blocks(b)%vectors + 1:blocks(b)%vectors + 3, &
-                                              i - rows), c%moved(:, k, j))
-            cycle
-          end if
-          do l = 1, 4
-            if (linkage%block(l, i) == b) &
-              entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
-          end do
-        end associate
-      end do
-    end associate
+    if (j > linkage%rows) then
+      entry = dot_product(c%own(:, i - linkage%rows), c%own_moved(:, j - linkage%rows))
+      return
+    end if
+    do k = 1, 4
+      associate (v => linkage%field(k, j))
+        if (v < 0) cycle
+        if (i > linkage%rows) then
+          entry = entry + dot_product(c%own(v + 1:v + 3, i - linkage%rows), c%moved(:, k, j))
+          cycle
+        end if
+        do l = 1, 4
+          if (linkage%field(l, i) == v) &
+            entry = entry + dot_product(c%slope(:, l, i), c%moved(:, k, j))
+        end do
+      end associate
+    end do
   end function entry
 
   ! Solves G J^-1 G^T x = b by the factor.
@@ -483,9 +465,8 @@ contains
   end subroutine solve_constraints
 
   ! G J^-1 times a vector of forces or momenta, by the derivatives that J^-1 was applied to
-  pure function rates(linkage, blocks, c, momenta)
+  pure function rates(linkage, c, momenta)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     real(wp), intent(in) :: momenta(:)
     real(wp) :: rates(size(c%g))
@@ -494,9 +475,8 @@ contains
     rates = 0.0_wp
     do i = 1, linkage%rows
       do k = 1, 4
-        associate (b => linkage%block(k, i))
-          if (b > 0) rates(i) = rates(i) + dot_product(c%moved(:, k, i), &
-            momenta(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
+        associate (v => linkage%field(k, i))
+          if (v >= 0) rates(i) = rates(i) + dot_product(c%moved(:, k, i), momenta(v + 1:v + 3))
         end associate
       end do
     end do
@@ -506,9 +486,8 @@ contains
   end function rates
 
   ! Adds G^T x to momenta, or J^-1 G^T x to velocities.
-  pure subroutine constraint_impulse(linkage, blocks, c, moved, x, vector)
+  pure subroutine constraint_impulse(linkage, c, moved, x, vector)
     type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
     type(constraints_t), intent(in) :: c
     logical, intent(in) :: moved                       ! whether by J^-1
     real(wp), intent(in) :: x(:)
@@ -517,11 +496,9 @@ contains
 
     do i = 1, linkage%rows
       do k = 1, 4
-        associate (b => linkage%block(k, i))
-          if (b == 0) cycle
-          associate (part => vector(blocks(b)%vectors + 1:blocks(b)%vectors + 3))
-            part = part + x(i) * merge(c%moved(:, k, i), c%slope(:, k, i), moved)
-          end associate
+        associate (v => linkage%field(k, i))
+          if (v >= 0) vector(v + 1:v + 3) = vector(v + 1:v + 3) &
+            + x(i) * merge(c%moved(:, k, i), c%slope(:, k, i), moved)
         end associate
       end do
     end do

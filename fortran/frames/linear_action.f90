@@ -99,14 +99,9 @@ contains
     integer :: entry, i, j, k, m
 
     m = action%parts
-    associate (terms => size(action%place) / m, n => action%n)
-      allocate (action%row(n + 1, action%generators), action%term_column(terms), &
-                action%norm(action%generators))
-      do k = 1, terms
-        action%term_column(k) = action%column((action%place(m * k) + m - 1) / m)
-      end do
-    end associate
-    action%norm = 0.0_wp
+    action%term_column = action%column((action%place(m::m) + m - 1) / m)
+    allocate (action%row(action%n + 1, action%generators))
+    allocate (action%norm(action%generators), source=0.0_wp)
     do i = 1, action%generators
       k = action%first_term(i)
       do j = 1, action%n
@@ -116,9 +111,8 @@ contains
           if (entry >= action%first(j + 1)) exit
           k = k + 1
         end do
-        associate (values => action%value(m * action%row(j, i) - m + 1:m * (k - 1)))
-          action%norm(i) = max(action%norm(i), sum(abs(values)))
-        end associate
+        action%norm(i) = max(action%norm(i), &
+                             sum(abs(action%value(m * action%row(j, i) - m + 1:m * (k - 1)))))
       end do
       action%row(action%n + 1, i) = k
     end do

@@ -53,15 +53,13 @@ contains
       if (last < first) then
         call apply_polynomial(action, d, action%granted / real(parts, wp), y)
       else
-        associate (inner => action%inner)
-          call apply_polynomial(action, d, action%granted / real(parts, wp), y, &
-                                real(parts, wp) * inner%theta(first:last) - real(part - 1, wp), &
-                                inner%y(:, first:last))
-          if (.not. (action%skew .and. length > 0)) cycle
-          do i = first, last
-            inner%y(:, i) = inner%y(:, i) * (length / length_of(inner%y(:, i)))
-          end do
-        end associate
+        call apply_polynomial(action, d, action%granted / real(parts, wp), y, &
+                              real(parts, wp) * action%inner%theta(first:last) &
+                              - real(part - 1, wp), action%inner%y(:, first:last))
+        if (.not. (action%skew .and. length > 0)) cycle
+        do i = first, last
+          action%inner%y(:, i) = action%inner%y(:, i) * (length / length_of(action%inner%y(:, i)))
+        end do
       end if
     end do
     if (associated(action%inner)) action%inner%wanted = .false.

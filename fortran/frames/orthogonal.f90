@@ -11,7 +11,7 @@ module orthogonal_m
   use lapack_m, only: dgemm
   implicit none
   private
-  public :: move_orthogonal, multiply, skew_bracket, to_orthogonal
+  public :: move_orthogonal, multiply, multiply_symmetric, to_orthogonal
 
   ! Largest norms of matrices whose exponential series is summed: in numbers, with powers reduced by
   ! the characteristic polynomial, and in matrices
@@ -41,22 +41,6 @@ contains
       y = moved
     end do
   end subroutine move_orthogonal
-
-  ! x y - y x, for skew matrices
-  subroutine skew_bracket(n, x, y, z)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n, n), y(n, n)
-    real(wp), intent(out) :: z(n, n)
-    real(wp) :: product(n, n)
-    integer :: i, j
-
-    call multiply(n, x, y, product)
-    do j = 1, n
-      do i = 1, n
-        z(i, j) = product(i, j) - product(j, i)
-      end do
-    end do
-  end subroutine skew_bracket
 
   ! The exponential by scaling and squaring of the series. If there are many squarings, rounding off
   ! the group is removed after each.
@@ -205,21 +189,30 @@ contains
     integer, intent(in) :: n
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: square(n, n), product(n, n)
-    integer :: i, j
 
-    if (n > largest_own) then
-      call dgemm('T', 'N', n, n, n, 1.0_wp, y, n, y, n, 0.0_wp, square, n)
-    else
-      do j = 1, n
-        do i = 1, j
-          square(i, j) = dot_product(y(:, i), y(:, j))
-          square(j, i) = square(i, j)
-        end do
-      end do
-    end if
+    call multiply_symmetric(n, y, y, square)
     call multiply(n, y, square, product)
     y = 1.5_wp * y - 0.5_wp * product
   end subroutine to_orthogonal
+
+  ! The product a^T b, which is symmetric, for many rows up to rounding
+  subroutine multiply_symmetric(n, a, b, c)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: a(n, n), b(n, n)
+    real(wp), intent(out) :: c(n, n)
+    integer :: i, j
+
+    if (n > largest_own) then
+      call dgemm('T', 'N', n, n, n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
+      return
+    end if
+    do j = 1, n
+      do i = 1, j
+        c(i, j) = dot_product(a(:, i), b(:, j))
+        c(j, i) = c(i, j)
+      end do
+    end do
+  end subroutine multiply_symmetric
 
   ! The product of matrices whose size the compiler knows takes a third of the time.
   pure subroutine multiply_4x4(a, b, c)

@@ -7,7 +7,7 @@ module stiefel_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: make_intrinsic, move_stiefel, restore_stiefel, stiefel_tangent
+  public :: move_stiefel, restore_stiefel, stiefel_coefficients, stiefel_tangent
 
   real(wp), parameter :: max_length = 1e4_wp
 
@@ -131,16 +131,19 @@ contains
     call product_of('T', 'N', -1.0_wp, a, y, 1.0_wp, tangent)
   end subroutine stiefel_tangent
 
-  ! Replaces a derivative x by its coefficients x - y (y^T x) / 2.
-  subroutine make_intrinsic(k, n, y, x)
+  ! The coefficients x - y (y^T x) / 2 of a derivative x, and the square of the length of the rest
+  subroutine stiefel_coefficients(k, n, y, x, v, dropped)
     integer, intent(in) :: k, n
-    real(wp), intent(in) :: y(k, n)
-    real(wp), intent(inout) :: x(k, n)
-    real(wp) :: a(k, k)
+    real(wp), intent(in) :: y(k, n), x(k, n)
+    real(wp), intent(out) :: v(k, n), dropped
+    real(wp) :: a(k, k), tangent(k, n)
 
     call product_of('N', 'T', 1.0_wp, x, y, 0.0_wp, a)
-    call product_of('N', 'N', -0.5_wp, a, y, 1.0_wp, x)
-  end subroutine make_intrinsic
+    v = x
+    call product_of('N', 'N', -0.5_wp, a, y, 1.0_wp, v)
+    call stiefel_tangent(k, n, v, y, tangent)
+    dropped = sum((x - tangent)**2)
+  end subroutine stiefel_coefficients
 
   ! c = alpha a b + beta c, with a transposed a or b where its letter is T
   subroutine product_of(of_a, of_b, alpha, a, b, beta, c)

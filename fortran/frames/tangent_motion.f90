@@ -35,27 +35,26 @@ contains
 
     u = 0.0_wp
     do i = 1, size(frame%bodies)
-      associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
-                 body => frame%bodies(i))
-        if (body%turns .or. frame%blocks(i)%kind == euclidean_block) cycle
-        call find_velocities(body, n, momentum(v + 1:v + n), u(v + 1:v + n))
-        u(v + 1:v + n) = time * u(v + 1:v + n)
+      associate (block => frame%blocks(i), v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) cycle
+        call find_velocities(frame%bodies(i), block%dimension, momentum(v:last), u(v:last))
+        u(v:last) = time * u(v:last)
       end associate
     end do
-    pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%vectors + 1: &
-      frame%blocks(i)%vectors + frame%blocks(i)%dimension)), i = 1, size(frame%bodies))])))
+    pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%v1:frame%blocks(i)%v2)), &
+                                         i = 1, size(frame%bodies))])))
     part = 1.0_wp / real(pieces, wp)
     u = part * u
     do j = 1, size(x, 1)
       xi = 0.0_wp
       moved = 0.0_wp                         ! J^-1 eta times a piece
       do i = 1, size(frame%bodies)
-        associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
-                   body => frame%bodies(i), m => frame%forces)
+        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
+                   m => frame%forces)
           if (body%turns) cycle
-          xi(v + 1:v + n) = x(j, v + 1:v + n)
-          call find_velocities(body, n, x(j, m + v + 1:m + v + n), moved(v + 1:v + n))
-          moved(v + 1:v + n) = time * part * moved(v + 1:v + n)
+          xi(v:last) = x(j, v:last)
+          call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
+          moved(v:last) = time * part * moved(v:last)
         end associate
       end do
       do piece = 1, pieces
@@ -68,16 +67,15 @@ contains
         end do
       end do
       do i = 1, size(frame%bodies)
-        associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension)
-          if (.not. frame%bodies(i)%turns) x(j, v + 1:v + n) = xi(v + 1:v + n)
+        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+          if (.not. frame%bodies(i)%turns) x(j, v:last) = xi(v:last)
         end associate
       end do
     end do
     do i = 1, size(frame%bodies)
-      associate (v => frame%blocks(i)%vectors, m => frame%forces)
-        if (frame%bodies(i)%turns) &
-          call carry_of_body(frame%bodies(i), time, momentum(v + 1:v + 3), x(:, v + 1:v + 3), &
-                             x(:, m + v + 1:m + v + 3))
+      associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, m => frame%forces)
+        if (frame%bodies(i)%turns) call carry_of_body(frame%bodies(i), time, momentum(v:last), &
+                                                      x(:, v:last), x(:, m + v:m + last))
       end associate
     end do
   end subroutine carry_tangents

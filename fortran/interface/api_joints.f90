@@ -20,7 +20,7 @@ subroutine joints_open(blocks, description, numbers, constants, columns, column,
 
   allocate (frame)
   call make_frame(description, constants, frame)
-  frame%before = frame%blocks(columns + 1)%points
+  frame%before = frame%blocks(columns + 1)%p1 - 1
   frame%forces = frame%blocks(columns + 1)%dimension
   allocate (frame%bodies(columns))
   call make_bodies(column, inertia, frame, frame%bodies)
@@ -62,50 +62,20 @@ subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_
   integer :: i
 
   call c_f_pointer(transfer(address, c_null_ptr), frame)
-  associate (linkage => frame%linkage)
-    do i = 1, points
-      call evaluate_constraints(linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
-      if (failed) return
-      g(:, i) = c%g
-      if (.not. axes_coincide(linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
-      size_of_g(:, i) = c%size
-      associate (momenta => y(linkage%before + 1:linkage%after, i))
-        speed(:, i) = rates(linkage, frame%blocks, c, momenta)
-        c%moved = abs(c%moved)
-        c%own_moved = abs(c%own_moved)
-        size_of_speed(:, i) = rates(linkage, frame%blocks, c, abs(momenta))
-      end associate
-    end do
-  end associate
-end subroutine joints_errors
-
-! The derivatives of constraints at a point along the fields of the configuration
-subroutine joints_slopes(address, n, y, forces, rows, slope)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use frames_m, only: frame_t
-  use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints
-  use kinds, only: wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: n, forces, rows
-  real(wp), intent(in) :: y(n)
-  real(wp), intent(inout) :: slope(forces, rows)
-  type(frame_t), pointer :: frame
-  type(constraints_t) :: c
-  real(wp) :: unit(rows)
-  logical :: failed
-  integer :: i
-
-  call c_f_pointer(transfer(address, c_null_ptr), frame)
-  call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, 1, c, failed)
-  slope = 0.0_wp
-  if (failed) return
-  do i = 1, rows
-    unit = 0.0_wp
-    unit(i) = 1.0_wp
-    call constraint_impulse(frame%linkage, frame%blocks, c, .false., unit, slope(:, i))
+  do i = 1, points
+    call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
+    if (failed) return
+    g(:, i) = c%g
+    if (.not. axes_coincide(frame%linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
+    size_of_g(:, i) = c%size
+    associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
+      speed(:, i) = rates(frame%linkage, c, momenta)
+      c%moved = abs(c%moved)
+      c%own_moved = abs(c%own_moved)
+      size_of_speed(:, i) = rates(frame%linkage, c, abs(momenta))
+    end associate
   end do
-end subroutine joints_slopes
+end subroutine joints_errors
 
 ! Closes the joints of points.
 subroutine joints_close(address, n, points, y, status)

@@ -2,15 +2,16 @@
 ! Both stay in memory between calls, and the caller knows them by their addresses.
 
 ! Makes a plan from a frame and a method.
-subroutine plan_open(blocks, description, numbers, constants, method_address, address)
+subroutine plan_open(blocks, description, numbers, constants, derivatives, method_address, address)
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_null_ptr
   use frames_m, only: make_frame
   use method_m, only: make_method
   use run_m, only: c_intptr_t, plan_t, wp
-  use shared_numbers, only: method_record_t
+  use shared_numbers, only: callback_block, linear_action_block, method_record_t
   implicit none
   integer, intent(in) :: blocks, numbers, description(3, blocks)
   real(wp), intent(in) :: constants(numbers)
+  logical, intent(in) :: derivatives     ! whether right-hand sides give derivatives of points
   integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
@@ -18,6 +19,10 @@ subroutine plan_open(blocks, description, numbers, constants, method_address, ad
 
   allocate (plan)
   call make_frame(description, constants, plan%frame)
+  plan%frame%derivatives = derivatives
+  associate (kind => plan%frame%blocks%kind)
+    plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
+  end associate
   call c_f_pointer(transfer(method_address, c_null_ptr), record)
   call make_method(record, plan%method)
   address = transfer(c_loc(plan), address)
@@ -34,7 +39,7 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangent
   type(plan_t), pointer :: plan
 
   plan => plan_at(address)
-  plan%frame%before = plan%frame%blocks(bodies + 1)%points
+  plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
   plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
   plan%frame%tangents = tangents
   allocate (plan%frame%bodies(bodies))
@@ -57,21 +62,6 @@ subroutine plan_set_joints(address, joints)
   plan%frame%linkage = frame%linkage
   plan%frame%jointed = .true.
 end subroutine plan_set_joints
-
-! Lets right-hand sides on the frame of a plan give derivatives of points.
-subroutine plan_take_derivatives(address)
-  use run_m, only: c_intptr_t, plan_at, plan_t
-  use shared_numbers, only: callback_block, linear_action_block
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  type(plan_t), pointer :: plan
-
-  plan => plan_at(address)
-  plan%frame%derivatives = .true.
-  associate (kind => plan%frame%blocks%kind)
-    plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
-  end associate
-end subroutine plan_take_derivatives
 
 ! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &

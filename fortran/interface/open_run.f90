@@ -30,19 +30,17 @@ contains
     if (run%record%event_functions > 0) call set_events(run)
     call set_lanes(run, memory)
     if (memory /= 0) return
-    associate (record => run%record)
-      if (record%observations > 0) then
-        call set_observer(run, int(record%observations), record%observers, record%observer_table, &
-                          record%observer, record%observer_data, record%observer_stride, &
-                          run%observer)
-        run%output%observer => run%observer
-      end if
-      if (record%sized > 0) then
-        call set_observer(run, 1, record%sizers, record%sizer_table, record%sizer, &
-                          record%sizer_data, record%sizer_stride, run%sizes)
-        run%problem%sizes => run%sizes
-      end if
-    end associate
+    if (run%record%observations > 0) then
+      call set_observer(run, int(run%record%observations), run%record%observers, &
+                        run%record%observer_table, run%record%observer, run%record%observer_data, &
+                        run%record%observer_stride, run%observer)
+      run%output%observer => run%observer
+    end if
+    if (run%record%sized > 0) then
+      call set_observer(run, 1, run%record%sizers, run%record%sizer_table, run%record%sizer, &
+                        run%record%sizer_data, run%record%sizer_stride, run%sizes)
+      run%problem%sizes => run%sizes
+    end if
     call set_output(run)
   end subroutine open_run
 
@@ -159,17 +157,15 @@ contains
     real(wp), pointer, contiguous :: numbers(:, :)
     integer :: bodies, i, members
 
-    associate (record => run%record)
-      bodies = size(run%frame%bodies)
-      members = int(record%members)
-      call c_f_pointer(transfer(record%bodies, c_null_ptr), columns, [bodies, members])
-      call c_f_pointer(transfer(record%body_constants, c_null_ptr), numbers, &
-                       [int(record%body_numbers), members])
-      allocate (run%bodies(bodies, members))
-      do i = 1, members
-        call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
-      end do
-    end associate
+    bodies = size(run%frame%bodies)
+    members = int(run%record%members)
+    call c_f_pointer(transfer(run%record%bodies, c_null_ptr), columns, [bodies, members])
+    call c_f_pointer(transfer(run%record%body_constants, c_null_ptr), numbers, &
+                     [int(run%record%body_numbers), members])
+    allocate (run%bodies(bodies, members))
+    do i = 1, members
+      call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
+    end do
   end subroutine set_bodies
 
   ! Sets the events of a run from the table in the record.
@@ -177,24 +173,22 @@ contains
     type(run_t), target, intent(inout) :: run
     type(event_record_t), pointer, contiguous :: table(:)
 
-    associate (record => run%record)
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, &
-                       [int(record%event_functions)])
-      run%events%count = size(table)
-      run%events%width = int(record%event_width)
-      run%events%address = table%function
-      run%events%data = table%data
-      run%events%direction = int(table%direction)
-      run%events%limit = table%limit
-      run%events%jumps = table%jumps /= 0
-      run%events%period = table%period
-      run%events%vectorized = table%vectorized /= 0
-      run%events%together = any(run%events%vectorized) .and. record%lanes > 1
-      run%events%member_data = record%data
-      run%events%stride = record%data_stride
-      run%events%callback = run%python
-      run%problem%events => run%events
-    end associate
+    call c_f_pointer(transfer(run%record%event_table, c_null_ptr), table, &
+                     [int(run%record%event_functions)])
+    run%events%count = size(table)
+    run%events%width = int(run%record%event_width)
+    run%events%address = table%function
+    run%events%data = table%data
+    run%events%direction = int(table%direction)
+    run%events%limit = table%limit
+    run%events%jumps = table%jumps /= 0
+    run%events%period = table%period
+    run%events%vectorized = table%vectorized /= 0
+    run%events%together = any(run%events%vectorized) .and. run%record%lanes > 1
+    run%events%member_data = run%record%data
+    run%events%stride = run%record%data_stride
+    run%events%callback = run%python
+    run%problem%events => run%events
   end subroutine set_events
 
   ! Sets a function along the solution: one in Python, or some in C whose table is given.

@@ -96,9 +96,7 @@ contains
     budget = run%record%budget
     together = size(run%lanes) > 1 .and. .not. run%problem%common &
                .and. (.not. associated(run%problem%field) .or. run%events%together)
-    associate (lanes => size(run%lanes, kind=int64))
-      share = (budget + lanes - 1) / lanes
-    end associate
+    share = (budget + size(share, kind=int64) - 1) / size(share, kind=int64)
     if (together) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0
@@ -257,12 +255,8 @@ contains
     if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
-      if (memory /= 0) then
-        do i = 1, k
-          run%lanes(requests(i))%status = out_of_memory
-        end do
-        return
-      end if
+      if (memory /= 0) run%lanes(requests)%status = out_of_memory
+      if (memory /= 0) return
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           where(i) = lane%request%t

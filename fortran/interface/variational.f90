@@ -71,7 +71,6 @@ contains
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
     logical :: along
-    integer :: i, j
 
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
@@ -89,12 +88,7 @@ contains
       end if
       if (self%code /= 0) return
       call add_brackets(record, n, f, a)
-      do i = 1, n
-        slope(:, i) = a(1, i) * x(:, 1)
-        do j = 2, n
-          slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
-        end do
-      end do
+      slope = matmul(x, a)
       if (record%df_dp /= 0) then
         call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
       else if (k > 0 .and. .not. along) then
@@ -128,28 +122,26 @@ contains
     real(wp), pointer, contiguous :: parameters(:), least(:)
     integer :: j
 
-    associate (record => self%record)
-      call c_f_pointer(self%parameters, parameters, [size(p, 1)])
-      call c_f_pointer(transfer(record%scales, c_null_ptr), least, [size(p, 1)])
-      if (along_fields) then                           ! of compiled frames only
-        call sizes(self%plan%frame, y, widths)
-        widths = max(widths, 1.0_wp)
+    call c_f_pointer(self%parameters, parameters, [size(p, 1)])
+    call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [size(p, 1)])
+    if (along_fields) then                           ! of compiled frames only
+      call sizes(self%plan%frame, y, widths)
+      widths = max(widths, 1.0_wp)
+    end if
+    scales = max(abs(parameters), least)
+    scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
+    do j = 1, size(slope, 1)
+      lengths = 0.0_wp
+      if (along_fields) lengths(1) = maxval(abs(x(j, :)) / widths)
+      if (along_parameters) lengths(2) = maxval(abs(p(:, j)) / scales)
+      if (minval(lengths) * 1000 > maxval(lengths)) then
+        call add(maxval(lengths), 1.0_wp, 1.0_wp)
+      else
+        call add(lengths(1), 1.0_wp, 0.0_wp)
+        call add(lengths(2), 0.0_wp, 1.0_wp)
       end if
-      scales = max(abs(parameters), least)
-      scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
-      do j = 1, size(slope, 1)
-        lengths = 0.0_wp
-        if (along_fields) lengths(1) = maxval(abs(x(j, :)) / widths)
-        if (along_parameters) lengths(2) = maxval(abs(p(:, j)) / scales)
-        if (minval(lengths) * 1000 > maxval(lengths)) then
-          call add(maxval(lengths), 1.0_wp, 1.0_wp)
-        else
-          call add(lengths(1), 1.0_wp, 0.0_wp)
-          call add(lengths(2), 0.0_wp, 1.0_wp)
-        end if
-        if (self%code /= 0) return
-      end do
-    end associate
+      if (self%code /= 0) return
+    end do
 
   contains
 
@@ -246,13 +238,11 @@ contains
     real(wp) :: point(size(y))
     type(c_ptr) :: data
 
-    associate (record => self%record)
-      data = transfer(merge(own_data, record%data, own_data /= 0), data)
-      if (own_data == 0 .and. record%parameters + record%inputs > 0) data = self%parameters
-      point = y
-      rhs => field_at(address)
-      self%code = rhs(self%t, point, values, data)
-    end associate
+    data = transfer(merge(own_data, self%record%data, own_data /= 0), data)
+    if (own_data == 0 .and. self%record%parameters + self%record%inputs > 0) data = self%parameters
+    point = y
+    rhs => field_at(address)
+    self%code = rhs(self%t, point, values, data)
   end subroutine call_function
 
   ! a(j, i) becomes the difference of f(i) along field j.
@@ -296,25 +286,23 @@ contains
     integer :: j, side, sides
 
     d = 0.0_wp
-    associate (record => self%record)
-      call c_f_pointer(self%parameters, parameters, [size(d, 1)])
-      call c_f_pointer(transfer(record%scales, c_null_ptr), scales, [size(d, 1)])
-      sides = merge(1, 2, record%one_sided /= 0)
-      values(:, 2) = f
-      do j = 1, size(d, 1)
-        before = parameters(j)
-        step = max(abs(before), scales(j))
-        step = record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
-        do side = 1, sides
-          parameters(j) = before + merge(step, -step, side == 1)
-          values(:, side) = nan
-          call call_f(self, y, values(:, side))
-          parameters(j) = before
-          if (self%code /= 0) return
-        end do
-        d(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
+    call c_f_pointer(self%parameters, parameters, [size(d, 1)])
+    call c_f_pointer(transfer(self%record%scales, c_null_ptr), scales, [size(d, 1)])
+    sides = merge(1, 2, self%record%one_sided /= 0)
+    values(:, 2) = f
+    do j = 1, size(d, 1)
+      before = parameters(j)
+      step = max(abs(before), scales(j))
+      step = self%record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
+      do side = 1, sides
+        parameters(j) = before + merge(step, -step, side == 1)
+        values(:, side) = nan
+        call call_f(self, y, values(:, side))
+        parameters(j) = before
+        if (self%code /= 0) return
       end do
-    end associate
+      d(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
+    end do
   end subroutine difference_by_parameters
 
   ! Adds the matrix of brackets with f.
@@ -331,9 +319,7 @@ contains
     call c_f_pointer(transfer(record%index, c_null_ptr), index, [3, count])
     call c_f_pointer(transfer(record%constant, c_null_ptr), constant, [count])
     do c = 1, count
-      associate (i => index(1, c), j => index(2, c), k => index(3, c))
-        a(j, k) = a(j, k) + constant(c) * f(i)
-      end associate
+      a(index(2, c), index(3, c)) = a(index(2, c), index(3, c)) + constant(c) * f(index(1, c))
     end do
   end subroutine add_brackets
 

@@ -46,14 +46,10 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) then
-      associate (events => x%events)
-        x%needs_interpolant = any(events%came_from /= 0) &
-          .or. any(crosses(events%before, events%after, x%problem%events%direction, &
-                           x%problem%events%period) &
-                   .and. (abs(events%after) > 0 .or. may_cut(x)))
-      end associate
-    end if
+    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
+                       x%problem%events%period) &
+               .and. (abs(x%events%after) > 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
   end subroutine examine_step
@@ -90,12 +86,10 @@ contains
     call find_zeros(x, .true.)
     if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
     x%phase = phase_complete_step
-    associate (zeros => x%events%zeros)
-      cuts = may_cut(x)
-      x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
-                                .or. cuts(zeros%event))
-      x%seeks_events = size(zeros) > 0
-    end associate
+    cuts = may_cut(x)
+    x%needs_interpolant = any(x%events%zeros%at < 1 .or. cuts(x%events%zeros%event) &
+                              .or. abs(x%events%after(x%events%zeros%event)) > 0)
+    x%seeks_events = size(x%events%zeros) > 0
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
@@ -151,20 +145,15 @@ contains
   subroutine store_with_events(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
+    real(wp) :: until, y(x%frame%point_size)
     logical :: ended
 
     if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
-    if (x%status == finished) call store_zeros(x, output, until, ended, after)
+    if (x%status == finished) call store_zeros(x, output, until, ended, y)
     if (x%status /= finished) return
     deallocate (x%events%zeros)
-    t = time_at(x, until)
-    if (ended) then
-      y = after
-    else
-      call point_at(x, until, y)
-    end if
-    call store_until(x, t, y, ended, output)
+    if (.not. ended) call point_at(x, until, y)
+    call store_until(x, time_at(x, until), y, ended, output)
   end subroutine store_with_events
 
   ! Stores the output of a step up to time t, where the solution is y.
@@ -223,11 +212,9 @@ contains
     else if (x%events%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
     else
-      associate (events => x%events)
-        events%small = max(small_value * max(abs(events%before), abs(events%after)), &
-                           2 * abs(events%value_after))
-        events%known = .false.
-      end associate
+      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
+                         2 * abs(x%events%value_after))
+      x%events%known = .false.
       x%phase = phase_after_events
     end if
   end subroutine begin_next_step
@@ -267,9 +254,9 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             point = y
-          else if (x%problem%method%kind == kind_polynomial) then
+          else if (x%method%kind == kind_polynomial) then
             call prepare_next(x, output)
-            point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
+            point = x%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
@@ -300,27 +287,25 @@ contains
     real(wp) :: theta
     integer :: most
 
-    inner => x%problem%frame%blocks(1)%action%inner
-    associate (n => x%problem%frame%point_size)
-      most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
-      x%inner_from = x%outputs_done
-      inner%owner = x%member
-      inner%count = 0
-      if (most <= 0) return
-      if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
-      do while (inner%count < most)
-        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
-        if (.not. theta < 1) exit
-        inner%count = inner%count + 1
-        inner%theta(inner%count) = theta
-      end do
-      inner%wanted = inner%count > 0
-      if (.not. inner%wanted) return
-      if (allocated(inner%y)) then
-        if (size(inner%y, 2) < inner%count) deallocate (inner%y)
-      end if
-      if (.not. allocated(inner%y)) allocate (inner%y(n, inner%count))
-    end associate
+    inner => x%frame%blocks(1)%action%inner
+    most = min(max_count, max(1, max_numbers / x%frame%point_size), output%outputs - x%outputs_done)
+    x%inner_from = x%outputs_done
+    inner%owner = x%member
+    inner%count = 0
+    if (most <= 0) return
+    if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
+    do while (inner%count < most)
+      theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
+      if (.not. theta < 1) exit
+      inner%count = inner%count + 1
+      inner%theta(inner%count) = theta
+    end do
+    inner%wanted = inner%count > 0
+    if (.not. inner%wanted) return
+    if (allocated(inner%y)) then
+      if (size(inner%y, 2) < inner%count) deallocate (inner%y)
+    end if
+    if (.not. allocated(inner%y)) allocate (inner%y(x%frame%point_size, inner%count))
   end subroutine prepare_inner
 
   ! Prepares the point at the last output time passed where it isn't yet.
@@ -328,18 +313,17 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (method => x%problem%method, end => x%request%y, &
-               inner => x%problem%frame%blocks(1)%action%inner)
+    associate (end => x%request%y, inner => x%frame%blocks(1)%action%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
       call prepare_inner(x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
-      associate (first => method%path_first(method%result), &
-                 last => method%path_first(method%result + 1) - 1)
-        call combine_flows(method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call apply_flows(x%problem%frame, last - first + 1, x%v, end)
+      associate (first => x%method%path_first(x%method%result), &
+                 last => x%method%path_first(x%method%result + 1) - 1)
+        call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
+        call apply_flows(x%frame, last - first + 1, x%v, end)
       end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate

@@ -32,33 +32,31 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    associate (newton => x%newton, method => x%problem%method, frame => x%problem%frame)
-      if (newton%iteration == 0) then
-        newton%member = x%member
-        x%f(:, 1) = x%slope
-        if (.not. newton%has_jacobian) then
-          call request_jacobian(x)
+    if (x%newton%iteration == 0) then
+      x%newton%member = x%member
+      x%f(:, 1) = x%slope
+      if (.not. x%newton%has_jacobian) then
+        call request_jacobian(x)
+        return
+      end if
+      if (abs(x%h - x%newton%factored_h) > noise * abs(x%h)) then
+        call factor(x%newton, x%h, singular)
+        x%counts%nlu = x%counts%nlu + 2
+        if (singular) then
+          call give_up(x)
           return
         end if
-        if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor(newton, x%h, singular)
-          x%counts%nlu = x%counts%nlu + 2
-          if (singular) then
-            call give_up(x)
-            return
-          end if
-        end if
-        call predict(newton, method%series, method%c(2:), x%h)
-        newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
-        newton%iteration = 1
-        x%stage = 2
       end if
-      call copy(frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(frame, 1, newton%z(:, x%stage - 1), x%y(:, x%result))
-      x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
-                   phase_stage_received, x%request%received)
-    end associate
+      call predict(x%newton, x%method%series, x%method%c(2:), x%h)
+      x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
+      x%newton%iteration = 1
+      x%stage = 2
+    end if
+    call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
+    call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
+    x%counts%nexp = x%counts%nexp + 1
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
+                 phase_stage_received, x%request%received)
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
@@ -76,17 +74,15 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (z => x%newton%z, frame => x%problem%frame, series => x%problem%method%series)
-      x%f(:, x%stage) = x%request%received
-      call dexpinv(frame, series, z(:, x%stage - 1), x%f(:, x%stage), exists)
-      if (.not. exists) then
-        call reject_stage(x, step_too_long, x%t)
-        return
-      end if
-      x%stage = x%stage + 1
-      x%phase = phase_next_stage
-      if (x%stage > size(x%problem%method%c)) call correct_stages(x)
-    end associate
+    x%f(:, x%stage) = x%request%received
+    call dexpinv(x%frame, x%method%series, x%newton%z(:, x%stage - 1), x%f(:, x%stage), exists)
+    if (.not. exists) then
+      call reject_stage(x, step_too_long, x%t)
+      return
+    end if
+    x%stage = x%stage + 1
+    x%phase = phase_next_stage
+    if (x%stage > size(x%method%c)) call correct_stages(x)
   end subroutine store_collocation
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
@@ -96,7 +92,7 @@ contains
     integer :: remaining
     logical :: slow, solved
 
-    associate (newton => x%newton, rtol => x%problem%tolerances%rtol)
+    associate (newton => x%newton, rtol => x%tolerances%rtol)
       call correction(newton, x%h, x%f(:, 2:), dz)
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       tolerance = rounding
@@ -136,39 +132,35 @@ contains
     real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
     integer :: i
 
-    associate (frame => x%problem%frame, tolerances => x%problem%tolerances)
-      if (.not. x%problem%adaptive) then
-        call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
-        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
-          / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
-        return
-      end if
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
-      correction_norm = 0.0_wp
-      do i = 1, size(dz, 2)
-        call tangent(frame, tolerances, dz(:, i), x%y(:, 0), x%control%v)
-        correction_norm = hypot(correction_norm, norm(tolerances, x%control%v, x%control%scale))
-      end do
-      correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
-    end associate
+    if (.not. x%problem%adaptive) then
+      call sizes(x%frame, x%y(:, 0), x%u)
+      correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
+      if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
+        / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
+      return
+    end if
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
+    correction_norm = 0.0_wp
+    do i = 1, size(dz, 2)
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%control%v)
+      correction_norm = hypot(correction_norm, norm(x%tolerances, x%control%v, x%control%scale))
+    end do
+    correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
 
   ! Tries again with the Jacobian of the present point, or else with a smaller step.
   subroutine give_up(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (newton => x%newton)
-      newton%rate_factor = 1.0_wp
-      x%request%flag = newton%iteration
-      if (newton%fresh) then
-        call reject_stage(x, stages_not_solved, x%t)
-      else
-        newton%has_jacobian = .false.
-        newton%iteration = 0
-        x%phase = phase_next_stage
-      end if
-    end associate
+    x%newton%rate_factor = 1.0_wp
+    x%request%flag = x%newton%iteration
+    if (x%newton%fresh) then
+      call reject_stage(x, stages_not_solved, x%t)
+    else
+      x%newton%has_jacobian = .false.
+      x%newton%iteration = 0
+      x%phase = phase_next_stage
+    end if
   end subroutine give_up
 
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
@@ -176,25 +168,23 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: answer(max(1, size(x%newton%jacobian)))
 
-    associate (newton => x%newton)
-      x%counts%njev = x%counts%njev + 1
-      if (.not. x%problem%has_jacobian) then
-        call displacements(x, newton%z(:, 1))
-        newton%column = 1
-        call request_column(x)
-        return
-      end if
-      answer = -huge(1.0_wp)
-      call x%problem%frame%callback%apply(jacobian_operation, &
-                                         [x%t, real(x%member - 1, wp), x%slope], x%y(:, 0), answer)
-      if (.not. all(abs(answer) < huge(1.0_wp))) then
-        call fail(x, raised, x%t)
-        return
-      end if
-      newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
-      if (.not. newton%sparse) call add_brackets(x)
-      call finish_jacobian(x)
-    end associate
+    x%counts%njev = x%counts%njev + 1
+    if (.not. x%problem%has_jacobian) then
+      call displacements(x, x%newton%z(:, 1))
+      x%newton%column = 1
+      call request_column(x)
+      return
+    end if
+    answer = -huge(1.0_wp)
+    call x%frame%callback%apply(jacobian_operation, [x%t, real(x%member - 1, wp), x%slope], &
+                                x%y(:, 0), answer)
+    if (.not. all(abs(answer) < huge(1.0_wp))) then
+      call fail(x, raised, x%t)
+      return
+    end if
+    x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
+    if (.not. x%newton%sparse) call add_brackets(x)
+    call finish_jacobian(x)
   end subroutine request_jacobian
 
   ! The displacements of differences. They are relative to coordinates, however small, so that the
@@ -205,26 +195,22 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
-    associate (tolerances => x%problem%tolerances)
-      call sizes(x%problem%frame, x%y(:, 0), d)
-      if (x%problem%adaptive .and. tolerances%in_coordinates) &
-        d = max(d, merge(maxval(d, without_control(x, size(d))), tolerances%atol, &
-                         without_control(x, size(d))))
-      where (.not. d > 0) d = abs(x%h * x%slope)
-      where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
-      d = sqrt(epsilon(1.0_wp)) * d
-    end associate
+    call sizes(x%frame, x%y(:, 0), d)
+    if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
+      d = max(d, merge(maxval(d, without_control(x)), x%tolerances%atol, without_control(x)))
+    where (.not. d > 0) d = abs(x%h * x%slope)
+    where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
+    d = sqrt(epsilon(1.0_wp)) * d
   end subroutine displacements
 
   ! The coordinates without control of errors, of which the derivatives of a solution are examples
-  pure function without_control(x, n)
+  pure function without_control(x)
     type(trajectory_t), intent(in) :: x
-    integer, intent(in) :: n                           ! dimension
-    logical :: without_control(n)
+    logical :: without_control(x%frame%dimension)
 
     without_control = .false.
-    if (x%problem%adaptive .and. x%problem%tolerances%in_coordinates) &
-      without_control = x%problem%tolerances%atol > huge(1.0_wp)
+    if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
+      without_control = x%tolerances%atol > huge(1.0_wp)
   end function without_control
 
   ! Requests the coefficients at a point displaced along a field of the frame.
@@ -234,8 +220,8 @@ contains
     associate (column => x%newton%column)
       x%u = 0.0_wp
       x%u(column) = x%newton%z(column, 1)
-      call copy(x%problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%problem%frame, 1, x%u, x%y(:, x%result))
+      call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
+      call apply_flows(x%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%received)
     end associate
@@ -247,13 +233,13 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%u))
 
-    associate (newton => x%newton, column => x%newton%column, series => x%problem%method%series)
+    associate (newton => x%newton, column => x%newton%column, series => x%method%series)
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%request%received
-      call dexpinv(x%problem%frame, series, x%u, newton%jacobian(:, column), exists)
+      call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      uncontrolled = without_control(x, size(uncontrolled))
+      uncontrolled = without_control(x)
       if (.not. uncontrolled(column)) &
         newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1
@@ -277,9 +263,9 @@ contains
       x%u(j) = 1.0_wp
       ahead = x%slope
       behind = x%slope
-      call dexpinv(x%problem%frame, x%problem%method%series, x%u, ahead, exists)
+      call dexpinv(x%frame, x%method%series, x%u, ahead, exists)
       x%u(j) = -1.0_wp
-      call dexpinv(x%problem%frame, x%problem%method%series, x%u, behind, exists)
+      call dexpinv(x%frame, x%method%series, x%u, behind, exists)
       x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
     end do
   end subroutine add_brackets
@@ -304,13 +290,11 @@ contains
   pure subroutine keep_step(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (newton => x%newton)
-      newton%last = x%f(:, 2:)
-      newton%last_h = x%h
-      newton%fresh = .false.
-      newton%moved = .false.
-      newton%has_jacobian = converges_fast(x)
-    end associate
+    x%newton%last = x%f(:, 2:)
+    x%newton%last_h = x%h
+    x%newton%fresh = .false.
+    x%newton%moved = .false.
+    x%newton%has_jacobian = converges_fast(x)
   end subroutine keep_step
 
 end module collocation_m

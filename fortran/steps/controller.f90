@@ -50,8 +50,7 @@ contains
     real(wp), intent(in) :: proposed, taken, error, exponent
 
     resumed_size = proposed
-    if (error > min_last_error) &
-      resumed_size = min(proposed, rejected_size(taken, error, exponent))
+    if (error > min_last_error) resumed_size = min(proposed, rejected_size(taken, error, exponent))
   end function resumed_size
 
   ! Computes the size of the step after an accepted one.

@@ -61,29 +61,26 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: first(2)                     ! e1 and e2, of the quadratures
 
-    associate (frame => x%problem%frame, tolerances => x%problem%tolerances, &
-               method => x%problem%method, v => x%u)
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
-      if (method%embedded > 0) then
-        if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
-      end if
-      x%path_of_u = 0
-      if (method%in_parts) then
-        call estimate_parts(x, first)
-      else
-        call estimate_whole(x, first)
-      end if
-      call limit_angle(x)
-      if (method%has_nodes .and. abs(x%h_before) > 0) then
-        call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
-        v = x%h * v
-        call remove_isotropy(frame, x%y(:, x%result), v)
-        x%error = max(x%error, norm_of_u(x))
-      else if (method%has_nodes .and. x%counts%steps == 0) then
-        if (any(first > resolved * variation(x))) &
-          x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
-      end if
-    end associate
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
+    if (x%method%embedded > 0) then
+      if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
+    end if
+    x%path_of_u = 0
+    if (x%method%in_parts) then
+      call estimate_parts(x, first)
+    else
+      call estimate_whole(x, first)
+    end if
+    call limit_angle(x)
+    if (x%method%has_nodes .and. abs(x%h_before) > 0) then
+      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
+      x%u = x%h * x%u
+      call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+      x%error = max(x%error, norm_of_u(x))
+    else if (x%method%has_nodes .and. x%counts%steps == 0) then
+      if (any(first > resolved * variation(x))) &
+        x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
+    end if
   end subroutine estimate_error
 
   ! The largest change of the coefficients from the start of the step to a node
@@ -92,7 +89,7 @@ contains
     integer :: k
 
     variation = 0.0_wp
-    do k = 2, size(x%problem%method%c)
+    do k = 2, size(x%method%c)
       x%u = x%h * (x%f(:, k) - x%f(:, 1))
       variation = max(variation, norm_of_u(x))
     end do
@@ -105,24 +102,24 @@ contains
     real(wp) :: errors(3), error
     integer :: i, place
 
-    associate (method => x%problem%method)
-      errors = 0.0_wp
-      if (method%embedded > 0) errors(1) = distance(x, method%embedded)
-      do i = 1, size(method%error, 2)
-        call sum_of_stages(x, i)
-        place = estimate_of(method, i)
-        error = norm_of_u(x)
-        if (method%kind == kind_polynomial) error = hypot(errors(place), error)
-        if (.not. error <= errors(place)) errors(place) = error
-      end do
-      first = [errors(1), 0.0_wp]
-      x%error = combined(method, errors(1), errors(2))
-      if (method%power == 0) then
-        if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
-          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
-        x%error = max(errors(1), method%factor * errors(2))
-      end if
-    end associate
+    errors = 0.0_wp
+    if (x%method%embedded > 0) errors(1) = distance(x, x%method%embedded)
+    do i = 1, size(x%method%error, 2)
+      call sum_of_stages(x, i)
+      ! sums at the end of the step belong to e2 and e3, else each half to one
+      place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
+      if (x%method%power == 0) place = 1 + i
+      error = norm_of_u(x)
+      if (x%method%kind == kind_polynomial) error = hypot(errors(place), error)
+      if (.not. error <= errors(place)) errors(place) = error
+    end do
+    first = [errors(1), 0.0_wp]
+    x%error = combined(x%method, errors(1), errors(2))
+    if (x%method%power == 0) then
+      if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
+        errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
+      x%error = max(errors(1), x%method%factor * errors(2))
+    end if
   end subroutine estimate_whole
 
   ! Estimates the error by two differences, in parts: sums of stages, and the rest. With a third
@@ -136,9 +133,9 @@ contains
     integer :: i, place
 
     errors = 0.0_wp
-    associate (method => x%problem%method, last => size(x%problem%method%error, 2))
+    associate (last => size(x%method%error, 2))
       do i = 1, last
-        if (method%third == 0 .and. method%of_time) then
+        if (x%method%third == 0 .and. x%method%of_time) then
           place = merge(1, 2, i <= 2)
           call sum_of_stages(x, i)
           call count_part(merge(1, 2, mod(i, 2) == 1), norm_of_u(x))
@@ -146,9 +143,8 @@ contains
         end if
         place = merge(2, 1, i == last)
         if (allocated(x%added)) then
-          call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, &
-                       x%u)
-          call remove_isotropy(x%problem%frame, x%y(:, x%result), x%u)
+          call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%added, x%u)
+          call remove_isotropy(x%frame, x%y(:, x%result), x%u)
           call count_part(2, norm_of_u(x))
           rest = x%u
           call sum_of_stages(x, i)
@@ -157,15 +153,15 @@ contains
         else
           call sum_of_stages(x, i)
           call count_part(1, norm_of_u(x))
-          if (i == 1) call count_part(2, distance(x, method%embedded, x%control%work))
-          if (i == last) call count_part(2, distance(x, method%third, x%control%work))
+          if (i == 1) call count_part(2, distance(x, x%method%embedded, x%control%work))
+          if (i == last) call count_part(2, distance(x, x%method%third, x%control%work))
         end if
       end do
       first = errors(1, :)
-      associate (parts => [(combined(method, errors(i, 1), errors(i, 2)), i=1, 2)])
-        x%error = merge(sum(parts), maxval(parts), method%of_time)
+      associate (parts => [(combined(x%method, errors(i, 1), errors(i, 2)), i=1, 2)])
+        x%error = merge(sum(parts), maxval(parts), x%method%of_time)
       end associate
-      if (method%of_time .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+      if (x%method%of_time .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
 
   contains
@@ -188,11 +184,11 @@ contains
     integer :: i
 
     change = 0.0_wp
-    do i = 2, size(x%problem%method%c)
+    do i = 2, size(x%method%c)
       x%u = x%f(:, i) - x%f(:, 1)
-      change = max(change, abs(x%h) * turning(x%problem%frame, x%u, .true.))
+      change = max(change, abs(x%h) * turning(x%frame, x%u, .true.))
     end do
-    associate (power => 1 / x%problem%tolerances%exponent)
+    associate (power => 1 / x%tolerances%exponent)
       x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
       if (change > max_change) x%error = max(x%error, (change / max_change)**power)
     end associate
@@ -213,22 +209,10 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: i
 
-    associate (method => x%problem%method, v => x%u)
-      call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
-      if (method%kind == kind_collocation) call filtered(x%newton, v)
-      call remove_isotropy(x%problem%frame, x%y(:, x%result), v)
-    end associate
+    call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
+    if (x%method%kind == kind_collocation) call filtered(x%newton, x%u)
+    call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
-
-  ! Which of e1, e2 and e3 sum i of stages belongs to: those at the end of the step to e2 and e3, else
-  ! each half to one.
-  pure integer function estimate_of(method, i)
-    type(method_t), intent(in) :: method
-    integer, intent(in) :: i
-
-    estimate_of = merge(1, 2, i <= (size(method%error, 2) + 1) / 2)
-    if (method%power == 0) estimate_of = 1 + i
-  end function estimate_of
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
@@ -237,12 +221,12 @@ contains
     real(wp) :: excess
     integer :: k
 
-    if (any(x%problem%method%kind == [kind_collocation, kind_polynomial])) return
-    excess = (abs(x%h) * turning(x%problem%frame, x%f(:, 1), .true.) / max_angle) &
-             **(1 / x%problem%tolerances%exponent)
+    if (any(x%method%kind == [kind_collocation, kind_polynomial])) return
+    excess = (abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle) &
+             **(1 / x%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     x%path_of_u = 0
-    do k = 2, size(x%f, 2) - size(x%problem%method%bracket, 3)
+    do k = 2, size(x%f, 2) - size(x%method%bracket, 3)
       x%u = x%h * (x%f(:, k) - x%f(:, 1))
       if (.not. norm_of_u(x) <= 1) then
         x%error = excess
@@ -280,9 +264,8 @@ contains
       end associate
     end do
     do k = s + 1, 2 * s - 1
-      associate (middle => (t(k) + t(k + 1)) / 2)
-        largest = max(largest, abs(product(middle - t, mask=[(counts(j), j=1, 2 * s)])))
-      end associate
+      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t, &
+                                         mask=[(counts(j), j=1, 2 * s)])))
     end do
     v = largest * merge(v, 0.0_wp, abs(v) > roundings * sizes)
 
@@ -303,21 +286,21 @@ contains
     integer, intent(in) :: path
     real(wp), intent(in), optional :: known(:)
 
-    if (x%problem%tolerances%in_coordinates) then
-      call difference(x%problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+    if (x%tolerances%in_coordinates) then
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%control%v)
     else
       x%control%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
     if (present(known)) x%control%v(:) = x%control%v - known(:size(x%control%v))
-    distance = norm(x%problem%tolerances, x%control%v, x%control%scale)
+    distance = norm(x%tolerances, x%control%v, x%control%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
   real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%problem%frame, x%problem%tolerances, x%u, x%y(:, x%result), x%control%work)
-    norm_of_u = norm(x%problem%tolerances, x%control%work, x%control%scale)
+    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%control%work)
+    norm_of_u = norm(x%tolerances, x%control%work, x%control%scale)
   end function norm_of_u
 
 end module error_estimate_m

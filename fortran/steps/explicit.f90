@@ -22,7 +22,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%f(:, 1) = x%slope
-    if (x%problem%method%kind == kind_registers) then
+    if (x%method%kind == kind_registers) then
       x%y(:, 1) = x%y(:, 0)
       call move_along_register(x)
     end if
@@ -35,16 +35,16 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: path
 
-    associate (method => x%problem%method, t => x%t + x%problem%method%c(x%stage) * x%h)
-      if (method%kind == kind_registers) then
+    associate (t => x%t + x%method%c(x%stage) * x%h)
+      if (x%method%kind == kind_registers) then
         path = merge(0, 1, x%problem%of_time)
         call request(x, t, x%y(:, path), phase_stage_received, x%request%received)
       else
-        path = merge(0, method%stage_path(x%stage), x%problem%of_time)
+        path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
         call follow_paths(x, path)
         if (x%status /= finished) return
         call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
-                     method%goes_on(path))
+                     x%method%goes_on(path))
       end if
     end associate
   end subroutine request_explicit
@@ -54,41 +54,39 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (method => x%problem%method)
-      if (method%kind == kind_registers) then
-        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
-        call move_along_register(x)
-      else
-        if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
-        if (x%stage == method%final_stage .or. (x%problem%of_time .and. &
-                                                .not. abs(method%c(x%stage) - 1) > 0)) then
-          x%end_slope(:) = x%f(:, x%stage)
-          x%end_known = .true.
-        end if
+    if (x%method%kind == kind_registers) then
+      x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%received
+      call move_along_register(x)
+    else
+      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
+      if (x%stage == x%method%final_stage .or. &
+          (x%problem%of_time .and. .not. abs(x%method%c(x%stage) - 1) > 0)) then
+        x%end_slope(:) = x%f(:, x%stage)
+        x%end_known = .true.
       end if
-      if (method%kind == kind_algebra .and. method%stage_path(x%stage) > 0) then
-        if (x%path_of_u /= method%stage_path(x%stage)) &
-          call combine_coordinates(method, method%stage_path(x%stage), x)
-        if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
-        call dexpinv(x%problem%frame, method%series, x%u, x%f(:, x%stage), exists)
-        if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
-        if (.not. exists) then
-          call reject_stage(x, step_too_long, x%t)
-          return
-        end if
+    end if
+    if (x%method%kind == kind_algebra .and. x%method%stage_path(x%stage) > 0) then
+      if (x%path_of_u /= x%method%stage_path(x%stage)) &
+        call combine_coordinates(x, x%method%stage_path(x%stage))
+      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
+      call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
+      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
+      if (.not. exists) then
+        call reject_stage(x, step_too_long, x%t)
+        return
       end if
-      x%stage = x%stage + 1
-      x%phase = phase_next_stage
-    end associate
+    end if
+    x%stage = x%stage + 1
+    x%phase = phase_next_stage
   end subroutine store_explicit
 
   ! Moves the point along h b Z.
   subroutine move_along_register(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%u = (x%h * x%problem%method%b(x%stage)) * x%f(:, 1)
-    call apply_flows(x%problem%frame, 1, x%u, x%y(:, 1))
-    call restore(x%problem%frame, x%y(:, 1))
+    x%u = (x%h * x%method%b(x%stage)) * x%f(:, 1)
+    call apply_flows(x%frame, 1, x%u, x%y(:, 1))
+    call restore(x%frame, x%y(:, 1))
     x%counts%nexp = x%counts%nexp + 1
   end subroutine move_along_register
 

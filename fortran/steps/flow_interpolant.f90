@@ -61,7 +61,7 @@ module flow_interpolant_m
     logical :: noisy = .false.               ! whether noise is in the middle of the step
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
     integer :: node = 0                      ! the next one, of the interpolant with more nodes
-    integer :: nexp = 0                      ! flows that it took
+    integer :: nexp = 0                      ! flows that it took and that aren't counted yet
     real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
     ! (dimension times flows) those of the step, of a frame in Python if they are kept

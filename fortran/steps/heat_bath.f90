@@ -57,9 +57,8 @@ contains
     part = sqrt(bath%temperature * (1 - kept) * (1 + kept))
     k = frame%before
     do i = 1, size(frame%bodies)
-      associate (n => frame%blocks(i)%dimension, v => frame%blocks(i)%vectors, &
-                 root => frame%bodies(i)%root)
-        associate (momentum => y(k + v + 1:k + v + n), xi => noise(v + 1:v + n))
+      associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
+        associate (momentum => y(k + v:k + last), xi => noise(v:last))
           if (size(root, 2) == 1) then
             momentum = kept * momentum + part * root(:, 1) * xi
           else

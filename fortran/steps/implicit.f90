@@ -42,45 +42,40 @@ contains
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
-    associate (method => x%problem%method)
-      path = merge(0, method%stage_path(x%stage), x%problem%of_time)
-      call follow_paths(x, path)
-      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
-                   x%request%received)
-    end associate
+    path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
+    call follow_paths(x, path)
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
+                 x%request%received)
   end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
   subroutine next_block(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (solver => x%solver, method => x%problem%method)
-      if (solver%last > 0) call rewind_paths(method, x)
-      do
-        solver%first = solver%last + 1
-        if (solver%first > size(method%c)) exit
-        solver%last = solver%last + size(method%c) / method%blocks
-        if (solver%first < solver%last .or. method%stage_path(solver%first) > 0) exit
-      end do
-      solver%iteration = 1
-      solver%column = 0
-      solver%correction = huge(1.0_wp)
-      solver%smallest = huge(1.0_wp)
-      x%stage = solver%first
-      x%phase = merge(phase_finish_step, phase_next_stage, solver%first > size(method%c))
-    end associate
+    if (x%solver%last > 0) call rewind_paths(x)
+    do
+      x%solver%first = x%solver%last + 1
+      if (x%solver%first > size(x%method%c)) exit
+      x%solver%last = x%solver%last + size(x%method%c) / x%method%blocks
+      if (x%solver%first < x%solver%last .or. x%method%stage_path(x%solver%first) > 0) exit
+    end do
+    x%solver%iteration = 1
+    x%solver%column = 0
+    x%solver%correction = huge(1.0_wp)
+    x%solver%smallest = huge(1.0_wp)
+    x%stage = x%solver%first
+    x%phase = merge(phase_finish_step, phase_next_stage, x%solver%first > size(x%method%c))
   end subroutine next_block
 
   ! Returns to the first stage of the block. If it is the only one, its path is the last of its
   ! flows, and those before it stay; functions of time have followed none.
-  pure subroutine rewind_paths(method, x)
-    type(method_t), intent(in) :: method
+  pure subroutine rewind_paths(x)
     type(trajectory_t), intent(inout) :: x
 
     x%stage = x%solver%first
     x%paths = 0
-    if (method%blocks > 1 .and. .not. x%problem%of_time) &
-      x%paths = max(method%stage_path(x%stage) - 1, 0)
+    if (x%method%blocks > 1 .and. .not. x%problem%of_time) &
+      x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
   ! Whether the coefficients at the only stage of a block have an influence on its point
@@ -99,9 +94,9 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: block, info
 
-    associate (solver => x%solver, method => x%problem%method, n => size(x%f, 1))
-      block = merge(solver%first, 1, method%blocks > 1)
-      if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
+    associate (solver => x%solver, n => size(x%f, 1))
+      block = merge(solver%first, 1, x%method%blocks > 1)
+      if (x%method%blocks > 1 .and. .not. is_implicit(x%method, x%stage)) then
         x%f(:, x%stage) = x%request%received
         call next_block(x)
         return
@@ -117,7 +112,7 @@ contains
       x%stage = x%stage + 1
       x%phase = phase_next_stage
       if (x%stage <= solver%last) return
-      call rewind_paths(method, x)
+      call rewind_paths(x)
       if (solver%column > 0) then
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
         solver%column = solver%column + 1
@@ -165,7 +160,7 @@ contains
     real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
     real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
 
-    call sizes(x%problem%frame, x%y(:, 0), scale)
+    call sizes(x%frame, x%y(:, 0), scale)
     scale = max(abs(k), scale / abs(x%h))
     where (.not. scale > 0) scale = merge(maxval(scale), 1.0_wp, maxval(scale) > 0)
   end subroutine scale_of

@@ -131,12 +131,10 @@ contains
     type(interpolant_t), intent(inout) :: self
     integer :: d
 
-    associate (n => self%known)
-      do d = 1, terms
-        self%weight(:n) = self%h * self%scheme%basis(:n, d)
-        call combine(size(self%u), n, self%weight, self%next, self%field(:, d))
-      end do
-    end associate
+    do d = 1, terms
+      self%weight(:self%known) = self%h * self%scheme%basis(:self%known, d)
+      call combine(size(self%u), self%known, self%weight, self%next, self%field(:, d))
+    end do
   end subroutine sum_terms
 
   ! Computes the point of the next node.
@@ -145,11 +143,10 @@ contains
     real(wp), intent(out) :: theta
 
     if (self%on_algebra) then
-      associate (n => self%known, &
-                 extra => self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1)
+      associate (extra => self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1)
         theta = self%scheme%theta(extra)
-        self%weight(:n) = self%h * self%scheme%row(:n, extra)
-        call combine(self%frame%dimension, n, self%weight, self%next, self%u)
+        self%weight(:self%known) = self%h * self%scheme%row(:self%known, extra)
+        call combine(self%frame%dimension, self%known, self%weight, self%next, self%u)
       end associate
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
@@ -157,7 +154,6 @@ contains
       theta = self%scheme%node(self%node, next_count(self))
       call evaluate_interpolant(self, theta, self%y)
     end if
-    self%nexp = self%nexp + flows_of_evaluation(self)
   end subroutine next_node
 
   ! Stores the coefficients at the node.

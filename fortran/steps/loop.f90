@@ -95,7 +95,7 @@ contains
     case (phase_error_received)
       call store_error(x)
     case (phase_finish_step)
-      if (x%problem%method%kind == kind_polynomial) call prepare_inner(x, output)
+      if (x%method%kind == kind_polynomial) call prepare_inner(x, output)
       call finish_step(x)
     case (phase_decide_step)
       call accept_or_reject(x)

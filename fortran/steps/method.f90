@@ -91,8 +91,7 @@ contains
     method%series = int(record%series)
     method%power = int(record%power)
     method%factor = record%factor
-    method%error = reshape(reals(record%error, columns * record%errors), &
-                           [columns, record%errors])
+    method%error = reshape(reals(record%error, columns * record%errors), [columns, record%errors])
     method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
                              [columns, 2_c_int64_t, record%bracket_count])
     method%blocks = int(record%blocks)

@@ -23,7 +23,6 @@ module rattle_m
   use shared_numbers, only: finished, joints_not_solved, raised
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use iso_fortran_env, only: int64
   implicit none
   private
   public :: move_with_joints
@@ -38,26 +37,26 @@ contains
     real(wp) :: time
     integer :: flow, k
 
-    flow = x%problem%method%path_first(path)
-    time = x%h * x%problem%method%drift(flow)
+    flow = x%method%path_first(path)
+    time = x%h * x%method%drift(flow)
     call find_constraints(x, y)
     if (x%status /= finished) return
-    associate (m => x%problem%frame%forces, flows => x%problem%method%flows)
+    associate (m => x%frame%forces, flows => x%method%flows)
       associate (momenta => y(size(y) - m + 1:))
         do k = flows%first(flow), flows%first(flow + 1) - 1
           momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
         end do
-        if (x%problem%bath%present .and. path == middle_path(x%problem%method)) then
+        if (x%problem%bath%present .and. path == middle_path(x%method)) then
           call drift_closed(x, time / 2, path, y)
           if (x%status /= finished) return
-          call remove_opening(x%problem%frame, x%joints%here, momenta)
-          call exchange_heat(x%problem%bath, x%problem%frame, x%member, x%t, x%h, y)
-          call remove_opening(x%problem%frame, x%joints%here, momenta)
+          call remove_opening(x%frame, x%joints%here, momenta)
+          call exchange_heat(x%problem%bath, x%frame, x%member, x%t, x%h, y)
+          call remove_opening(x%frame, x%joints%here, momenta)
           call drift_closed(x, time / 2, path, y)
         else if (abs(time) > 0) then
           call drift_closed(x, time, path, y)
         else
-          call remove_opening(x%problem%frame, x%joints%here, momenta)
+          call remove_opening(x%frame, x%joints%here, momenta)
         end if
       end associate
     end associate
@@ -69,12 +68,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer :: status
 
-    associate (joints => x%joints, n => x%problem%frame%linkage%before)
-      if (joints%here%known) then
-        if (all(abs(joints%place - y(:n)) <= 0)) return
+    associate (n => x%frame%linkage%before)
+      if (x%joints%here%known) then
+        if (all(abs(x%joints%place - y(:n)) <= 0)) return
       end if
-      joints%place = y(:n)
-      call constraints_at(x%problem%frame, y, 1, joints%here, status)
+      x%joints%place = y(:n)
+      call constraints_at(x%frame, y, 1, x%joints%here, status)
     end associate
     if (status /= finished) call fail(x, status, x%t)
   end subroutine find_constraints
@@ -93,17 +92,16 @@ contains
 
     call copy(size(y), y, start)
     last = huge(last)
-    associate (frame => x%problem%frame, linkage => x%problem%frame%linkage, &
-               here => x%joints%here, ahead => x%joints%ahead)
+    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead)
       associate (impulse => x%joints%impulse(:size(lambda), :, path))
         lambda = 2 * impulse(:, 1) - impulse(:, 2)
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
-          call constraint_impulse(linkage, frame%blocks, here, .false., lambda, &
+          call constraint_impulse(linkage, here, .false., lambda, &
                                   y(linkage%before + 1:linkage%after))
-          call drift(frame, time, y)
-          x%counts%nexp = x%counts%nexp + 1_int64
-          call evaluate_constraints(linkage, frame%blocks, frame%bodies, y, 0, ahead, failed)
+          call drift(x%frame, time, y)
+          x%counts%nexp = x%counts%nexp + 1
+          call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
           if (failed) exit
           if (linkage%own > 0) then
             ahead%size(linkage%rows + 1:) = here%size(linkage%rows + 1:)
@@ -125,7 +123,7 @@ contains
       else if (i > iterations .or. .not. last < huge(last)) then
         call fail(x, joints_not_solved, x%t)
       else
-        call restore(frame, y)
+        call restore(x%frame, y)
         call find_constraints(x, y)
       end if
     end associate

@@ -46,10 +46,10 @@ contains
   subroutine request(x, t, y, next, f, y_is_used)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
-    real(wp), intent(inout) :: y(x%problem%frame%point_size)
+    real(wp), intent(inout) :: y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
     ! where a field's coefficients go, other answers go to x%request%received
-    real(wp), intent(inout) :: f(x%problem%frame%dimension)
+    real(wp), intent(inout) :: f(x%frame%dimension)
     logical, optional, intent(in) :: y_is_used         ! whether other paths start there
     logical :: guarded
 
@@ -59,13 +59,12 @@ contains
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
     guarded = .true.
-    if (present(y_is_used)) guarded = y_is_used .or. x%problem%frame%forces > 0 &
-                                      .or. x%problem%frame%derivatives &
-                                      .or. .not. associated(x%problem%field)
+    if (present(y_is_used)) guarded = y_is_used .or. x%frame%forces > 0 .or. &
+      x%frame%derivatives .or. .not. associated(x%problem%field)
     if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(x%problem%field)) return
     x%problem%field%member = x%member
-    if (x%problem%frame%derivatives) then
+    if (x%frame%derivatives) then
       call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
     else
       call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
@@ -73,8 +72,7 @@ contains
     if (guarded) then
       if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
     end if
-    if (x%problem%frame%derivatives) &
-      call coefficients_of(x%problem%frame, x%request%t, y, x%request%slope, f)
+    if (x%frame%derivatives) call coefficients_of(x%frame, x%request%t, y, x%request%slope, f)
     call check_coefficients(x, y, f)
   end subroutine request
 
@@ -82,20 +80,20 @@ contains
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
   subroutine check_coefficients(x, y, f)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: y(x%problem%frame%point_size)      ! where f was evaluated
-    real(wp), intent(inout) :: f(x%problem%frame%dimension)    ! the answer
+    real(wp), intent(in) :: y(x%frame%point_size)      ! where f was evaluated
+    real(wp), intent(inout) :: f(x%frame%dimension)    ! the answer
     logical :: splits
     integer :: status
 
     if (x%request%flag == 0) then
-      if (x%problem%frame%forces > 0 .and. x%problem%frame%tangents == 0) then
-        call take_forces(x%problem%frame, y, f)
-        splits = x%problem%method%kind == kind_splitting
-        if (.not. splits) call add_free_motion(x%problem%frame, y, f)
+      if (x%frame%forces > 0 .and. x%frame%tangents == 0) then
+        call take_forces(x%frame, y, f)
+        splits = x%method%kind == kind_splitting
+        if (.not. splits) call add_free_motion(x%frame, y, f)
         ! splitting methods add impulses of joints to kicks, their interpolants need the forces
-        if (x%problem%frame%jointed .and. finite(size(f), f) .and. &
+        if (x%frame%jointed .and. finite(size(f), f) .and. &
             (.not. splits .or. x%phase == phase_node_received)) then
-          call add_constraint_forces(x%problem%frame, y, splits, f, status)
+          call add_constraint_forces(x%frame, y, splits, f, status)
           if (status /= finished) then
             if (status == raised) call fail(x, raised, x%request%t)
             if (status /= raised) call reject_stage(x, status, x%request%t)
@@ -162,7 +160,7 @@ contains
     x%counts%steps = x%counts%steps - 1
     x%counts%nrejected = x%counts%nrejected + 1
     x%control%after_rejection = .true.
-    x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%problem%tolerances%exponent)
+    x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%tolerances%exponent)
     x%phase = phase_choose_step
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
   end subroutine retry_step
@@ -270,16 +268,14 @@ contains
     if (x%status /= finished) return
     call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
-    associate (events => x%events)
-      events%known = .true.
-      events%before = values
-      where (events%came_from /= 0 .and. abs(values) <= max(small, smallest))
-        events%before = 0.0_wp
-        events%value_after = values
-      elsewhere
-        events%came_from = 0
-      end where
-    end associate
+    x%events%known = .true.
+    x%events%before = values
+    where (x%events%came_from /= 0 .and. abs(values) <= max(small, smallest))
+      x%events%before = 0.0_wp
+      x%events%value_after = values
+    elsewhere
+      x%events%came_from = 0
+    end where
   end subroutine evaluate_at_start
 
 end module requests_m

@@ -30,31 +30,29 @@ contains
   subroutine request_stage(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (method => x%problem%method)
-      select case (method%kind)
-      case (kind_collocation)
-        call request_collocation(x)
-        return
-      case (kind_implicit)
-        call request_implicit(x)
-        return
-      end select
-      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) call start_explicit(x)
-      if (x%stage > stages(x)) then
-        x%phase = phase_finish_step
-      else if (x%problem%at_once) then
-        call evaluate_nodes(x)
-      else
-        call request_explicit(x)
-      end if
-    end associate
+    select case (x%method%kind)
+    case (kind_collocation)
+      call request_collocation(x)
+      return
+    case (kind_implicit)
+      call request_implicit(x)
+      return
+    end select
+    if (x%stage == 1 .and. .not. abs(x%method%c(1)) > 0) call start_explicit(x)
+    if (x%stage > stages(x)) then
+      x%phase = phase_finish_step
+    else if (x%problem%at_once) then
+      call evaluate_nodes(x)
+    else
+      call request_explicit(x)
+    end if
   end subroutine request_stage
 
   ! Stores the coefficients at a stage.
   subroutine store_stage(x)
     type(trajectory_t), intent(inout) :: x
 
-    select case (x%problem%method%kind)
+    select case (x%method%kind)
     case (kind_collocation)
       call store_collocation(x)
     case (kind_implicit)
@@ -68,8 +66,8 @@ contains
   pure integer function stages(x)
     type(trajectory_t), intent(in) :: x
 
-    stages = size(x%problem%method%c)
-    if (x%problem%method%power == 0 .and. .not. x%problem%adaptive) stages = stages - 1
+    stages = size(x%method%c)
+    if (x%method%power == 0 .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
   ! Evaluates a vectorized function of time for all remaining stages of the step.
@@ -80,26 +78,23 @@ contains
     logical :: failed
     integer :: k
 
-    associate (method => x%problem%method)
-      times = within_segment(x, x%t + method%c(x%stage:stages(x)) * x%h)
-      members = real(x%member - 1, wp)
-      call x%problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer, &
-                                            failed)
-      x%counts%nfev = x%counts%nfev + size(times, kind=int64)
-      if (failed) then
-        call fail(x, raised, x%t)
-        return
-      else if (.not. finite(size(answer), answer)) then
-        call reject_stage(x, field_not_finite, x%t)
-        return
-      end if
-      do k = 1, size(times)
-        x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
-        call store_stage(x)
-        if (x%phase /= phase_next_stage) return
-      end do
-      x%phase = phase_finish_step
-    end associate
+    times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
+    members = real(x%member - 1, wp)
+    call x%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer, failed)
+    x%counts%nfev = x%counts%nfev + size(times, kind=int64)
+    if (failed) then
+      call fail(x, raised, x%t)
+      return
+    else if (.not. finite(size(answer), answer)) then
+      call reject_stage(x, field_not_finite, x%t)
+      return
+    end if
+    do k = 1, size(times)
+      x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
+      call store_stage(x)
+      if (x%phase /= phase_next_stage) return
+    end do
+    x%phase = phase_finish_step
   end subroutine evaluate_nodes
 
   ! Computes the results and estimates the error.
@@ -107,29 +102,27 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: last
 
-    associate (method => x%problem%method)
-      if (method%kind /= kind_registers) then
-        last = method%result
-        if (x%problem%adaptive) last = max(last, method%embedded, method%third)
-        call add_brackets(x)
-        call follow_paths(x, last)
-        if (x%status /= finished) return
+    if (x%method%kind /= kind_registers) then
+      last = x%method%result
+      if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
+      call add_brackets(x)
+      call follow_paths(x, last)
+      if (x%status /= finished) return
+    end if
+    x%phase = phase_decide_step
+    if (x%problem%adaptive) then
+      x%error = huge(1.0_wp)
+      if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
+      if (x%method%kind == kind_collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
+          .and. (x%control%after_rejection .or. x%newton%moved &
+                 .or. .not. abs(x%newton%last_h) > 0)) then
+        call request_error(x)
+      else
+        call share_error(x, x%error)
       end if
-      x%phase = phase_decide_step
-      if (x%problem%adaptive) then
-        x%error = huge(1.0_wp)
-        if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
-        if (method%kind == kind_collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-            .and. (x%control%after_rejection .or. x%newton%moved &
-                   .or. .not. abs(x%newton%last_h) > 0)) then
-          call request_error(x)
-        else
-          call share_error(x, x%error)
-        end if
-      else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
-        call fail(x, solution_not_finite, x%t_end)
-      end if
-    end associate
+    else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
+      call fail(x, solution_not_finite, x%t_end)
+    end if
   end subroutine finish_step
 
   ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
@@ -137,11 +130,11 @@ contains
   ! aren't in equilibrium.
   subroutine request_error(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: y(x%problem%frame%point_size)
+    real(wp) :: y(x%frame%point_size)
 
     y = x%y(:, 0)
     x%u = -x%u
-    call apply_flows(x%problem%frame, 1, x%u, y)
+    call apply_flows(x%frame, 1, x%u, y)
     x%counts%nexp = x%counts%nexp + 1
     call request(x, x%t, y, phase_error_received, x%request%received)
   end subroutine request_error
@@ -160,9 +153,9 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error
 
-    associate (exponent => x%problem%tolerances%exponent, control => x%control, &
+    associate (exponent => x%tolerances%exponent, control => x%control, &
                newton => x%newton, &
-               collocation => x%problem%method%kind == kind_collocation)
+               collocation => x%method%kind == kind_collocation)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (x%problem%adaptive) then
@@ -194,15 +187,14 @@ contains
             control%unshortened_size, abs(x%h), error, exponent))
         control%after_rejection = .false.
         control%suspicion = max(control%suspicion - 1, 0)
-        if (x%problem%method%has_nodes) then
+        if (x%method%has_nodes) then
           x%f_before(:, :) = x%f
           x%h_before = x%h
         end if
       end if
       if (collocation) call keep_step(x)
       ! other methods than RATTLE have moved along forces that keep joints closed up to their error
-      if (.not. allocated(x%joints%impulse)) &
-        call without_opening(x%problem%frame, x%y(:, x%result))
+      if (.not. allocated(x%joints%impulse)) call without_opening(x%frame, x%y(:, x%result))
     end associate
   end subroutine accept_or_reject
 

@@ -85,7 +85,7 @@ contains
     end do
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    allocate (g%y(x%problem%frame%point_size))
+    allocate (g%y(x%frame%point_size))
     g%trajectory => x
     g%detects = detects
     x%events%zeros = [zero_t ::]
@@ -118,18 +118,16 @@ contains
   ! The number of parts whose ends are compared
   pure integer function parts(x)
     type(trajectory_t), intent(in) :: x
-    real(wp) :: angle, rate(x%problem%frame%dimension, 2)
+    real(wp) :: angle, rate(x%frame%dimension, 2)
 
     rate = reshape([x%slope, x%end_slope], shape(rate))
-    associate (frame => x%problem%frame)
-      if (x%problem%method%kind == kind_splitting) then   ! its coefficients are forces alone
-        call add_free_motion(frame, x%y(:, 0), rate(:, 1))
-        call add_free_motion(frame, x%y(:, x%result), rate(:, 2))
-      end if
-      angle = max(turning(frame, x%h * rate(:, 1), .false.), &
-                  turning(frame, x%h * rate(:, 2), .false.))
-      if (any(frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
-    end associate
+    if (x%method%kind == kind_splitting) then   ! its coefficients are forces alone
+      call add_free_motion(x%frame, x%y(:, 0), rate(:, 1))
+      call add_free_motion(x%frame, x%y(:, x%result), rate(:, 2))
+    end if
+    angle = max(turning(x%frame, x%h * rate(:, 1), .false.), &
+                turning(x%frame, x%h * rate(:, 2), .false.))
+    if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 

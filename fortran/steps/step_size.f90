@@ -66,30 +66,26 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
 
-    associate (grid => x%grid)
-      if (.not. (abs(grid%stop - stop) > 0 &
-                 .or. abs(grid%start + real(x%grid_done, wp) * grid%step - x%t) > 0)) return
-      call make_grid(x%t, stop, x%problem%h, grid)
-      x%grid_done = 0
-    end associate
+    if (.not. (abs(x%grid%stop - stop) > 0 &
+               .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) return
+    call make_grid(x%t, stop, x%problem%h, x%grid)
+    x%grid_done = 0
   end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (frame => x%problem%frame, tolerances => x%problem%tolerances)
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
-      call point_sizes(frame, tolerances, x%y(:, 0), x%control%v)
-      x%control%norms(1) = norm(tolerances, x%control%v, x%control%scale)
-      call tangent(frame, tolerances, x%slope, x%y(:, 0), x%control%v)
-      x%control%norms(2) = norm(tolerances, x%control%v, x%control%scale)
-      if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
-        call fail(x, slope_not_finite, x%t)
-        return
-      end if
-      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
-    end associate
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%control%v)
+    x%control%norms(1) = norm(x%tolerances, x%control%v, x%control%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%control%v)
+    x%control%norms(2) = norm(x%tolerances, x%control%v, x%control%scale)
+    if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
+      call fail(x, slope_not_finite, x%t)
+      return
+    end if
+    x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
     x%phase = phase_guess_shared
     if (x%problem%common) x%status = needs_minimum
   end subroutine guess_size
@@ -103,8 +99,8 @@ contains
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
-      call apply_flows(x%problem%frame, 1, x%u, moved)
-      call restore(x%problem%frame, moved)
+      call apply_flows(x%frame, 1, x%u, moved)
+      call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t + x%h, moved, phase_curvature_received, x%request%received)
     end associate
@@ -115,16 +111,15 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: start_value(size(x%control%v)), curvature
 
-    associate (tolerances => x%problem%tolerances, control => x%control)
-      x%request%shared = control%guessed_size
-      if (all(abs(x%request%received) < huge(1.0_wp))) then
-        call tangent(x%problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
-        call tangent(x%problem%frame, tolerances, x%request%received, x%y(:, x%result), control%v)
-        curvature = norm(tolerances, control%v - start_value, control%scale) / control%guessed_size
-        x%request%shared = limited(x, min(100 * control%guessed_size, first_size( &
-          control%norms(1), control%norms(2), curvature, tolerances%exponent)))
-      end if
-    end associate
+    x%request%shared = x%control%guessed_size
+    if (all(abs(x%request%received) < huge(1.0_wp))) then
+      call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
+      call tangent(x%frame, x%tolerances, x%request%received, x%y(:, x%result), x%control%v)
+      curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
+                  / x%control%guessed_size
+      x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
+        x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
+    end if
     x%phase = phase_size_shared
     if (x%problem%common) x%status = needs_minimum
   end subroutine choose_first_size
@@ -142,7 +137,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: first
 
-    limited = max(min(first, span(x), x%problem%tolerances%max_step), &
+    limited = max(min(first, span(x), x%tolerances%max_step), &
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
   end function limited
 
@@ -153,10 +148,10 @@ contains
     real(wp), parameter :: turn = 2 * acos(-1.0_wp)
     real(wp) :: rate
 
-    longest_turn = x%problem%tolerances%max_step
+    longest_turn = x%tolerances%max_step
     if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%common &
         .or. .not. x%slope_known .or. size(x%events%before) == 0) return
-    rate = turning(x%problem%frame, x%slope, .false.)
+    rate = turning(x%frame, x%slope, .false.)
     if (rate * longest_turn > turn) longest_turn = turn / rate
   end function longest_turn
 
@@ -185,7 +180,7 @@ contains
           return
         end if
         longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
-        x%control%unshortened_size = min(x%control%step_size, x%problem%tolerances%max_step)
+        x%control%unshortened_size = min(x%control%step_size, x%tolerances%max_step)
         x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
                                          min(longest_turn(x), longest), &
                                          x%control%after_rejection)
@@ -195,8 +190,7 @@ contains
             return
           end if
           ! others with common steps fail here, and this one goes on without them
-          x%control%step_size = min(smallest_size(x%t), abs(stop - x%t), &
-                                    x%problem%tolerances%max_step)
+          x%control%step_size = min(smallest_size(x%t), abs(stop - x%t), x%tolerances%max_step)
         end if
         x%control%attempts = x%control%attempts + 1
         x%h = sign(x%control%step_size, stop - x%t)
@@ -212,7 +206,7 @@ contains
         end if
       end if
       if (abs(x%h - x%weighted_by) > 0) then
-        x%weight(:) = x%h * x%problem%method%flows%weight
+        x%weight(:) = x%h * x%method%flows%weight
         x%weighted_by = x%h
       end if
       x%stage = 1
@@ -223,7 +217,7 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (x%problem%method%kind == kind_splitting .and. abs(x%problem%method%c(1)) > 0) return
+      if (x%method%kind == kind_splitting .and. abs(x%method%c(1)) > 0) return
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
@@ -232,27 +226,27 @@ contains
   subroutine choose_reversibly(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
-    real(wp) :: v(x%problem%frame%dimension), values(-1:1), time, change, density
+    real(wp) :: v(x%frame%dimension), values(-1:1), time, change, density
     real(wp), parameter :: near = 1e-2_wp              ! of a step, where s is compared
     integer :: i
 
-    associate (problem => x%problem, size => x%control%step_size)
+    associate (size => x%control%step_size)
       v = 0.0_wp
-      call add_free_motion(problem%frame, x%y(:, 0), v)
-      v(problem%frame%forces + 1:) = 0.0_wp
+      call add_free_motion(x%frame, x%y(:, 0), v)
+      v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      time = near * problem%h * values(0)
+      time = near * x%problem%h * values(0)
       do i = -1, 1, 2
         if (x%status /= raised) call evaluate_size(x, real(i, wp) * time * v, values(i))
       end do
       if (x%status == raised) return
-      change = sign(1.0_wp, stop - x%t) * problem%h * log(values(1) / values(-1)) / (2 * time)
+      change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) / (2 * time)
       if (size > 0) then
-        density = problem%h / size - change
+        density = x%problem%h / size - change
       else
         density = 1 / values(0) - change / 2
       end if
-      if (density > 0) size = problem%h / density
+      if (density > 0) size = x%problem%h / density
       x%h = sign(size, stop - x%t)
       x%t_end = x%t + x%h
       if (.not. (density > 0 .and. abs(x%t_end - x%t) > 0)) call fail(x, step_too_small, x%t)
@@ -265,14 +259,13 @@ contains
   ! Evaluates the function at the end of a flow; the trajectory fails unless it is positive.
   subroutine evaluate_size(x, v, value)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: v(x%problem%frame%dimension)
+    real(wp), intent(in) :: v(x%frame%dimension)
     real(wp), intent(out) :: value
-    real(wp) :: y(x%problem%frame%point_size), flow(size(v)), values(1)
+    real(wp) :: y(x%frame%point_size), values(1)
     logical :: failed
 
     y = x%y(:, 0)
-    flow = v
-    call apply_flows(x%problem%frame, 1, flow, y)
+    call apply_flows(x%frame, 1, v, y)
     call x%problem%sizes%observe(x%member, x%t, y, values, failed)
     value = values(1)
     if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))

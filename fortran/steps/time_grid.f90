@@ -1,6 +1,7 @@
 ! Grids of equal steps from one time to another.
 ! The last step may be shorter.
 module time_grid_m
+  use, intrinsic :: iso_c_binding, only: c_double
   use iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
@@ -12,6 +13,14 @@ module time_grid_m
     real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
     integer(int64) :: steps = 0
   end type grid_t
+
+  interface
+    ! x y + z, rounded once
+    pure real(c_double) function fma(x, y, z) bind(c)
+      import :: c_double
+      real(c_double), value, intent(in) :: x, y, z
+    end function fma
+  end interface
 
 contains
 
@@ -38,11 +47,11 @@ contains
       return
     end if
     count = anint(ratio)
-    rest = minus_product(span, count, h) + error
+    rest = fma(-count, h, span) + error
     if (.not. abs(rest) <= slack) count = aint(ratio) + merge(1.0_wp, 0.0_wp, aint(ratio) < ratio)
     count = max(count, 1.0_wp)
     grid%steps = int(count, int64)
-    rest = minus_product(span, count - 1, h) + error
+    rest = fma(1 - count, h, span) + error
     if (abs(rest - h) > slack) grid%last = sign(rest, stop - start)
   end subroutine make_grid
 
@@ -55,28 +64,6 @@ contains
     part = difference - stop
     rounded_off = sign(1.0_wp, difference) * ((stop - (difference - part)) - (start + part))
   end function rounded_off
-
-  ! x - a b, rounded about once: both factors are split into halves whose products are exact
-  pure real(wp) function minus_product(x, a, b)
-    real(wp), intent(in) :: x, a, b
-    real(wp) :: p, ah, al, bh, bl
-
-    p = a * b
-    call split(a, ah, al)
-    call split(b, bh, bl)
-    minus_product = (x - p) + (((p - ah * bh) - ah * bl - al * bh) - al * bl)
-  end function minus_product
-
-  ! Splits a number into two halves of its digits (Dekker).
-  pure subroutine split(x, high, low)
-    real(wp), intent(in) :: x
-    real(wp), intent(out) :: high, low
-    real(wp), parameter :: factor = 2.0_wp**((digits(1.0_wp) + 1) / 2) + 1
-
-    high = factor * x
-    high = high - (high - x)
-    low = x - high
-  end subroutine split
 
   ! The distance to the next number
   pure real(wp) function unit(x)

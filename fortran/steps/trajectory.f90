@@ -123,6 +123,9 @@ module trajectory_m
 
   type :: trajectory_t
     type(problem_t), pointer :: problem => null()
+    type(frame_t), pointer :: frame => null()          ! of the problem, as those that follow
+    type(method_t), pointer :: method => null()
+    type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
     integer :: status = paused               ! a Stop
@@ -191,6 +194,9 @@ contains
     integer :: k, n
 
     x%problem => problem
+    x%frame => problem%frame
+    x%method => problem%method
+    x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin))
       x%result = merge(1, method%result, method%kind == kind_registers)
@@ -224,15 +230,13 @@ contains
       if (problem%adaptive) n = size(problem%tolerances%atol)
       k = 0
       if (associated(problem%events)) k = problem%events%count
-      associate (control => x%control, events => x%events)
-        allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
-                  events%after(k), events%count(k), events%time(k), events%value_after(k), &
-                  events%small(k), events%came_from(k), x%wanted_at(2 + frame%point_size, 0), &
-                  stat=memory)
-        if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
-        if (memory /= 0) return
-        events%came_from = 0
-      end associate
+      allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
+                x%events%after(k), x%events%count(k), x%events%time(k), x%events%value_after(k), &
+                x%events%small(k), x%events%came_from(k), x%wanted_at(2 + frame%point_size, 0), &
+                stat=memory)
+      if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
+      if (memory /= 0) return
+      x%events%came_from = 0
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
       x%last%kept = .true.

@@ -29,7 +29,7 @@ contains
     x%interpolate_only = .true.
     x%status = paused
     x%phase = phase_request_end
-    call reserve_interpolant(x%problem%frame, x%problem%scheme, x%interpolant, memory)
+    call reserve_interpolant(x%frame, x%problem%scheme, x%interpolant, memory)
     if (x%last%cut) then
       x%phase = phase_store_output
     else if (memory /= 0) then
@@ -101,33 +101,31 @@ contains
     logical :: exists
     integer :: status
 
-    associate (last => x%last, interpolant => x%interpolant)
-      interpolant%noisy = x%problem%bath%present
-      if (x%interpolate_only) then
-        call set_ends(interpolant, last%t, last%h, last%y, x%y(:, 0), last%slope, x%slope)
-      else
-        call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                      x%end_slope)
+    x%interpolant%noisy = x%problem%bath%present
+    if (x%interpolate_only) then
+      call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, x%slope)
+    else
+      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                    x%end_slope)
+    end if
+    if (allocated(x%joints%impulse)) then            ! slopes are forces alone
+      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
+                                 status)
+      if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
+                                                         .true., x%interpolant%field(:, 2), status)
+      if (status /= finished) then
+        call fail(x, status, x%interpolant%t0)
+        return
       end if
-      if (allocated(x%joints%impulse)) then            ! slopes are forces alone
-        call add_constraint_forces(x%problem%frame, interpolant%y0, .true., &
-                                   interpolant%field(:, 1), status)
-        if (status == finished) call add_constraint_forces(x%problem%frame, interpolant%y1, &
-                                                           .true., interpolant%field(:, 2), status)
-        if (status /= finished) then
-          call fail(x, status, interpolant%t0)
-          return
-        end if
-      end if
-      interpolant%path = flows_of_step(x, interpolant%h)
-      call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
-      if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
-        call advance_interpolant(x, exists, interpolant%nexp)
-      else
-        call make_cubic(exists, interpolant)
-        x%phase = phase_detect_events
-      end if
-    end associate
+    end if
+    x%interpolant%path = flows_of_step(x, x%interpolant%h)
+    call begin_interpolant(x%problem%unique_flows, x%f, x%interpolant, exists)
+    if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
+      call advance_interpolant(x, exists)
+    else
+      call make_cubic(exists, x%interpolant)
+      x%phase = phase_detect_events
+    end if
   end subroutine interpolate
 
   ! The flows of a step of a frame in Python; none of a method that doesn't keep what they combine
@@ -138,30 +136,29 @@ contains
     integer :: path
 
     allocate (flows(0))
-    associate (method => x%problem%method, n => size(x%f, 1))
-      if (.not. any(x%problem%frame%blocks%kind == callback_block) .or. &
-          method%kind == kind_registers .or. method%kind == kind_splitting) return
-      path = method%result
-      do while (path > 0)
-        associate (first => method%path_first(path), last => method%path_first(path + 1) - 1)
-          block
-            real(wp) :: v(n, first:last)
-            call combine_flows(method%flows, h * method%flows%weight, first, last, n, x%f, v)
-            flows = [reshape(v, [size(v)]), flows]
-          end block
-        end associate
-        path = method%origin(path)
-      end do
-    end associate
+    if (.not. any(x%frame%blocks%kind == callback_block) .or. &
+        x%method%kind == kind_registers .or. x%method%kind == kind_splitting) return
+    path = x%method%result
+    do while (path > 0)
+      associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
+        block
+          real(wp) :: v(size(x%f, 1), first:last)
+          call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, size(v, 1), &
+                             x%f, v)
+          flows = [reshape(v, [size(v)]), flows]
+        end block
+      end associate
+      path = x%method%origin(path)
+    end do
   end function flows_of_step
 
   ! Chooses the phase after a node of the interpolant.
-  subroutine advance_interpolant(x, exists, flows)
+  subroutine advance_interpolant(x, exists)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: exists
-    integer, intent(in) :: flows                       ! that the node has taken
 
-    x%counts%nexp = x%counts%nexp + int(flows, int64)
+    x%counts%nexp = x%counts%nexp + int(x%interpolant%nexp, int64)
+    x%interpolant%nexp = 0
     x%phase = phase_node_received
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%interpolant%t0)
@@ -184,12 +181,10 @@ contains
   ! Stores the coefficients at a node.
   subroutine store_node(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: before
     logical :: exists
 
-    before = x%interpolant%nexp
     call add_node(x%request%received, x%interpolant, exists)
-    call advance_interpolant(x, exists, x%interpolant%nexp - before)
+    call advance_interpolant(x, exists)
   end subroutine store_node
 
   ! Evaluates the solution at a fraction theta of the step.

@@ -57,10 +57,8 @@ class Plan:
         if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), ctypes.addressof(table.record)
+            blocks, block_constants(frame), frame._given is not None, ctypes.addressof(table.record)
         )
-        if frame._given is not None:
-            core.plan_take_derivatives(self.address)
         space: Any = frame  # a phase space, or that of points with derivatives
         if isinstance(frame, Product) and not isinstance(frame, PhaseSpace):
             space = frame.factors[0]
