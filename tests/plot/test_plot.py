@@ -44,7 +44,7 @@ class TestTrees:
         assert ends == [(0.0, 0.0, -0.5, 1.0), (0.0, 0.0, 0.5, 1.0), (0.5, 1.0, 0.5, 2.0)]
         assert ax.collections[0].get_offsets().shape == (4, 2)
         assert ax.get_xlabel() == "[[][[]]]   γ = 3"
-        assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
+        assert cg.plot.tree(OrderedTree.parse("[[]]")).get_xlabel().startswith("[[]] ")
 
 
 class TestMethods:

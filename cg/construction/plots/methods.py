@@ -11,7 +11,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees.ordered import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.support.checks import check_flag, check_integer
+from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
@@ -203,15 +203,15 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     return {m: (times[m], heights[m]) for m in (START, *used)}
 
 
-def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
+def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
     """Draw an ordered tree with its root at the bottom and children from left to right.
+
+    Its bracket notation and its density γ are written below.
 
     Parameters
     ----------
     tree
         A tree, or its bracket notation; at most 200 nodes.
-    title
-        Whether to write the bracket notation and the density γ below.
 
     Examples
     --------
@@ -238,8 +238,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     ax.set_aspect("equal", anchor="S")
     ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
     ax.set_ylim(-0.4, max(ys) + 0.4)
-    if check_flag("title", title):
-        ax.set_xlabel(f"{tree}   γ = {tree.density}")
+    ax.set_xlabel(f"{tree}   γ = {tree.density}")
     return ax
 
 
