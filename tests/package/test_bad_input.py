@@ -52,7 +52,6 @@ def masked(x):
     (lambda: search(force="no"), TypeError, "force must be True or False, got 'no'"),
     (lambda: search(stages=1001), ValueError, "stages must be at most 1000, got 1001"),
     (lambda: construct(width=1e308), ValueError, r"width must be at most 1e\+300"),
-    (lambda: construct(full_rank="no"), TypeError, "full_rank must be True or False, got 'no'"),
     (lambda: construct(force=None), TypeError, "force must be True or False, got None"),
     (lambda: construct(first_stages=10**6), ValueError, "first_stages must be at most 1000"),
     (lambda: lmdif(x0=[True]), ValueError, r"x0 must be an array of real numbers, got \[True\]"),
