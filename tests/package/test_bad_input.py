@@ -199,7 +199,7 @@ CONSTRUCT = {"tries": [0, MANY], "iterations": [MANY], "largest": [0], "first_st
 LIFT = {
     "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]], "order": [0, 5],
     "embedded_order": [3], "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],
-    "hits": [0], "seed": [-1], "reduce": ["no"], "max_iterations": [0],
+    "hits": [0], "seed": [-1], "reduce": ["no"],
 }  # fmt: skip
 LMDIF = {
     "f": [3], "x0": [[[1.0, 2.0]], 1.0, [1.0, NAN], ["a", "b"], [[1.0], [1.0, 2.0]]],
