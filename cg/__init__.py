@@ -37,14 +37,13 @@ def __getattr__(name: str) -> Any:
 
 
 def _show_in_notebooks() -> None:
-    """Register the views of methods with IPython, which imports them at their first use."""
-    views = f"{__name__}.construction.formats.latex"
+    """Register the view of methods with IPython, which imports it at its first use."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    for mime, view in (("text/html", "to_html"), ("text/latex", "to_formula")) if shell else ():
-        shell.display_formatter.formatters[mime].for_type_by_name(
+    if shell:
+        shell.display_formatter.formatters["text/html"].for_type_by_name(
             f"{__name__}.construction.methods.method",
             "Method",
-            lambda method, view=view: getattr(import_module(views), view)(method),
+            lambda one: import_module(f"{__name__}.construction.formats.latex").to_html(one),
         )
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from cg.construction.conditions import core_calls, count
 from cg.construction.layouts.layout import Layout, Rows, check_length
@@ -25,10 +24,6 @@ from cg.support.checks import check_instance
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
-
-RANK_TOLERANCE = 1e-9
-"""Singular values below this fraction of the largest count as zero."""
-
 
 _MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
 
@@ -57,12 +52,6 @@ class Candidate:
         """Sum of squared residuals of the independent conditions."""
         with np.errstate(over="ignore", invalid="ignore"):  # infinite far from the set
             return float(np.sum(self.system.residual(self.x) ** 2))
-
-    @property
-    def rank(self) -> int:
-        """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
-        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.movable])
-        return int(np.sum(values > RANK_TOLERANCE * values[0]))
 
     @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:

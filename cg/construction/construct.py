@@ -136,9 +136,7 @@ def acceptable(settings: Settings, candidate: Candidate) -> bool:
     """Return whether a candidate is on the solution set, and as the settings require."""
     if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
-    if candidate.blind:
-        return False
-    return not settings.full_rank or candidate.rank == candidate.system.equations
+    return not candidate.blind
 
 
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
@@ -189,7 +187,6 @@ def construct(
     tries: int = 400,
     largest: float = 3.0,
     restarts: int = 1,
-    full_rank: bool = False,
     structure: Structure | None = None,
     first_stages: int | None = None,
     width: float | None = None,
@@ -227,12 +224,9 @@ def construct(
         Bound on the magnitude of coefficients.
     restarts
         Largest number of walks along the solution set after elimination fails.
-    full_rank
-        Accept only candidates at which all conditions are independent, as a certificate without
-        further identities requires.
     structure
         Simplifying assumptions. By default `Structure.MIDDLE` from order 6 on, and for fewer
-        stages than a general method needs; none with `full_rank`.
+        stages than a general method needs.
     first_stages
         Number of stages of random starts; the default depends on order and structure.
     iterations
@@ -257,7 +251,7 @@ def construct(
     """
     settings = Settings.checked(
         "construct", force, order, stages, seed, hold=hold, largest=largest, restarts=restarts,
-        full_rank=full_rank, structure=structure, first_stages=first_stages, width=width,
+        structure=structure, first_stages=first_stages, width=width,
         iterations=iterations, tree=tree, flows=flows, first_flows=first_flows,
         embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip

@@ -19,6 +19,7 @@ from cg.construction.solvers.singular import Decomposition, decompose, retract
 from cg.support.checks import check_instance, check_integer, check_interval, check_real
 
 _MAX_STEP = 1.0
+_TOLERANCE = 1e-4  # smallest relative decrease of the objective in eight iterations
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -87,7 +88,6 @@ def optimise(
     *,
     frozen: Sequence[int] | NDArray[np.intp] = (),
     max_iterations: int = 60,
-    tolerance: float = 1e-4,
 ) -> Candidate:
     """Minimise a weighted sum of squares along the solution set.
 
@@ -99,8 +99,8 @@ def optimise(
     frozen
         Sequence of int. Indices of entries that keep their values.
     max_iterations
-    tolerance
-        Stop when eight iterations together reduce the objective by less than this fraction.
+        Largest number of iterations; also stops when eight together reduce the objective by less
+        than a fraction of 1e-4.
 
     Returns
     -------
@@ -123,7 +123,6 @@ def optimise(
     if not isinstance(goals, Goals):
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
-    tolerance = check_real("tolerance", tolerance)
     if not solved(candidate):
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
@@ -156,7 +155,7 @@ def optimise(
         size = float(values @ values)
         damping = max(damping / 6, 1e-12)
         history.append(size)
-        if len(history) > 8 and history[-9] - size <= tolerance * size:
+        if len(history) > 8 and history[-9] - size <= _TOLERANCE * size:
             break
     return candidate
 

@@ -66,8 +66,8 @@ def test_arguments(arguments_of, tmp_path):
     assert {key: passed[key] for key in expected} == expected
     passed = arguments_of("search --order 4 --stages 5 --bound b[2]=0: --bound c=-1:1")
     assert passed["bound"] == {"b[2]": [0, None], "c": [-1, 1]}
-    passed = arguments_of("construct --order 6 --stages 13 --structure stage-order-two --full-rank")
-    assert (passed["structure"], passed["full_rank"]) == (Structure.STAGE_ORDER_TWO, True)
+    passed = arguments_of("construct --order 6 --stages 13 --structure stage-order-two --force")
+    assert (passed["structure"], passed["force"]) == (Structure.STAGE_ORDER_TWO, True)
     file = tmp_path / "mine.toml"
     save(cg.methods["CF4"], file)
     for named in ("CF4", file):
@@ -113,7 +113,6 @@ def test_results(run, tmp_path):
     ("search --order 4 --stages 5 --bound 1 --bound b=0:", "--bound: give one number"),
     ("search --order 4 --stages 5 --hold x", "'x' isn't NAME=VALUE"),
     ("search --order 4 --stages 5 --hold b[2]=0 --hold b[2]=1", "--hold gives two values"),
-    ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
     ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),
 ])  # fmt: skip
 def test_errors_name_the_option(command, message, capsys):

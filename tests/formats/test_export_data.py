@@ -11,9 +11,8 @@ from refusals import refuses
 
 import cg
 from cg.command import main
-from cg.construction.catalogue import dumps, loads, resolve_method
+from cg.construction.catalogue import dumps, loads
 from cg.construction.formats import FORMATS, known_digits
-from cg.construction.formats.latex import to_formula
 
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "c"]
@@ -98,7 +97,6 @@ class TestLatex:
     def test_latex_compiles(self, tmp_path):
         parts = [cg.export(name, "latex") for name in SOME]
         parts += [cg.export(name, "latex", digits=5) for name in ("CG5d", "RKMK8(5,3)", "DICG6")]
-        parts += [f"{to_formula(resolve_method(name))}\n" for name in ("CF3", "CG6a", "DICG4")]
         text = "\n\n\\clearpage\n".join(parts)
         head = r"\documentclass{article}\usepackage{booktabs,longtable,amsmath}\begin{document}"
         (tmp_path / "all.tex").write_text(f"{head}\n{text}\n\\end{{document}}\n", encoding="utf-8")

@@ -153,14 +153,6 @@ class TestBadInput:
     def test_tableau(self, a, b, message):
         refuses(TableauError, re.escape(message), Tableau, a, b)
 
-    @pytest.mark.parametrize(("a", "message"), [
-        ([[0, 0], [1, "1/7"]], "explicit tableau, but a_22 = 1/7"),
-        ([[0, 0.5], [1, 0]], "explicit tableau, but a_12 = 0x1"),
-    ])  # fmt: skip
-    def test_explicit_argument(self, a, message):
-        refuses(TableauError, re.escape(message), Tableau, a, [0, 1], explicit=True)
-        assert not Tableau(a, [0, 1]).explicit
-
     def test_names(self):
         refuses(TableauError, "name must", Tableau, [[]], [1], name=3)
         refuses(TableauError, "source must", Tableau, [[]], [1], source=None)

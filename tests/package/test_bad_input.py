@@ -52,7 +52,6 @@ def masked(x):
     (lambda: search(force="no"), TypeError, "force must be True or False, got 'no'"),
     (lambda: search(stages=1001), ValueError, "stages must be at most 1000, got 1001"),
     (lambda: construct(width=1e308), ValueError, r"width must be at most 1e\+300"),
-    (lambda: construct(full_rank="no"), TypeError, "full_rank must be True or False, got 'no'"),
     (lambda: construct(force=None), TypeError, "force must be True or False, got None"),
     (lambda: construct(first_stages=10**6), ValueError, "first_stages must be at most 1000"),
     (lambda: lmdif(x0=[True]), ValueError, r"x0 must be an array of real numbers, got \[True\]"),
@@ -77,7 +76,6 @@ def masked(x):
     (lambda: exactly([["1/0"]], [1], 2), ValueError, "row 1 of a must .* got '1/0'"),
     (lambda: exactly([[0]], 1, 2), ValueError, "b must be a sequence of numbers"),
     (lambda: cg.Tableau(EULER, {0, 1}), cg.TableauError, "b must be a sequence of numbers"),
-    (lambda: cg.Tableau(HALF, [0, 1], explicit="no"), cg.TableauError, "explicit must be True"),
     (lambda: cg.Tableau(HALF, [0, 1], nominal_order=True, nominal_residual=1), cg.TableauError,
      "order must be an integer, got True"),
     *(
@@ -104,7 +102,6 @@ def masked(x):
     (lambda: optimise(None, Goals()), TypeError, "candidate must be a Candidate, got None"),
     (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
     (lambda: optimise(POINT, Goals(), max_iterations=1.5), TypeError, "max_iterations must be"),
-    (lambda: optimise(POINT, Goals(), tolerance=np.nan), ValueError, "tolerance must be a fin"),
     (lambda: optimise(POINT, Goals(), frozen=["a"]), ValueError, r"frozen must be .*\['a'\]"),
     (lambda: optimise(POINT, Goals(), frozen=[99]), ValueError, r"from 0 to 5, got \[99\]"),
     (lambda: optimise(POINT, Goals(), frozen=3), ValueError, "frozen must be a"),
@@ -202,7 +199,7 @@ CONSTRUCT = {"tries": [0, MANY], "iterations": [MANY], "largest": [0], "first_st
 LIFT = {
     "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]], "order": [0, 5],
     "embedded_order": [3], "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],
-    "hits": [0], "seed": [-1], "reduce": ["no"], "max_iterations": [0],
+    "hits": [0], "seed": [-1], "reduce": ["no"],
 }  # fmt: skip
 LMDIF = {
     "f": [3], "x0": [[[1.0, 2.0]], 1.0, [1.0, NAN], ["a", "b"], [[1.0], [1.0, 2.0]]],

@@ -70,7 +70,7 @@ def _rationals(entries: Any, name: str) -> list[Fraction]:
     return [finite_fraction(entry, f"{name} must hold") for entry in entries]
 
 
-def equations(method: Any, order: int, independent: bool = True, form: str = "sums") -> list[Any]:
+def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
     """Return order conditions as equations of SymPy, in unknown coefficients.
 
     Parameters
@@ -82,16 +82,14 @@ def equations(method: Any, order: int, independent: bool = True, form: str = "su
         Conditions through this order.
     independent
         Whether conditions that others imply are left out.
-    form
-        ``"sums"`` keeps products of sums, as the conditions are computed; ``"expanded"`` multiplies
-        them out, which takes minutes for order five with nine stages.
 
     Returns
     -------
     list of sympy.Eq
         ``Φ(t) = 1/γ(t)``, in the sequence of `cg.conditions.residuals`. The symbols are those of
         `cg.diagnose`, counted from 1: ``a_2,1`` and ``b_2`` of a tableau, ``w_3,1`` of point 3
-        and stage 1 of other methods. ``sympy.latex`` writes them for a paper.
+        and stage 1 of other methods. ``sympy.latex`` writes them for a paper, ``sympy.expand``
+        multiplies their products of sums out.
 
     Raises
     ------
@@ -106,8 +104,6 @@ def equations(method: Any, order: int, independent: bool = True, form: str = "su
     """
     import sympy
 
-    if form not in ("sums", "expanded"):
-        raise ValueError(f'form must be "sums" or "expanded", got {form!r}')
     if isinstance(method, int) and not isinstance(method, bool):
         layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
     else:
@@ -121,7 +117,5 @@ def equations(method: Any, order: int, independent: bool = True, form: str = "su
     weights = Weights(layout, [Quantity(layout.stages, word) for word in words])
     values = weights.evaluate([sympy.Symbol(name) for name in layout.names])
     sides = [sympy.Rational(str(reciprocal_density(word))) for word in words]
-    if form == "expanded":
-        values = [sympy.expand(value) for value in values]
     pairs = zip(values, sides, strict=True)
     return [sympy.Eq(value, side, evaluate=False) for value, side in pairs]

@@ -1,4 +1,4 @@
-"""LaTeX tables of methods for the package booktabs, and their representations in notebooks."""
+"""LaTeX tables of methods for the package booktabs, and their view in notebooks."""
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -10,7 +10,7 @@ from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.plots.text import draw_method
 from cg.support.parsing import visible, visible_lines
-from cg.support.quads import to_decimal
+from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 _MAX_WIDTH = 110
 """Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""
@@ -19,8 +19,6 @@ _MAX_ROWS = 40  # longest table that stays on one page
 
 _MAX_BITS = 10_000  # longest integer that is written; Python's limit is 4300 decimal digits
 
-_SHORT = 6  # digits in notebooks
-
 
 def to_latex(numbers: Numbers, title: str) -> str:
     """Return a table, after a comment that names the method and the required packages."""
@@ -28,47 +26,19 @@ def to_latex(numbers: Numbers, title: str) -> str:
     if isinstance(method, CommutatorFree):
         table = _points(method)
     else:
-        rows = _tableau(method, numbers)
-        widest = max(sum(map(len, row)) for row in rows)
-        table = _list(method) if widest > _MAX_WIDTH else _butcher(rows, method)
+        rows = list(_entries(method, numbers))
+        texts = [[_number(entry) if entry else "" for entry in row] for row in rows]
+        widest = max(sum(map(len, row)) for row in texts)
+        table = _list(rows, method) if widest > _MAX_WIDTH else _butcher(texts, method)
     needs = r"% \usepackage{booktabs}"
     if "longtable" in table:
         needs += r", \usepackage{longtable}"
     return f"% Method {title}\n{needs}\n{table}\n"
 
 
-def to_array(method: Method) -> str:
-    r"""Return a method as a formula with few digits: an ``array``, or equations of its points."""
-    if isinstance(method, CommutatorFree):
-        lines = []
-        for m, weights in enumerate(method.point_coefficients):
-            terms = "".join(
-                f"{'+' if w.value > 0 and k else ''}{_short(w)}\\,F_{{{stage + 1}}}"
-                for k, (stage, w) in enumerate(weights.items())
-            )
-            origin = method.points[m].parent
-            lines.append(f"y_{{{m + 1}}} &= \\exp\\bigl(h({terms})\\bigr)\\,y_{{{origin + 1}}}")
-        stages = ",\\; ".join(
-            f"F_{{{k + 1}}}\\text{{ at }}y_{{{at + 1}}}" for k, at in enumerate(method.stage_points)
-        )
-        ends = f"\\text{{result }}y_{{{method.result + 1}}}"
-        if method.embedded_result is not None:
-            ends += f",\\; \\text{{second }}y_{{{method.embedded_result + 1}}}"
-        lines += [f"&{stages}", f"&{ends}"]
-        return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
-    rows = [[_short(entry) if entry else "" for entry in row] for row in _entries(method)]
-    lines = [" & ".join(row) + r" \\" for row in rows]
-    lines[method.stages - 1] += r" \hline"
-    columns = "c|" + "c" * method.stages
-    return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
-
-
-def _entries(
-    method: Method, exact: Sequence[Fraction] | None = None
-) -> Iterator[list[Coefficient | None]]:
-    """Yield rows of a tableau, abscissae (sums of `exact`) first, None for zeros of its shape."""
-    packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
-    summed = method.layout.full_rows(packed)
+def _entries(method: Method, numbers: Numbers) -> Iterator[list[Coefficient | None]]:
+    """Yield the rows of a tableau, abscissae first, None for zeros of its shape."""
+    summed = method.layout.full_rows(numbers.values)
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
     if method.third_weights is not None:
         rows.append(list(method.third_weights))
@@ -81,23 +51,13 @@ def _entries(
         bits = max(x.bit_length() for x in total.as_integer_ratio())
         if bits > _MAX_BITS or any(set(entry.text) & set(".ex") for entry in entries):
             # decimal, as the entries
-            first = Coefficient(total, to_decimal(total), Fraction(1))
+            digits = numbers.digits
+            text = to_decimal(total, digits or DECIMAL_DIGITS, zeros=digits is not None)
+            first = Coefficient(total, text, Fraction(1))
         else:
             first = Coefficient.read(total)
         above = len(row) - i if method.explicit else 0
         yield [first, *entries[: len(row) - above], *[None] * above]
-
-
-def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:
-    rows = []
-    digits = numbers.digits
-    for row in _entries(method, numbers.values):
-        first, *rest = row
-        if first is not None and first.unit and digits is not None:
-            text = to_decimal(first.value, digits, zeros=True)
-            first = Coefficient(first.value, text, first.unit)
-        rows.append([_number(entry) if entry else "" for entry in (first, *rest)])
-    return rows
 
 
 def _butcher(rows: list[list[str]], method: Method) -> str:
@@ -106,15 +66,14 @@ def _butcher(rows: list[list[str]], method: Method) -> str:
     return _table("r@{\\qquad}" + "r" * s, lines[:s], lines[s:])
 
 
-def _list(method: Method) -> str:
+def _list(rows: list[list[Coefficient | None]], method: Method) -> str:
     """Return a table of the nonzero coefficients of a tableau, one a row."""
-    rows = [row[1:] for row in _entries(method)]
     labels = [f"a_{{{i}," for i in range(1, method.stages + 1)]
     labels += ["b_{", r"\hat b_{", r"\tilde b_{"]
     lines = [
         f"${label}{j}}}$ & ${_number(entry)}$ \\\\"
         for label, row in zip(labels, rows, strict=False)
-        for j, entry in enumerate(row, 1)
+        for j, entry in enumerate(row[1:], 1)
         if entry is not None and entry.value
     ]
     return _table("ll", [r"Coefficient & Value \\"], lines)
@@ -162,24 +121,13 @@ def _number(entry: Coefficient) -> str:
     return f"{sign}\\frac{{{numerator.lstrip('-')}}}{{{denominator}}}"
 
 
-def _short(entry: Coefficient) -> str:
-    if entry.unit == 0 and len(entry.text) <= 2 * _SHORT:
-        return _number(entry)
-    return _power(to_decimal(entry.value, _SHORT))
-
-
 def _power(text: str) -> str:
     significand, e, exponent = text.lower().partition("e")
     return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
 
 
-def to_formula(method: Method) -> str:
-    """Return a method as a LaTeX formula with few digits, in ``$`` signs."""
-    return f"$\\displaystyle {to_array(method)}$"
-
-
 def to_html(method: Method) -> str:
-    """Return a method as HTML: a summary, and its tableau or points with few digits."""
+    """Return a method as HTML for notebooks: a summary, and what `draw_method` draws."""
     title = f"<b>{escape(visible(method.name) or 'without name')}</b>: "
     title += escape(method.description())
     source = f"<br><small>{escape(visible(method.source))}</small>" if method.source else ""

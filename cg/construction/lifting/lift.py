@@ -126,7 +126,6 @@ def lift(
     hits: int = 1,
     reduce: bool = True,
     improve: bool = False,
-    max_iterations: int | None = None,
     name: str | None = None,
     source: str | None = None,
 ) -> Lifted:
@@ -168,8 +167,6 @@ def lift(
     improve
         Then reduce the principal error along the solution set. Of several solutions, the one
         with the smallest leading error for the same number of flows is returned.
-    max_iterations
-        Largest number of steps from each start.
     name, source
         Name and source of the method; by default those of the tableau.
 
@@ -192,8 +189,6 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
         flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
-    if max_iterations is None:
-        max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
     settings = _Settings(
         rows=rows,
         order=order,
@@ -202,7 +197,7 @@ def lift(
         lengths=_check_chains(rows, order, flows, chains),
         flows=flows,
         seed=check_integer("seed", seed, 0),
-        max_iterations=check_integer("max_iterations", max_iterations, 1),
+        max_iterations=_ITERATIONS.get(order, _ITERATIONS_BELOW),
         reduce=check_flag("reduce", reduce),
         improve=check_flag("improve", improve),
     )

@@ -48,7 +48,6 @@ SOLVED = 1e-23
 
 _CLOSE = 1e-10  # sum of squares below which steps come from the singular value decomposition
 _MIN_DAMPING, _MAX_DAMPING = 1e-30, 1e8  # relative to the largest derivative
-_MIN_GAIN = 1e-6
 _MANY = 600  # number of conditions from which on a subset is used: that of order eight
 _PIVOT = 1e-9  # smallest pivot of selected conditions, relative to the largest
 _VIOLATED = 60  # number of conditions selected for their large residuals
@@ -63,7 +62,7 @@ _MIN_FURTHER = 6
 
 _GAP = 1e-9  # singular values below this fraction of the largest count as zero
 _MAX_STEPS = 100
-_MIN_GAIN = 1e-3  # decrease of the squared principal error, in one step
+_MIN_GAIN = 1e-3  # decrease of the sum of squares, or of the squared principal error, in one step
 _MAX_TRIALS = 14
 _CORRECTIONS = 40
 _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
@@ -72,8 +71,7 @@ _BITS = 400
 _GRID = 10**80
 _BELOW = Fraction(1, 10**60)
 _NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
-_RANK_GAP = 1e-10
-"""Singular values below this fraction of the largest count as zero."""
+_RANK_GAP = 1e-10  # the same in the refinement
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
-from functools import partial
 from numbers import Integral, Rational
 from typing import Any
 
@@ -97,49 +96,41 @@ class Coefficient:
         raise ValueError(f"expected a finite real number, got {text!r}")
 
 
-def read_coefficient(
-    number: Any, label: str, error: type[MethodError] = MethodError
-) -> Coefficient:
-    """Return a coefficient; raise the error unless it is in the range of doubles."""
+def read_coefficient(number: Any, label: str) -> Coefficient:
+    """Return a coefficient; MethodError unless it is in the range of doubles."""
     try:
         coefficient = Coefficient.read(number)
         float(coefficient.value)
     except ValueError as problem:
-        raise error(f"{label}: {problem}") from None
+        raise MethodError(f"{label}: {problem}") from None
     except OverflowError:
-        raise error(f"{label}: {number} is beyond the range of doubles") from None
+        raise MethodError(f"{label}: {number} is beyond the range of doubles") from None
     return coefficient
 
 
-def read_sequence(
-    value: Any, label: str, error: type[MethodError] = MethodError, *, of: str = " of numbers"
-) -> list[Any]:
-    """Return a sequence as a list; raise the error for texts, sets, mappings and single values."""
+def read_sequence(value: Any, label: str, *, of: str = " of numbers") -> list[Any]:
+    """Return a sequence as a list; MethodError for texts, sets, mappings and single values."""
     # sets have no order, and iterating over a mapping gives its keys
     if not isinstance(value, str | bytes | Set | Mapping):
         with suppress(TypeError):
             return list(value)
-    raise error(f"{label} must be a sequence{of}, got {value!r}")
+    raise MethodError(f"{label} must be a sequence{of}, got {value!r}")
 
 
 def read_row(
-    row: Any,
-    label: str,
-    count: int | None = None,
-    entry: str = "",
-    error: type[MethodError] = MethodError,
+    row: Any, label: str, count: int | None = None, entry: str = ""
 ) -> tuple[Coefficient, ...]:
     """Return the coefficients of a row, `count` of them, or at least one if that is None.
 
     Errors name coefficients by `entry`, which has the number from 1, or as ``label[k]`` from 0.
     """
-    numbers = read_sequence(row, label, error)
+    numbers = read_sequence(row, label)
     if count is None and not numbers:
-        raise error(f"{label} must have at least one entry, got none")
+        raise MethodError(f"{label} must have at least one entry, got none")
     if count is not None and len(numbers) != count:
-        raise error(f"{label} must have {count} entries, got {len(numbers)}")
+        raise MethodError(f"{label} must have {count} entries, got {len(numbers)}")
     names = (entry.format(k + 1) if entry else f"{label}[{k}]" for k in range(len(numbers)))
-    return tuple(map(partial(read_coefficient, error=error), numbers, names))
+    return tuple(map(read_coefficient, numbers, names))
 
 
 def values_of(rows: Any) -> Any:
@@ -159,22 +150,21 @@ def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ..
 
 
 def read_texts(
-    name: Any, source: Any, nominal: Sequence[Any], error: type[MethodError] = MethodError
+    name: Any, source: Any, nominal_order: Any = None, nominal_residual: Any = None
 ) -> dict[str, Any]:
-    """Check the fields that all methods have; `nominal` is the pair of order and residual."""
+    """Return the fields that all methods have, checked."""
     for label, text in (("name", name), ("source", source)):
         if not isinstance(text, str):
-            raise error(f"{label} must be a str, got {text!r}")
+            raise MethodError(f"{label} must be a str, got {text!r}")
         if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
-    order, residual = nominal
-    if order is not None:
+            raise MethodError(f"{label} must be text, got {text!r}, which no encoding can hold")
+    if (nominal_order is None) != (nominal_residual is None):
+        raise MethodError("nominal_order and nominal_residual must be given together")
+    if nominal_order is not None:
         try:
-            order = check_integer("order", order, 1)
+            nominal_order = check_integer("nominal_order", nominal_order, 1)
         except (TypeError, ValueError) as problem:
-            raise error(f"nominal_order: {problem}") from None
-    if (order is None) != (residual is None):
-        raise error("nominal_order and nominal_residual must be given together")
-    if residual is not None:
-        residual = read_coefficient(residual, "nominal_residual", error)
-    return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}
+            raise MethodError(str(problem)) from None
+        nominal_residual = read_coefficient(nominal_residual, "nominal_residual")
+    nominal = {"nominal_order": nominal_order, "nominal_residual": nominal_residual}
+    return {"name": name, "source": source} | nominal

@@ -104,7 +104,7 @@ class CommutatorFree(Method):
         nominal_order: int | None = None,
         nominal_residual: Any = None,
     ) -> None:
-        values = read_texts(name, source, (nominal_order, nominal_residual))
+        values = read_texts(name, source, nominal_order, nominal_residual)
         read = [
             _read_point(point, m) for m, point in enumerate(read_sequence(points, "points", of=""))
         ]
@@ -127,7 +127,7 @@ class CommutatorFree(Method):
         )
         values["third_weights"] = read_third(third, len(tree.stage_points), tree.embedded_result)
         self._set(values)
-        self._check_nominal_order(MethodError)
+        self._check_nominal_order()
 
     @classmethod
     def from_layout(

@@ -70,6 +70,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from itertools import count
 
@@ -305,7 +306,12 @@ def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
     They are the abscissae of the stages that the flows use, and their weights in the flows, shape
     ``(flows, stages)``.
     """
-    flows = [dict(flow) for flow in paths.result_flows]
+    flows: list[dict[int, Fraction]] = []
+    k = paths.result
+    while k:
+        path = paths.paths[k - 1]
+        flows = [*map(dict, path.flows), *flows]
+        k = path.origin
     used = sorted({stage for flow in flows for stage in flow})
     weights = [[float(flow.get(k, 0)) for k in used] for flow in flows]
     return paths.abscissae[used], np.array(weights)

@@ -117,7 +117,7 @@ class MagnusMethod(Method):
         name: str = "",
         source: str = "",
     ) -> None:
-        values = read_texts(name, source, (None, None))
+        values = read_texts(name, source)
         values["nodes"] = read_row(nodes, "nodes")
         count = len(values["nodes"])
         values["brackets"] = pairs = _pairs(brackets, count)

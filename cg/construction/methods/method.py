@@ -406,17 +406,17 @@ class Method(ABC):
         """
         return tolerance(self.layout, self.coefficients, order)
 
-    def _check_nominal_order(self, error: type[MethodError]) -> None:
-        """Raise the error if residuals through a nominal order exceed the nominal residual."""
+    def _check_nominal_order(self) -> None:
+        """Raise MethodError if residuals through a nominal order exceed the nominal residual."""
         if self.nominal_residual is None:
             return
         try:
             residuals = conditions.residuals(self.layout, to_floats(self.coefficients), self.order)
         except (TypeError, ValueError) as problem:
-            raise error(f"nominal_order: {problem}") from None
+            raise MethodError(f"nominal_order: {problem}") from None
         largest = float(np.abs(residuals).max())
         if not largest <= float(self.nominal_residual.value):
-            raise error(
+            raise MethodError(
                 f"residuals through nominal_order {self.order} reach {largest:.3g}, "
                 f"more than nominal_residual = {float(self.nominal_residual.value):.3g}"
             )

@@ -102,7 +102,6 @@ class MuntheKaas(Method):
         values = read_texts(
             tableau.name if name is None else name,
             tableau.source if source is None else source,
-            (None, None),
         )
         values["tableau"] = tableau
         weights = read_third(third, tableau.stages, tableau.embedded_weights)

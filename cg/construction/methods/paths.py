@@ -97,17 +97,6 @@ class MethodPaths:
     blocks: int = 0  # groups of implicit stages that are solved one after the other
     drifts: tuple[Fraction, ...] = ()  # after each kick of splitting methods
 
-    @property
-    def result_flows(self) -> tuple[Flow, ...]:
-        """All flows from the start to the result."""
-        flows: tuple[Flow, ...] = ()
-        k = self.result
-        while k:
-            path = self.paths[k - 1]
-            flows = path.flows + flows
-            k = path.origin
-        return flows
-
     @cached_property
     def abscissae(self) -> NDArray[np.float64]:
         """The abscissae as a read-only array."""

@@ -92,7 +92,7 @@ class Splitting(Method):
     def __init__(
         self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
     ) -> None:
-        values = read_texts(name, source, (None, None))
+        values = read_texts(name, source)
         values["kick_coefficients"] = read_row(kicks, "kicks")
         count = len(values["kick_coefficients"])
         values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)

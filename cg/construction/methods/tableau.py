@@ -26,10 +26,10 @@ class TableauError(MethodError):
     --------
     >>> import crouch_grossman as cg
     >>> try:
-    ...     cg.Tableau([[0, 1], ["1/2", 0]], ["1/2", "1/2"], explicit=True)
+    ...     cg.Tableau([[], ["1/2"]], ["1/2", "1/z"])
     ... except cg.TableauError as error:
     ...     print(error)
-    a must be strictly lower in an explicit tableau, but a_12 = 1
+    b_2: expected a finite real number, got '1/z'
     """
 
 
@@ -43,17 +43,14 @@ class Tableau(Method):
     ----------
     a
         Sequence of s rows. All of length s, or the strictly lower part (lengths 0 to s - 1), or the
-        lower part (1 to s). Entries are strings, Fractions, integers or floats; see
-        `Coefficient.read`.
+        lower part (1 to s). Nonzero entries on or above the diagonal make the method implicit.
+        Entries are strings, Fractions, integers or floats; see `Coefficient.read`.
     b
         Sequence of s numbers.
     name, source
         Name and origin of the method.
     b_embedded
         Sequence of s numbers. Second weights of a pair, different from b.
-    explicit
-        Raise an error unless a is strictly lower. By default, entries on or above the diagonal
-        make the method implicit.
     nominal_order
         The intended order of a method that satisfies its order conditions only approximately;
         given together with `nominal_residual`.
@@ -68,8 +65,8 @@ class Tableau(Method):
     Raises
     ------
     TableauError
-        If a shape is wrong, a number isn't finite, ``a`` isn't strictly lower with
-        ``explicit=True``, both weights are the same, or residuals exceed `nominal_residual`.
+        If a shape is wrong, a number isn't finite, both weights are the same, or residuals exceed
+        `nominal_residual`.
 
     Examples
     --------
@@ -94,25 +91,23 @@ class Tableau(Method):
         name: str = "",
         source: str = "",
         b_embedded: Iterable[Any] | None = None,
-        explicit: bool = False,
         nominal_order: int | None = None,
         nominal_residual: Any = None,
     ) -> None:
-        values = read_texts(name, source, (nominal_order, nominal_residual), TableauError)
-        if not isinstance(explicit, bool | np.bool_):
-            raise TableauError(f"explicit must be True or False, got {explicit!r}")
-        weights = read_row(b, "b", None, "b_{}", TableauError)
-        stages = len(weights)
-        embedded = None
-        if b_embedded is not None:
-            embedded = read_row(b_embedded, "b_embedded", stages, "b_embedded_{}", TableauError)
-            if _values(embedded) == _values(weights):
-                raise TableauError("b_embedded must differ from b, or it estimates no error")
-        values["entries"] = _read_matrix(a, stages, explicit)
-        values["weights"] = weights
-        values["embedded_weights"] = embedded
-        self._set(values)
-        self._check_nominal_order(TableauError)
+        try:
+            values = read_texts(name, source, nominal_order, nominal_residual)
+            weights = read_row(b, "b", None, "b_{}")
+            stages = len(weights)
+            embedded = None
+            if b_embedded is not None:
+                embedded = read_row(b_embedded, "b_embedded", stages, "b_embedded_{}")
+                if _values(embedded) == _values(weights):
+                    raise MethodError("b_embedded must differ from b, or it estimates no error")
+            rows = {"weights": weights, "embedded_weights": embedded}
+            self._set(values | rows | {"entries": _read_matrix(a, stages)})
+            self._check_nominal_order()
+        except MethodError as problem:
+            raise TableauError(str(problem)) from None
 
     @classmethod
     def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Tableau:
@@ -186,27 +181,18 @@ def _values(row: Iterable[Coefficient]) -> tuple[Fraction, ...]:
     return tuple(coefficient.value for coefficient in row)
 
 
-def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
-    rows = [
-        read_sequence(row, f"row {i} of a", TableauError)
-        for i, row in enumerate(read_sequence(a, "a", TableauError), 1)
-    ]
+def _read_matrix(a: Any, stages: int) -> Entries:
+    rows = [read_sequence(row, f"row {i} of a") for i, row in enumerate(read_sequence(a, "a"), 1)]
     lengths = [len(row) for row in rows]
     allowed = ([stages] * stages, list(range(stages)), list(range(1, stages + 1)))
     if lengths not in allowed:
-        raise TableauError(
+        raise MethodError(
             f"a must have {stages} rows to match b, all of length {stages} or of lengths "
             f"0 to {stages - 1} (strictly lower) or 1 to {stages} (lower), got lengths {lengths}"
         )
     separator = "," if stages > 9 else ""
-    entries, zero = [], Coefficient.read(0)
-    for i, row in enumerate(rows, 1):
-        read = read_row(row, "row", len(row), f"a_{i}{separator}{{}}", TableauError)
-        entries.append((*read, *[zero] * (stages - len(row))))
-        for j, entry in enumerate(read[i - 1 :], i):
-            if explicit and entry.value != 0:
-                raise TableauError(
-                    f"a must be strictly lower in an explicit tableau, "
-                    f"but a_{i}{separator}{j} = {entry.text}"
-                )
-    return tuple(entries)
+    zero = Coefficient.read(0)
+    return tuple(
+        (*read_row(row, "row", len(row), f"a_{i}{separator}{{}}"), *[zero] * (stages - len(row)))
+        for i, row in enumerate(rows, 1)
+    )

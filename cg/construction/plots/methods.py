@@ -11,7 +11,6 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees.ordered import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.support.checks import check_flag, check_integer
 from cg.support.quads import to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
@@ -21,27 +20,24 @@ _RISE = 0.3  # height of the first child above its parent; another branch is 1 a
 _MAX_NODES = 200
 
 
-def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
+def tableau(method: str | Method, ax: Any = None) -> Any:
     """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
 
     The tableau of a commutator-free method is the classical one, with the sums of the weights of
-    the flows to each stage.
+    the flows to each stage. Coefficients that aren't short fractions have four digits.
 
     Parameters
     ----------
     method
-    digits
-        Significant digits of coefficients that aren't short fractions.
 
     Examples
     --------
     >>> import crouch_grossman as cg
-    >>> ax = cg.plot.tableau("CG3", digits=3)
+    >>> ax = cg.plot.tableau("CG3")
     >>> sorted({text.get_text() for text in ax.texts})[:4]
-    ['0', '0.551', '13/51', '17/108']
+    ['0', '119/216', '13/51', '17/108']
     """
     method = no_splitting(resolve_method(method))
-    digits = check_integer("digits", digits, 1)
     given, ax = ax, axes_for(ax)
     s = method.stages
     a, b = method.exact
@@ -51,10 +47,10 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(method.abscissae[i], digits), **_cell(FAINT))
+            ax.text(0.0, y, _text(method.abscissae[i]), **_cell(FAINT))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry, digits), **_cell("black"))
+                ax.text(j, y, _text(entry), **_cell("black"))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
@@ -94,7 +90,7 @@ def _cell(colour: str) -> dict[str, Any]:
     return {"ha": "center", "va": "center", "fontsize": _SIZE, "color": colour}
 
 
-def _text(value: Fraction, digits: int) -> str:
+def _text(value: Fraction, digits: int = 4) -> str:
     text = str(value) if len(str(value)) <= digits + 3 else to_decimal(value, digits)
     return text.replace("-", "−")
 
@@ -203,15 +199,15 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     return {m: (times[m], heights[m]) for m in (START, *used)}
 
 
-def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
+def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
     """Draw an ordered tree with its root at the bottom and children from left to right.
+
+    Its bracket notation and its density γ are written below.
 
     Parameters
     ----------
     tree
         A tree, or its bracket notation; at most 200 nodes.
-    title
-        Whether to write the bracket notation and the density γ below.
 
     Examples
     --------
@@ -238,8 +234,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     ax.set_aspect("equal", anchor="S")
     ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
     ax.set_ylim(-0.4, max(ys) + 0.4)
-    if check_flag("title", title):
-        ax.set_xlabel(f"{tree}   γ = {tree.density}")
+    ax.set_xlabel(f"{tree}   γ = {tree.density}")
     return ax
 
 

@@ -85,10 +85,13 @@ def krawczyk(
     """
     values, at_point = system.linearise(y)
     columns = list(movable)
-    inverse = _approximate_inverse(_take(at_point, columns))
     unknown = flint.arb("inf") if radius is None else radius
     infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
-    if inverse is None:
+    identity = flint.arb_mat(len(columns), len(columns), 1)
+    try:
+        middle = _take(at_point, columns).mid()
+        inverse = middle.solve(identity, algorithm="approx").mid()
+    except ZeroDivisionError:
         return infinite
     changes = (inverse * flint.arb_mat([[v] for v in values])).entries()
     steps = [abs(entry).upper() for entry in changes]
@@ -102,8 +105,6 @@ def krawczyk(
     for k in columns:
         box[k] = y[k] + flint.arb(0, radius.upper())
     enclosure = _take(system.linearise(box)[1], columns)
-    size = len(columns)
-    identity = flint.arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
     rows = (identity - inverse * enclosure).tolist()
     sums = [sum((abs(entry).upper() for entry in row), flint.arb(0)).upper() for row in rows]
     images = [
@@ -162,13 +163,3 @@ def _up(value: flint.arb) -> float:
 
 def _take(matrix: flint.arb_mat, columns: Sequence[int]) -> flint.arb_mat:
     return flint.arb_mat([[row[k] for k in columns] for row in matrix.tolist()])
-
-
-def _approximate_inverse(matrix: flint.arb_mat) -> flint.arb_mat | None:
-    midpoints = matrix.mid()
-    size = matrix.nrows()
-    identity = flint.arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
-    try:
-        return midpoints.solve(identity, algorithm="approx").mid()
-    except ZeroDivisionError:
-        return None

@@ -149,7 +149,6 @@ class Settings:
     promising: float = 0.0
     largest: float = 0.0
     restarts: int = 0
-    full_rank: bool = False
 
     def system(self, layout: Layout) -> ConditionSystem:
         """Return the conditions on methods of a layout."""
@@ -335,7 +334,6 @@ class Settings:
     def _checked_construction(self, force: bool) -> Settings:
         """Return the settings of a construction."""
         order, stages = self.order, self.stages
-        full_rank = check_flag("full_rank", self.full_rank)
         if self.of_points:
             start, shape = tree_start(order), self._check_tree(force)
         else:
@@ -358,22 +356,20 @@ class Settings:
             promising=start.promising,
             largest=check_real("largest", self.largest, positive=True),
             restarts=check_integer("restarts", self.restarts, 0),
-            full_rank=full_rank,
             **shape,
         )
 
     def _check_structure(self, force: bool) -> Structure:
         """Return the simplifying assumptions of a tableau."""
         embedded = self.check_tableau()
-        order, stages, full_rank = self.order, self.stages, self.full_rank
+        order, stages = self.order, self.stages
         structure = self.structure
         if structure is None:
-            general = full_rank or self.hold
-            structure = Structure.GENERAL if general else likely_structure(order, stages, embedded)
+            structure = Structure.GENERAL
+            if not self.hold:
+                structure = likely_structure(order, stages, embedded)
         system = ConditionSystem.tableau(order, stages, embedded=embedded, structure=structure)
         structure = system.structure
-        if full_rank and structure:
-            raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
         _check_unknowns(system, force)
         replace(self, structure=structure).check_held(system.layout, force)
         return structure
