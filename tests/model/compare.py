@@ -539,6 +539,8 @@ def forward(case: Case) -> None:
 def backward(case: Case) -> None:
     """The gradient of one number by the start, parameters and inputs, by the adjoint equation."""
     program, space, s = case.program, case.program.frame, case.solution
+    if not s.success:  # whether it may fail is compared elsewhere
+        raise Unclear("the solution has failed")
     rng = np.random.default_rng(7)
     xi, changes = _changes(case)
     for k, samples in enumerate(program.inputs):
