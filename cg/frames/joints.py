@@ -23,7 +23,11 @@ from cg.support.shared_numbers import BlockKind, RowForm, Stop
 Row = tuple[RowForm, int, int]  # and the axes of both bodies
 
 _POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
-_ATTITUDE: tuple[Row, ...] = tuple((RowForm.BETWEEN_AXES, k, (k + 1) % 3) for k in range(3))
+_ATTITUDE: tuple[Row, ...] = (
+    (RowForm.COINCIDENT_AXES, 0, 1),
+    (RowForm.BETWEEN_AXES, 1, 2),
+    (RowForm.BETWEEN_AXES, 2, 0),
+)
 KINDS: dict[str, tuple[Row, ...]] = {
     "ball": _POINT,
     "hinge": (*_POINT, (RowForm.BETWEEN_AXES, 2, 0), (RowForm.BETWEEN_AXES, 2, 1)),
@@ -35,15 +39,15 @@ KINDS: dict[str, tuple[Row, ...]] = {
 """The rows of each kind of joint."""
 
 _ROUNDING = 1e-8  # of axes
-# Differences of five and of three values, of first and second derivatives times the step: their
-# first steps, at which angles and lengths of about one have no error to speak of; by how much they
-# change, and how often; and the relative error at which they don't.
+# Weights of differences for the derivatives of orders one and two, times powers of the step: of
+# five values, and of three, whose difference from those of five estimates the error
 _DIFFERENCES = {
     1: (np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0, np.array([0.0, -0.5, 0.0, 0.5, 0.0])),
     2: (np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0, np.array([0.0, 1.0, -2.0, 1.0, 0.0])),
 }
-_STEP, _LONG_STEP = 1e-3, 2.5e-3
-_CHANGE, _TRIALS, _ALLOWED = 8.0, 14, 1e-9
+_STEP, _LONG_STEP = 1e-3, 2.5e-3  # first steps of both orders, for angles and lengths of about 1
+_CHANGE, _TRIALS = 8.0, 14  # by which factor steps change, and how often
+_ALLOWED = 1e-9  # relative error at which they don't
 _NOISE = 8.0  # of differences, in rounding errors of values
 _WRONG = 1e-5  # relative error of derivatives that are given
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
@@ -128,8 +132,6 @@ class Joint:
             own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
             integers.append([int(form), *(body + 1 for body in self.bodies)])
             numbers.append([*points, *own[one], *axes[1][two], self.length or 0.0])
-        if KINDS[self.kind][-3:] == _ATTITUDE:
-            numbers[-3][-1] = 1.0
         return integers, numbers
 
 

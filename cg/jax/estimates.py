@@ -10,6 +10,8 @@ are equal.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,12 +19,10 @@ import jax.numpy as jnp
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.stages import Stages, Start
+from cg.support.shared_numbers import ERROR_ESTIMATE
 from cg.tables import MAX_ANGLE, Kind, MethodTable
 
-# as in fortran/steps/error_estimate.f90
-_ROUNDINGS = 64
-_UNIT_OF_CHANGE = 6.0
-_RESOLVED = 2e-3, 0.1
+_NUMBERS = SimpleNamespace(**ERROR_ESTIMATE)
 
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
 
@@ -140,14 +140,14 @@ def _error_of_time(
     if len(estimates) > 1:
         scaled = errors[1] * jax.lax.stop_gradient(size / norms[1])
         of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
-        share = (change / _UNIT_OF_CHANGE) ** (1.0 / table.exponent - 3.0)
+        share = (change / _NUMBERS.unit_of_change) ** (1.0 / table.exponent - 3.0)
         of_change = jax.lax.stop_gradient(share) * errors[3]
         of_results = jnp.where(share * norms[3] > size, of_change, of_results)
         size = jnp.maximum(size, share * norms[3])
-        fast = norms[0] > _RESOLVED[0] * variation
+        fast = norms[0] > _NUMBERS.resolved_first * variation
         first = jnp.where(fast, norms[0], norms[2])
         fast_error = jnp.where(fast, errors[0], errors[2])
-        unresolved = (fast | (norms[2] > _RESOLVED[1] * variation)) & (first > size)
+        unresolved = (fast | (norms[2] > _NUMBERS.resolved_second * variation)) & (first > size)
         of_results = jnp.where(unresolved, fast_error, of_results)
         size = jnp.where(unresolved, first, size)
     return jnp.where(last > size, errors[-1], of_results)
@@ -163,20 +163,24 @@ def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) 
     sums = len(table.errors)
     if sums > 1:  # in parts
         scaled, sizes = zip(
-            _quotient(errors[:sums], squares[:sums]), _quotient(errors[sums:], squares[sums:]),
+            _quotient(table, errors[:sums], squares[:sums]),
+            _quotient(table, errors[sums:], squares[sums:]),
             strict=True,
-        )  # fmt: skip
+        )
         return jnp.where(sizes[1] > sizes[0], scaled[1], scaled[0])
-    return _quotient(errors, squares)[0]
+    return _quotient(table, errors, squares)[0]
 
 
-def _quotient(errors: list[JaxArray], squares: list[JaxArray]) -> tuple[JaxArray, JaxArray]:
+def _quotient(
+    table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]
+) -> tuple[JaxArray, JaxArray]:
     """Return the estimate of DOP853 and the square of its norm."""
     error = errors[0]
     if len(errors) > 2:  # with `kink_weights`
         error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
-    total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(squares[0].dtype).tiny)
+    further = table.record.factor**2 * squares[1]
+    total = jnp.maximum(squares[0] + further, jnp.finfo(squares[0].dtype).tiny)
     share = squares[0] / total
     return jax.lax.stop_gradient(jnp.sqrt(share)) * error, share * squares[0]
 
@@ -213,6 +217,6 @@ def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: 
     middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
     largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
     difference = weights @ fields
-    rounding = _ROUNDINGS * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
+    rounding = _NUMBERS.roundings * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
     seen = used & (jnp.abs(difference) > rounding)
     return h * largest * jnp.where(seen, difference, 0.0)

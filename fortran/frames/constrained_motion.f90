@@ -69,8 +69,8 @@ contains
     real(wp), intent(inout) :: last          ! the opening before; huge at first
     real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
 
-    associate (now => opening(c, merge(c%size, c%least, c%size > 0)), &
-               near => opening(c, max(c%size, c%least)))
+    associate (now => opening(c, merge(c%scale, c%least, c%scale > 0)), &
+               near => opening(c, max(c%scale, c%least)))
       is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
       last = now
     end associate
@@ -94,10 +94,10 @@ contains
     do i = 1, iterations
       call constraints_at(frame, y, 1, c, status)
       if (status /= finished) return
-      if (i == 1) size_before = maxval(max(c%size, c%least))
+      if (i == 1) size_before = maxval(max(c%scale, c%least))
       if (is_closed(c, last)) then
         call remove_opening(frame, c, y(frame%linkage%before + 1:frame%linkage%after))
-        if (size_before > 0 .and. maxval(c%size) > far * size_before) status = joints_not_solved
+        if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
         if (.not. axes_coincide(frame%linkage, frame%blocks, y)) status = joints_not_solved
         return
       end if

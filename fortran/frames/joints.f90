@@ -14,8 +14,8 @@ module joints_m
   use blocks_m, only: block_t, body_t, find_velocities
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion
-  use shared_numbers, only: along_body, along_space, between_axes, constraints_operation, &
-                            euclidean_block, fixed_length, so3_block
+  use shared_numbers, only: along_body, along_space, between_axes, coincident_axes, &
+                            constraints_operation, euclidean_block, fixed_length, so3_block
   use vectors_m, only: cross
   implicit none
   private
@@ -27,8 +27,7 @@ module joints_m
     integer :: body(2) = 0
     real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
     real(wp) :: axis(3, 2) = 0.0_wp
-    real(wp) :: length = 0.0_wp              ! of a row between axes: 1 if the axes shall coincide,
-                                             ! in the first of three rows, otherwise 0
+    real(wp) :: length = 0.0_wp              ! of a fixed length
     logical :: repeats = .false.             ! whether the row before has the same bodies and points
   end type row_t
 
@@ -52,7 +51,7 @@ module joints_m
     logical :: known = .false.               ! whether the factor is that of the present point
     real(wp), allocatable :: g(:)            ! (rows + own)
     real(wp), allocatable :: bias(:)         ! (rows + own) second derivative at constant velocities
-    real(wp), allocatable :: size(:)         ! (rows + own) lengths that g is a difference of
+    real(wp), allocatable :: scale(:)        ! (rows + own) lengths that g is a difference of
     real(wp), allocatable :: least(:)        ! (rows + own) those of own rows at points of size one
     ! (3, 4, rows) derivatives along the fields of the blocks of a row, and J^-1 times these
     real(wp), allocatable :: slope(:, :, :), moved(:, :, :)
@@ -189,14 +188,14 @@ contains
         if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
         axis(:, j) = matmul(r(:, :, k), axis(:, j))
       end do
-      c%size(i) = length
+      c%scale(i) = length
       select case (row%form)
       case (along_space, along_body)
         c%g(i) = dot_product(axis(:, 1), d)
         n = axis(:, 1)
-      case (between_axes)
+      case (between_axes, coincident_axes)
         c%g(i) = dot_product(axis(:, 1), axis(:, 2))
-        c%size(i) = 1.0_wp
+        c%scale(i) = 1.0_wp
         n = 0.0_wp
       case (fixed_length)
         c%g(i) = (dot_product(d, d) - row%length**2) / (2 * row%length)
@@ -217,7 +216,7 @@ contains
         k = row%body(j)
         c%slope(:, 2 * j - 1:2 * j, i) = 0.0_wp
         if (k == 0) cycle
-        if (row%form == between_axes) then
+        if (row%form == between_axes .or. row%form == coincident_axes) then
           torque = cross(axis(:, j), axis(:, 3 - j))
         else
           c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
@@ -258,7 +257,7 @@ contains
       case (along_body)
         c%bias(i) = dot_product(second(:, 1), d) + 2 * dot_product(first(:, 1), d1) &
                     + dot_product(axis(:, 1), d2)
-      case (between_axes)
+      case (between_axes, coincident_axes)
         c%bias(i) = dot_product(second(:, 1), axis(:, 2)) &
                     + 2 * dot_product(first(:, 1), first(:, 2)) + dot_product(axis(:, 1), second(:, 2))
       case (fixed_length)
@@ -309,7 +308,7 @@ contains
     axes_coincide = .true.
     do i = 1, linkage%rows - 2
       associate (rows => linkage%row(i:i + 2))
-        if (rows(1)%form /= between_axes .or. .not. rows(1)%length > 0) cycle
+        if (rows(1)%form /= coincident_axes) cycle
         do j = 1, 2
           call place(blocks, linkage%block(2 * j - 1, i), linkage%block(2 * j, i), y, x, r(:, :, j))
         end do
@@ -354,7 +353,7 @@ contains
       end do
       scale = merge(length, 1.0_wp, moves)
       do i = 1, n
-        c%size(linkage%rows + i) = sum(abs(c%own(:, i)) * scale)
+        c%scale(linkage%rows + i) = sum(abs(c%own(:, i)) * scale)
         c%least(linkage%rows + i) = sum(abs(c%own(:, i)))
       end do
     end associate
@@ -367,11 +366,11 @@ contains
 
     if (allocated(c%g)) return
     associate (n => linkage%rows + linkage%own, m => linkage%forces)
-      allocate (c%g(n), c%bias(n), c%size(n), c%least(n), c%slope(3, 4, linkage%rows), &
+      allocate (c%g(n), c%bias(n), c%scale(n), c%least(n), c%slope(3, 4, linkage%rows), &
                 c%moved(3, 4, linkage%rows), c%own(m, linkage%own), c%own_moved(m, linkage%own), &
                 c%factor(linkage%start(n) + n))
     end associate
-    c%size = 1.0_wp
+    c%scale = 1.0_wp
     c%least = 0.0_wp
   end subroutine reserve
 

@@ -67,25 +67,25 @@ contains
     real(wp), intent(inout) :: momentum(3)
     real(wp), intent(out) :: q(4)
     real(wp), parameter :: signs(3) = [1.0_wp, -1.0_wp, 1.0_wp]
-    real(wp) :: size, before(3), n(3), after(3), angle
+    real(wp) :: length, before(3), n(3), after(3), angle
     logical :: swapped, down
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
-    size = maxval(abs(momentum))
-    if (.not. (size > 0 .and. all(abs(momentum) <= huge(size)))) return
-    size = size * sqrt(sum((momentum / size)**2))
-    if (.not. size * abs(time) * maxval(top%inverse) * epsilon(size) < 1) then
+    length = maxval(abs(momentum))
+    if (.not. (length > 0 .and. all(abs(momentum) <= huge(length)))) return
+    length = length * sqrt(sum((momentum / length)**2))
+    if (.not. length * abs(time) * maxval(top%inverse) * epsilon(length) < 1) then
       q = nan
       momentum = nan
       return
     end if
-    before = momentum / size
+    before = momentum / length
     n = matmul(before, top%axes) + matmul(before, top%digits)
     swapped = turns_about_smallest(top, n)
     if (swapped) n = signs * n([3, 2, 1])    ! half a turn
     down = n(3) < 0
     if (down) n(2:3) = -n(2:3)
-    call advance(top, swapped, size * time, n, after, angle)
+    call advance(top, swapped, length * time, n, after, angle)
     q = turned(n, angle, after)
     if (down) then
       q(2:3) = -q(2:3)
@@ -98,7 +98,7 @@ contains
     q(1:3) = matmul(top%axes, q(1:3))
     after = matmul(top%axes, after) + matmul(top%digits, after)
     after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
-    momentum = size * after
+    momentum = length * after
   end subroutine turn_freely
 
   ! Whether the momentum goes around the axis of the smallest moment of inertia

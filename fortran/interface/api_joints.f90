@@ -67,7 +67,7 @@ subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_
     if (failed) return
     g(:, i) = c%g
     if (.not. axes_coincide(frame%linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
-    size_of_g(:, i) = c%size
+    size_of_g(:, i) = c%scale
     associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
       speed(:, i) = rates(frame%linkage, c, momenta)
       c%moved = abs(c%moved)

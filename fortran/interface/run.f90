@@ -246,7 +246,7 @@ contains
   subroutine evaluate(run, requests)
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
-    real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
+    real(wp), allocatable :: times(:), points(:), slopes(:)  ! times, then members
     logical :: failed
     integer :: i, m, memory
 
@@ -254,17 +254,17 @@ contains
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
     associate (n => run%frame%point_size, k => size(requests))
-      allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
+      allocate (times(2 * k), points(n * k), slopes(m * k), stat=memory)
       if (memory /= 0) run%lanes(requests)%status = out_of_memory
       if (memory /= 0) return
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i) = lane%request%t
-          where(k + i) = real(lane%member - 1, wp)
+          times(i) = lane%request%t
+          times(k + i) = real(lane%member - 1, wp)
           points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
       end do
-      call run%python%apply(fields_operation, where, points, slopes, failed)
+      call run%python%apply(fields_operation, times, points, slopes, failed)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           if (run%frame%derivatives) then

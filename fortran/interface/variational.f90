@@ -311,15 +311,15 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: f(n)
     real(wp), intent(inout) :: a(n, n)
-    integer, pointer, contiguous :: index(:, :)        ! (3, constants)
+    integer, pointer, contiguous :: place(:, :)        ! (3, constants)
     real(wp), pointer, contiguous :: constant(:)       ! (constants)
     integer :: c, count
 
     count = int(record%constants)
-    call c_f_pointer(transfer(record%index, c_null_ptr), index, [3, count])
+    call c_f_pointer(transfer(record%index, c_null_ptr), place, [3, count])
     call c_f_pointer(transfer(record%constant, c_null_ptr), constant, [count])
     do c = 1, count
-      a(index(2, c), index(3, c)) = a(index(2, c), index(3, c)) + constant(c) * f(index(1, c))
+      a(place(2, c), place(3, c)) = a(place(2, c), place(3, c)) + constant(c) * f(place(1, c))
     end do
   end subroutine add_brackets
 

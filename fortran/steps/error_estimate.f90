@@ -35,6 +35,7 @@ module error_estimate_m
   use frames_m, only: turning
   use method_m, only: kind_collocation, kind_polynomial, method_t
   use newton_m, only: filtered
+  use shared_numbers, only: resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -46,13 +47,8 @@ module error_estimate_m
   ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
   ! chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
-  ! Unit of such changes in the rest of e2. Along 2,000 random curves through samples on quaternions
-  ! it leaves angles wrong by 75 tolerances of 1e-10 in place of 770, for 2 per cent more evaluations.
-  real(wp), parameter :: unit_of_change = 6.0_wp
-  ! Parts of the variation that e1 and e2 are if the phase changes by about a radian
-  real(wp), parameter :: resolved(2) = [2e-3_wp, 0.1_wp]
+  real(wp), parameter :: resolved(2) = [resolved_first, resolved_second]
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
-  real(wp), parameter :: roundings = 64 * epsilon(1.0_wp)    ! of differences between nodes
 
 contains
 
@@ -267,7 +263,7 @@ contains
       largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t, &
                                          mask=[(counts(j), j=1, 2 * s)])))
     end do
-    v = largest * merge(v, 0.0_wp, abs(v) > roundings * sizes)
+    v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
 
   contains
 

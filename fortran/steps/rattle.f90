@@ -104,7 +104,7 @@ contains
           call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
           if (failed) exit
           if (linkage%own > 0) then
-            ahead%size(linkage%rows + 1:) = here%size(linkage%rows + 1:)
+            ahead%scale(linkage%rows + 1:) = here%scale(linkage%rows + 1:)
             ahead%least(linkage%rows + 1:) = here%least(linkage%rows + 1:)
           end if
           if (is_closed(ahead, last)) exit
