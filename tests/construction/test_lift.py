@@ -115,7 +115,17 @@ class TestLift:
         with pytest.raises(cg.LiftError, match="none of 3 starts led to a method of order 4") as e:
             cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
         assert e.value.best > 1e-6
-        refuses(cg.LiftError, "must be exact or have", cg.lift, cg.Tableau(KUTTA.a, KUTTA.b))
+        c2, c3 = 0.2**0.5, 0.5**0.5
+        b2, b3 = (2 - 3 * c3) / (6 * c2 * (c2 - c3)), (2 - 3 * c2) / (6 * c3 * (c3 - c2))
+        a32 = 1 / (6 * b3 * c2)
+        rounded = cg.Tableau([[], [c2], [c3 - a32, a32]], [1 - b2 - b3, b2, b3])
+        refuses(cg.LiftError, "must be exact or have", cg.lift, rounded)
+
+    def test_doubles_are_taken_as_the_fractions_that_they_are_rounded_from(self):
+        flat = pair("DP5(4)")
+        lifted = cg.lift(cg.Tableau(flat.a, flat.b, b_embedded=flat.b_embedded))
+        assert lifted.method.exact == flat.exact
+        assert lifted.method.exact_embedded == flat.exact_embedded
 
 
 def test_dop853_is_scipys_to_the_last_bit():

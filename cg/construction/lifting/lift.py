@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from operator import itemgetter
 
 import numpy as np
@@ -17,8 +18,9 @@ import numpy as np
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
+from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.flat import flat_order, stage_orders
+from cg.construction.methods.flat import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import start_generator
 from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
@@ -34,6 +36,7 @@ _ITERATIONS = {7: 200, 8: 350}
 _ITERATIONS_BELOW = 150
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
+_DENOMINATOR_DIGITS = 8  # of a rational number that is told from its rounded value
 
 _Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
 
@@ -143,8 +146,9 @@ def lift(
     Parameters
     ----------
     tableau
-        Explicit, with coefficients that are exact or have some 40 digits: rounded ones, such as
-        doubles, may have no solution. Rational coefficients stay rational.
+        Explicit, with coefficients that are exact or have some 40 digits. Rounded ones, such as
+        doubles, are taken as the simplest fractions next to them if these satisfy all flat
+        conditions, and may have no solution otherwise. Rational coefficients stay rational.
     order
         Order of the method; by default that of the flat method.
     embedded_order
@@ -186,6 +190,7 @@ def lift(
     (3, True)
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
+    tableau = _unrounded(tableau)
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
         flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
@@ -299,6 +304,28 @@ def _check_orders(
             f"got {second}"
         )
     return order, second
+
+
+def _unrounded(tableau: Tableau) -> Tableau:
+    """Return the tableau with simple rational numbers of which its coefficients are rounded ones.
+
+    It is the given one, unless the flat conditions then hold exactly.
+    """
+    simple = tableau.with_coefficients([_simplest(entry) for entry in tableau.coefficients])
+    for embedded in (False, True)[: 1 + (tableau.embedded_weights is not None)]:
+        order = flat_order(tableau, embedded=embedded)
+        a, b = simple.exact[0], simple.exact_embedded if embedded else simple.exact[1]
+        assert b is not None
+        if any(flat_residuals(a, b, order)):
+            return tableau
+    return simple
+
+
+def _simplest(entry: Coefficient) -> Fraction | Coefficient:
+    """Return the fraction of smallest denominator that a coefficient may be rounded from."""
+    near = (entry.value.limit_denominator(10**k) for k in range(1, _DENOMINATOR_DIGITS + 1))
+    allowed = (one for one in near if abs(one - entry.value) <= 2 * entry.unit)
+    return next(allowed, entry) if entry.unit else entry
 
 
 def _check_chains(
