@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame, check_frame
 from cg.frames.block_kinds import Blocks, compared_by_entries
 from cg.support.arrays import Array, Points, Size
+from cg.support.checks import short
 
 _DOUBLE = np.dtype(np.float64)
 
@@ -97,7 +98,9 @@ class Product(Frame):
             return super().read_points(value, name)
         except ValueError as error:
             if isinstance(value, list | tuple) and len(value) == len(self.factors):
-                raise ValueError(f"{error}; frame.join makes one array of them") from error
+                raise ValueError(
+                    f"{error}; the method join of {short(self)} makes one array of them"
+                ) from error
             raise
 
     def join(self, *parts: ArrayLike) -> Array:
