@@ -48,8 +48,8 @@ def rotations_of(
     at the times `at`. ValueError, with the `name` of the argument, if there are no rotations.
     """
     frame, times = getattr(y, "frame", None), None
+    check_stored(y, name)
     if isinstance(frame, Frame):
-        check_stored(y, name)
         times, points = np.asarray(y.t, dtype=np.float64), np.asarray(y.y)
         if points.ndim != 1 + len(frame.point_shape):
             raise ValueError(

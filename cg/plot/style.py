@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.support.checks import short
 from cg.support.parsing import visible
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -85,9 +86,12 @@ def opacity_of(members: list[Any]) -> float:
 
 
 def check_stored(solution: Any, name: str) -> None:
-    """Raise ValueError if a solution stores no points."""
-    if getattr(solution, "y", 0) is None:
+    """Raise ValueError if a solution stores no points, or an array has none."""
+    points = getattr(solution, "y", solution)
+    if points is None:
         raise ValueError(f'{name} must have points, got a solution with store="observed"')
+    if isinstance(points, np.ndarray | list | tuple) and not getattr(points, "size", len(points)):
+        raise ValueError(f"{name} must hold points at one or more times, got {short(solution)}")
 
 
 def verbatim(text: str) -> str:

@@ -180,7 +180,7 @@ def test_overflow_gives_nonfinite_points(frame):
 @every_frame
 def test_frames_compare_by_value(frame):
     if not isinstance(frame, fr.FieldFrame | fr.MatrixFrame):
-        copy = eval(repr(frame), vars(fr))
+        copy = eval(repr(frame), {name: getattr(fr, name) for name in fr.__all__})
         assert copy == frame
         assert hash(copy) == hash(frame)
     assert sum(other == frame for other in FRAMES) == 1
