@@ -184,10 +184,8 @@ def test_iterates_equal_scipy_with_options(name, options):
 
 
 def test_pivots_where_norms_cancel():
-    """Of columns that differ by 1e-9 from the first, of which the second differs by more.
-
-    Those of SciPy 1.17 vary from call to call.
-    """
+    """Of columns that differ by 1e-9 from the first, of which the second differs by more."""
+    # those of SciPy 1.17 vary from call to call
     matrix = np.array([[2.0, 1.0, 1.0], [0.0, 3e-9, 0.0], [0.0, 0.0, 2e-9], [0.0, 0.0, 0.0]])
     f = lambda x: matrix @ x - [1.0, 0.0, 0.0, 4.0]
     assert cg.lmdif(f, np.zeros(3), maxfev=8).ipvt.tolist() == [0, 1, 2]
