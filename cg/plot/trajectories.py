@@ -120,12 +120,12 @@ def _paths(
 
 def _vectors(points: Any, frame: Any) -> NDArray[np.float64]:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
-    if points.ndim == 2 and points.shape[1:] == (3,) and len(points):
+    if points.ndim == 2 and points.shape[1:] == (3,):
         return real_array(points, "y")
     rotations = None
     if isinstance(frame, Frame):
         rotations = rotations_on(frame, points)
-    elif points.shape[1:] in ((3, 3), (4,)) and len(points):
+    elif points.shape[1:] in ((3, 3), (4,)):
         rotations = rotations_of(points)[0]
     if rotations is None:
         raise ValueError(
@@ -140,7 +140,7 @@ def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
     shape = states.shape[1:]
     if np.isrealobj(states) and shape not in ((2,), (2, 2)):
         return _vectors(states, frame)
-    if shape not in ((2,), (2, 2), (4,)) or not len(states):
+    if shape not in ((2,), (2, 2), (4,)):
         raise ValueError(
             "y must hold states of shape (n, 2), (n, 2, 2) or, complex, (n, 4), or vectors, got "
             f"shape {states.shape}"

@@ -24,8 +24,7 @@ def test_accepts_unusual_array_types():
     wide = np.zeros((6, 6))
     wide[::2, ::2] = y
     for odd in (readonly, wide[::2, ::2], np.asfortranarray(y), y.tolist(), y.astype(object)):
-        # NumPy 2.0 rounds products of strided arrays otherwise
-        np.testing.assert_allclose(frame.flow(v, odd), expected, rtol=0, atol=1e-16)
+        assert np.abs(frame.flow(v, odd) - expected).max() < 1e-16  # zero but with NumPy 2.0
     np.testing.assert_array_equal(frame.flow(np.ma.masked_array(v), y), expected)
     np.testing.assert_array_equal(frame.flow(np.float32(v), y), expected)
     np.testing.assert_array_equal(frame.flow([1, 2, 3], np.eye(3, dtype=int)), y)

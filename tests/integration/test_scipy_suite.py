@@ -248,6 +248,7 @@ def test_tolerances_of_entries_and_what_is_dropped():
     assert ended.status == -1
     assert "f must return finite numbers" in ended.message
     refuses(TypeError, r"frame must be a Frame such as SO3\(\), got 3", cg.scipy.Solver, 3)
+    refuses(ValueError, "method must be the name", cg.scipy.Solver, FRAME, "RK45")
     spin = cg.frames.Product(cg.frames.SU(2), cg.frames.Euclidean(1))
     turn = lambda t, y: spin.field([np.cos(t), y[8], 0.3, -y[8]], y)
     options = {"method": cg.scipy.Solver(spin), "rtol": 1e-9}

@@ -154,6 +154,7 @@ BAD = [
     (cg.plot.trajectory_on_sphere, "y", [{"y": np.ones((3, 4))}, {"y": np.nan * np.eye(3)}]),
     (cg.plot.bands, "values", [{"t": [0, 1], "values": v} for v in ([1, 2], [[1], [np.nan]])]),
     (cg.plot.bloch, "y", [{"y": np.ones((3, 5))}, {"y": [[1, np.nan]]}]),
+    (cg.plot.bloch, "y must hold points at one or more times", [{"y": []}]),
     (cg.plot.trajectory_of_axes, "y", [{"y": ONES[:, :2]}, {"y": ONES}]),
     (cg.plot.trajectory_of_axes, "triads", [{"y": np.eye(3)[None], "triads": -1}]),
     (cg.plot.convergence, "h", [{"h": [0.1, 0.2], "errors": [1e-3]}, {"h": "ab", "errors": [1.0]}]),
