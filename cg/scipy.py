@@ -13,10 +13,9 @@ from scipy.integrate._ivp.common import warn_extraneous
 from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.linear_action import LinearAction
-from cg.frames.power import Power
-from cg.frames.product import Product
+from cg.frames.product import Power, Product
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.plan.blocks import turning_coefficients
+from cg.integration.plan.plan import turning_coefficients
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable, table_of

@@ -18,10 +18,10 @@ import method_work
 from matplotlib import pyplot
 
 import cg
+from cg.construction import plots
 from cg.construction.catalogue.summary import summary_of
 from cg.construction.formats import FORMATS
 from cg.construction.methods.method import Method
-from cg.construction.plots import methods as plots_of_methods
 from cg.construction.proofs import CertificationError, certificate_of, proved
 
 ROOT = Path(__file__).parent.parent
@@ -215,7 +215,7 @@ def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
     modules = [
         method_work,
-        plots_of_methods,
+        plots,
         cg.construction.formats,
         *method_work.parts(),
     ]

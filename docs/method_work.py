@@ -194,4 +194,4 @@ def section(folder: Path, file: str, method: Method) -> str:
 
 def parts() -> list[Any]:
     """Return the modules on which the figures depend."""
-    return [cg.plot.errors, cg.problems.heavy_top, cg.problems.free_rigid_body]
+    return [cg.plot.errors, cg.problems.rigid_body]

@@ -9,7 +9,7 @@ from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.construction.proofs import certificate_of
-from cg.construction.proofs.files import certificate_names
+from cg.construction.proofs.packed import certificate_names
 
 from .blocks import Data, Table, number
 from .coefficients import RANK_THRESHOLD, singular_values

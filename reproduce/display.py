@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-from cg.support.progress import has_bars, make_bar
+from cg.support.parallel import has_bars, make_bar
 
 from .context import Item, Progress
 

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows, count, jacobian, residuals, unknowns, unpack
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.trees.ordered import catalan, forest
+from cg.construction.trees import catalan, forest
 from cg.frames import Euclidean
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation

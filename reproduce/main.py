@@ -10,7 +10,7 @@ import click
 
 from cg.command.arguments import workers_option
 from cg.command.main import main as run_command
-from cg.construction.runs.store import StoreError
+from cg.construction.runs import StoreError
 from cg.support.parallel import available_cores
 
 from .context import Settings

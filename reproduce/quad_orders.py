@@ -7,7 +7,7 @@ from typing import Any
 
 from cg.construction.catalogue import methods
 from cg.problems.convergence import observed_order, slopes
-from cg.support.executors import completed
+from cg.support.parallel import completed
 
 from . import top
 from .context import Context

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul
 
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START
 from cg.construction.methods.method import Method
 from cg.problems import HeavyTop
-from cg.support.balls import exact_midpoint, to_flint, working_precision
+from cg.support.quads import exact_midpoint, to_flint, working_precision
 
 _BITS = 114
 _ONE = 1 << _BITS

@@ -24,8 +24,8 @@ from cg.construction.conditions import residuals
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_residuals
 from cg.construction.methods.low_storage import from_two_registers
+from cg.construction.solvers.minimum_norm import pseudo_inverse
 from cg.construction.solvers.refine import refine_rational
-from cg.construction.solvers.singular import pseudo_inverse
 from cg.reproduce.markdown import replace_between, table
 
 METHODS = Path(__file__).parent / "two_register_methods.toml"

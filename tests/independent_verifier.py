@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
-from cg.construction.trees.ordered import OrderedTree, forest
+from cg.construction.trees import OrderedTree, forest
 
 LARGEST = 1e-25  # residual of a condition that is left out
 

@@ -16,12 +16,12 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from cg.construction.catalogue import methods
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
-from cg.support.balls import to_ball as ball
+from cg.support.quads import to_ball as ball
 from cg.support.quads import to_decimal
 
 FILE = Path(__file__).parent.parent / "cg/construction/catalogue/reference_steps.json"

@@ -11,11 +11,10 @@ from pathlib import Path
 
 from cg.construction.catalogue import methods
 from cg.construction.catalogue.summary import write_summaries
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify
-from cg.construction.proofs.files import certificate_names
-from cg.construction.proofs.packed import fitting
+from cg.construction.proofs.packed import certificate_names, fitting
 from cg.reproduce.catalogue_table import entries, markdown, table
 from cg.reproduce.markdown import replace_between
 from cg.reproduce.sections.claims import CLAIMS, VERDICTS

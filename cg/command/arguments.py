@@ -10,7 +10,7 @@ from click.shell_completion import CompletionItem
 
 from cg.command.main import message_of
 from cg.construction.catalogue import is_file, load, methods, similar_names
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import MethodError
 from cg.construction.methods.method import Method
 from cg.support.parsing import to_json, visible_lines
 

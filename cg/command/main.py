@@ -24,13 +24,13 @@ _IN_COMMAND = {
 """Words of messages of Python functions and of click, and the words that the command uses."""
 
 _MODULES = {
-    "list": "listing",
-    "show": "showing",
-    "check": "checking",
+    "list": "methods",
+    "show": "methods",
+    "check": "proving",
     "search": "searching",
     "construct": "searching",
     "certify": "proving",
-    "export": "exporting",
+    "export": "methods",
 }
 
 

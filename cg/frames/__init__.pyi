@@ -3,32 +3,21 @@ from .base import FlowOverflowError, Frame
 from .checking import check
 from .coadjoint import CoadjointOrbit
 from .euclidean import Euclidean
-from .field_frame import FieldFrame
-from .gl import GL
-from .grassmann import Grassmann
 from .homogeneous import HomogeneousSpace
-from .hyperbolic import Hyperbolic
-from .isospectral import IsospectralOrbit
 from .joints import Joint
 from .linear_action import LinearAction
 from .matrix_frame import MatrixFrame
 from .matrix_group import MatrixGroup
+from .matrix_groups import GL, SL, SU, Sp, U
 from .phase_space import PhaseSpace
-from .power import Power
-from .product import Product
+from .product import Power, Product
 from .quaternion import UnitQuaternion
-from .rotations import hat, vee
-from .se3 import SE3
+from .rotations import SE3, SO, SO3, hat, vee
 from .semidirect import Semidirect
-from .sl import SL
-from .so import SO
-from .so3 import SO3
-from .sp import Sp
-from .spd import SPD
-from .sphere import Sphere
-from .stiefel import Stiefel
-from .su import SU
-from .u import U
+from .sphere import Hyperbolic, Sphere
+from .stiefel import Grassmann, Stiefel
+from .symmetric import SPD, IsospectralOrbit
+from .user import FieldFrame
 
 __all__ = [
     "GL",

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.block_kinds import Blocks
-from cg.frames.local_coordinates import (
+from cg.frames.compiled import Blocks
+from cg.frames.manifold import (
+    Manifold,
     local_coordinates,
     minimum_norm_coefficients,
     nearest_coordinates,
     newton_correction,
 )
-from cg.frames.manifold import Manifold
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.checks import check_integer, short
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
-from cg.frames.so3 import SO3
+from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 
 Constants = tuple[tuple[tuple[float, ...], ...], ...]

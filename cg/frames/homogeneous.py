@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.local_coordinates import near
+from cg.frames.manifold import near
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.arrays import Array, Points
 

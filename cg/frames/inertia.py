@@ -10,13 +10,11 @@ import numpy as np
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.power import Power
-from cg.frames.product import Product, real_size
+from cg.frames.matrix_groups import U
+from cg.frames.product import Power, Product, real_size
 from cg.frames.quaternion import UnitQuaternion
-from cg.frames.rotations import hat, vee
-from cg.frames.so import SO
+from cg.frames.rotations import SO, hat, vee
 from cg.frames.sphere import Sphere
-from cg.frames.u import U
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import short
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.power import Power
-from cg.frames.product import Product
+from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
-from cg.frames.so3 import SO3
+from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop

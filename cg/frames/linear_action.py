@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.block_kinds import Blocks
+from cg.frames.compiled import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.user import Function, UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj

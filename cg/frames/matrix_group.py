@@ -10,15 +10,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from cg.frames.algebra import MAX_CONSTANTS
+from cg.frames.algebra import MAX_CONSTANTS, series_dexpinv
 from cg.frames.base import Frame
-from cg.frames.block_kinds import CLOSED_FORMS, Block
-from cg.frames.compiled import coordinates_between, move
-from cg.frames.dexpinv import series_dexpinv
-from cg.frames.entries import Entries, dual_of
-from cg.frames.logarithms import real_log1p
+from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm
+from cg.frames.matrix_frame import Entries, dual_of
+from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
 from cg.support.checks import total_memory
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import SCALAR_FIRST, Block, Blocks, convention_option
-from cg.frames.compiled import coordinates_between
+from cg.frames.compiled import SCALAR_FIRST, Block, Blocks, convention_option, coordinates_between
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import Blocks, convention_option
-from cg.frames.compiled import dexpinv
-from cg.frames.entries import Entries
+from cg.frames.compiled import Blocks, convention_option, dexpinv
+from cg.frames.matrix_frame import Entries
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random
 from cg.support.checks import check_integer

@@ -1,15 +1,16 @@
-"""User-defined frames: members of `Frame` that are functions of the user."""
+"""User-defined frames: fields and members of `Frame` that are functions of the user."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.support.arrays import Array, Points, Size, check_random, complex_array, real_array
+from cg.support.checks import check_integer
 
 Function = Callable[..., Any]
 
@@ -123,3 +124,178 @@ class UserFrame(Frame):
         if self.dtype.kind == "c":
             return normal + 1j * rng.standard_normal(normal.shape)
         return normal
+
+
+_BRACKET_ROUNDING = 1e-9  # tolerance of identities, relative to the largest term
+
+
+class FieldFrame(UserFrame):
+    r"""Vector fields given as functions, together with the flow of their combinations.
+
+    Parameters
+    ----------
+    fields
+        Functions ``E(y)`` of one point that return a tangent.
+    flow
+        Function ``flow(v, y)`` of coefficients of shape ``(m,)`` and one point that returns the
+        time-1 flow of :math:`\sum_i v_i E_i` through it.
+    point_shape
+        Shape of a point, an integer for vectors.
+    dtype
+        ``float`` or ``complex``, the type of a point's entries.
+    membership_error
+        Function of one point that returns its distance from the manifold. Without it every
+        array is a point.
+    restore
+        Function that returns a point without rounding errors normal to the manifold; called after
+        each flow.
+    project
+        Function of an array near the manifold that returns the nearest point.
+    distance
+        Function of two points. The default is the Euclidean distance.
+    exp_coordinates
+        Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
+    random_point
+        Function of a random generator that returns one point.
+    bracket
+        Function ``bracket(u, v)`` that returns the coefficients of the commutator, see
+        `Frame.bracket`. Munthe-Kaas methods need it unless there is only one field.
+
+    Notes
+    -----
+    Functions are called with one point at a time, in a loop over batches. Use `check` to verify
+    that ``flow`` and the other functions are consistent with ``fields``.
+
+    Examples
+    --------
+    The hyperbolas ``y[0] * y[1] == constant``:
+
+    >>> import numpy as np
+    >>> squeeze = FieldFrame(
+    ...     [lambda y: np.array([y[0], -y[1]])],
+    ...     lambda v, y: np.array([y[0] * np.exp(v[0]), y[1] * np.exp(-v[0])]),
+    ...     point_shape=2,
+    ... )
+    >>> squeeze.flow([np.log(2.0)], [1.0, 1.0])
+    array([2. , 0.5])
+    """
+
+    _fields: tuple[Function, ...]
+    _flow: Function
+    _point_shape: tuple[int, ...]
+    _dtype: np.dtype[Any]
+
+    def __init__(
+        self,
+        fields: Sequence[Function],
+        flow: Function,
+        *,
+        point_shape: int | Sequence[int],
+        dtype: Any = float,
+        membership_error: Function | None = None,
+        restore: Function | None = None,
+        project: Function | None = None,
+        distance: Function | None = None,
+        exp_coordinates: Function | None = None,
+        random_point: Function | None = None,
+        bracket: Function | None = None,
+    ) -> None:
+        if callable(fields) or not _is_iterable(fields):
+            raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
+        functions = tuple(fields)
+        if not functions:
+            raise ValueError("fields must hold at least one function, got none")
+        for name, value in [
+            *((f"fields[{i}]", f) for i, f in enumerate(functions)),
+            ("flow", flow),
+        ]:
+            if not callable(value):
+                raise TypeError(f"{name} must be a function, got {value!r}")
+        lengths = point_shape if _is_iterable(point_shape) else (point_shape,)
+        shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
+        kinds = (float, complex, np.float64, np.complex128)
+        if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
+            raise ValueError(f"dtype must be float or complex, got {dtype!r}")
+        parts = {"_fields": functions, "_flow": flow, "_point_shape": shape}
+        vars(self).update(parts, _dtype=np.dtype(dtype))
+        self._store_functions(
+            membership_error=membership_error,
+            restore=restore,
+            project=project,
+            distance=distance,
+            exp_coordinates=exp_coordinates,
+            random_point=random_point,
+            bracket=bracket,
+        )
+        if bracket is not None:
+            self._check_bracket()
+
+    def _check_bracket(self) -> None:
+        """Raise ValueError if the bracket of random vectors violates a Lie algebra's identities."""
+        u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
+        b = self.bracket
+        one, other = b(u, v), b(v, u)
+        size = float(np.abs([one, other]).max())
+        if not np.abs(one + other).max() <= _BRACKET_ROUNDING * size:
+            raise ValueError(
+                "bracket must change its sign when its arguments are exchanged, got "
+                f"{one.tolist()} and {other.tolist()} for {u.tolist()} and {v.tolist()}"
+            )
+        terms = np.array([b(u, b(v, w)), b(v, b(w, u)), b(w, b(u, v))])
+        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_ROUNDING * np.abs(terms).max():
+            raise ValueError(
+                "bracket must satisfy Jacobi's identity, [u, [v, w]] + [v, [w, u]] + [w, [u, v]] = "
+                f"0; got {terms.sum(axis=0).tolist()} for {u.tolist()}, {v.tolist()}, {w.tolist()}"
+            )
+
+    def __repr__(self) -> str:
+        names = ", ".join(getattr(f, "__name__", repr(f)) for f in self._fields)
+        return f"FieldFrame([{names}], point_shape={self._point_shape})"
+
+    def _key(self) -> tuple[Any, ...]:
+        return (*super()._key(), self._fields, self._flow)
+
+    @property
+    def dim(self) -> int:
+        return len(self._fields)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        return self._point_shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self._dtype
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        if self.dim == 1:
+            return np.zeros(np.broadcast_shapes(u.shape, v.shape))
+        function = self._functions.get("bracket")
+        if function is None:
+            raise NotImplementedError(
+                f"{self!r} has no bracket: if its fields span a Lie algebra, pass "
+                "FieldFrame(..., bracket=...)"
+            )
+        return self._call("bracket", function, [(u, 1), (v, 1)], (self.dim,))
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        vector, point = self._arguments(v, y)
+        rank = len(self._point_shape)
+        tangent = np.zeros((), dtype=self.dtype)
+        for i, function in enumerate(self._fields):
+            arguments = [(point, rank)]
+            value = self._call(f"fields[{i}]", function, arguments, self.point_shape, self.dtype)
+            coefficient = vector[..., i].reshape(vector.shape[:-1] + (1,) * rank)
+            tangent = tangent + coefficient * value
+        return tangent
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        vector, point = self._arguments(v, y)
+        arguments = [(vector, 1), (point, len(self._point_shape))]
+        moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)
+        return self.restore(moved)
+
+
+def _is_iterable(value: Any) -> TypeGuard[Iterable[Any]]:
+    """Return whether a value can be iterated over; zero-dimensional arrays cannot."""
+    return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -6,10 +6,9 @@ from cg.integration.ensemble import (
     solve_variational_ensemble,
 )
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
-from cg.integration.langevin import Langevin
-from cg.integration.output.dense import DenseOutput
-from cg.integration.output.results import EnsembleSolution, Solution
-from cg.integration.plan.stage_solver import ConvergenceError
+from cg.integration.mechanics import Langevin
+from cg.integration.output.results import DenseOutput, EnsembleSolution, Solution
+from cg.integration.plan.plan import ConvergenceError
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.samples import Samples

@@ -1,24 +1,29 @@
-"""Checks of the arguments of integrations."""
+"""Arguments that the integrations share, which `cg.solve_ivp` documents, and their checks."""
 
 from __future__ import annotations
 
+import inspect
 import math
 import warnings
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.frames.product import Product
-from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, check_finite, is_array, real_array
-from cg.support.checks import check_integer, short, total_memory
-from cg.support.times import apart, clipped
-from cg.tables import MethodTable
+from cg.integration.default_method import AUTO
+from cg.integration.mechanics import Langevin
+from cg.integration.plan.plan import DEFAULT_STAGE_SOLVER, Plan
+from cg.integration.rhs.function import Function
+from cg.integration.rhs.samples import Samples
+from cg.support.arrays import Array, Points, apart, check_finite, clipped, is_array, real_array
+from cg.support.checks import check_integer, short, similar_names, total_memory
+from cg.support.parallel import ExecutorLike
+from cg.tables import HasTable, MethodTable
 
 DEFAULT_MAX_STEPS = 10**6
 """Default limit of the number of adaptive steps, rejected ones included."""
@@ -324,3 +329,148 @@ def is_many(frame: Any, y0: Any) -> bool:
         return np.ndim(frame.read_points(y0, "y0")) > len(frame.point_shape)
     except (TypeError, ValueError):
         return False
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class StepOptions(TypedDict, total=False):
+    """Options of all integrations, also of a `cg.Stepper`."""
+
+    method: str | HasTable
+    h: float | None
+    rtol: ArrayLike | None
+    atol: ArrayLike | None
+    max_step: float
+    first_step: float | None
+    breakpoints: ArrayLike | None
+    events: Any
+    inputs: Samples | tuple[Samples, ...] | list[Any] | None
+    args: Iterable[Any] | None
+    parameters: ArrayLike | None
+    rhs: str
+    stage_solver: str
+    jac: Function | ArrayLike | None
+    vectorized: bool
+    thermostat: Langevin | None
+    step_function: Any
+
+
+class Options(StepOptions, total=False):
+    """Options of integrations over a given span of time."""
+
+    max_steps: int | None
+    t_eval: ArrayLike | None
+    dense_output: bool
+    observe: Any
+    store: str
+    linear: bool
+    derivatives: str | None
+    derivatives_by: str | ArrayLike | None
+    df_dp: Function | None
+    P0: ArrayLike | None
+    noise: ArrayLike | Function | None
+    control_derivatives: bool
+    progress: Callable[[float, float], None] | None
+
+
+class EnsembleOptions(Options, total=False):
+    """Options of integrations of many members."""
+
+    common_steps: bool
+    inertia: Any
+    executor: ExecutorLike
+    workers: int | None
+    out: Any
+
+
+_KINDS = (StepOptions, Options, EnsembleOptions)
+_DEFAULTS: dict[str, Any] = dict.fromkeys(EnsembleOptions.__annotations__) | {
+    "method": AUTO,
+    "rhs": "coefficients",
+    "max_step": math.inf,
+    "stage_solver": DEFAULT_STAGE_SOLVER,
+    "vectorized": False,
+    "dense_output": False,
+    "store": "all",
+    "linear": False,
+    "control_derivatives": False,
+    "common_steps": False,
+}
+
+
+def complete_options(
+    function: Any, positional: tuple[Any, ...], options: StepOptions
+) -> EnsembleOptions:
+    """Return the options of a call of ``function`` with the defaults of those that aren't given.
+
+    TypeError is raised for other names, and for more positional arguments than it takes.
+    """
+    if positional or not options.keys() <= function.options.keys():
+        name = function.__qualname__.removesuffix(".__init__")
+        if positional:
+            key = "method" if isinstance(positional[0], str) else "frame"
+            raise TypeError(
+                f"{name}() takes {key} and all options by keyword, such as "
+                f"{key}={positional[0]!r}, got {len(positional)} too many positional arguments"
+            )
+        wrong = next(iter(options.keys() - function.options.keys()))
+        parameters = inspect.signature(function).parameters.values()
+        names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
+        hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
+        raise TypeError(f"{name}() got an unexpected keyword argument {wrong!r}{hint}")
+    complete: Any = {**_DEFAULTS, **function.options, **options}
+    return complete  # type: ignore[no-any-return]
+
+
+def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
+    """Show the options one by one in the signature of a function that takes ``**options``.
+
+    ``defaults`` are those of the function that differ from the others'.
+    """
+
+    def expand(function: _Function) -> _Function:
+        signature = inspect.signature(function)
+        parameters = list(signature.parameters.values())
+        name = parameters.pop().annotation.removeprefix("Unpack[").removesuffix("]")
+        kind = next(kind for kind in _KINDS if kind.__name__ == name)
+        options = {name: _DEFAULTS[name] for name in kind.__annotations__} | defaults
+        parameters = [each for each in parameters if each.kind != each.VAR_POSITIONAL]
+        first = [parameter.name for parameter in parameters].index("frame") + 1
+        parameters[first:first] = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=options[name],
+                annotation=getattr(annotation, "__forward_arg__", annotation),
+            )
+            for name, annotation in kind.__annotations__.items()
+        ]
+        changed: Any = function
+        changed.options = options
+        changed.__signature__ = signature.replace(parameters=parameters)
+        # without it, a misspelt keyword gets a better message than that frame is missing
+        changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}
+        return function
+
+    return expand
+
+
+class Control(NamedTuple):
+    """The step size control.
+
+    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
+    method by the tolerances.
+    """
+
+    h: float | None  # size of equal steps, None for adaptive steps
+    rtol: Array = np.array([1e-3])  # as many as atol
+    atol: Array = np.array([1e-6])
+    max_step: float = math.inf
+    first_step: float | None = None
+    max_steps: int = 10**6  # rejected ones included
+
+    @property
+    def tolerance(self) -> float | None:
+        """The least relative tolerance, None for equal steps."""
+        return None if self.h is not None else float(np.min(self.rtol))

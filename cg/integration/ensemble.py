@@ -16,14 +16,15 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.friction import refuse_friction_along
-from cg.integration.options import (
+from cg.integration.arguments import (
     EnsembleOptions,
     Options,
+    check_grid,
     complete_options,
+    equal_steps,
     expand_options,
 )
+from cg.integration.mechanics import refuse_friction_along
 from cg.integration.output.member_results import MemberResults, Results, solution_of
 from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
@@ -33,8 +34,7 @@ from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import explain_failure, find_mistakes
 from cg.integration.run.messages import TERMINAL_EVENT
 from cg.integration.run.run import Run
-from cg.support.executors import check_executor, completed, count_workers
-from cg.support.parallel import single_threads
+from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run

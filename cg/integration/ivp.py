@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
+from cg.integration.arguments import Options, complete_options, expand_options
 from cg.integration.ensemble import solve_one
-from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.output.results import Solution
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction

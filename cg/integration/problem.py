@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
-from cg.frames.power import Power
-from cg.frames.product import Product
+from cg.frames.product import Power, Product
 from cg.integration.arguments import (
     RTOL,
+    Control,
+    EnsembleOptions,
     check_algebra,
     check_args,
     check_atol,
@@ -30,18 +31,26 @@ from cg.integration.arguments import (
     check_stops,
     check_times,
 )
-from cg.integration.control import Control
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.friction import refuse_friction
-from cg.integration.langevin import Langevin, check_thermostat
-from cg.integration.member_inertia import MemberInertia, read_member_inertia
-from cg.integration.options import EnsembleOptions
+from cg.integration.mechanics import (
+    Langevin,
+    MemberInertia,
+    check_thermostat,
+    read_member_inertia,
+    refuse_friction,
+    sizes_of,
+)
 from cg.integration.output.results import EnsembleSolution
-from cg.integration.plan.jacobian import Jacobian, jacobian_of
-from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
-from cg.integration.plan.stage_solver import check_stage_solver
+from cg.integration.plan.callbacks import Jacobian, jacobian_of
+from cg.integration.plan.plan import (
+    Plan,
+    check_stage_solver,
+    for_derivatives,
+    has_brackets,
+    plan_of,
+)
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
-from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
     Inputs,
@@ -50,12 +59,9 @@ from cg.integration.rhs.inputs import (
     check_own_inputs,
     stops_and_limits,
 )
-from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step_function import sizes_of
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, apart
 from cg.support.checks import check_flag, short
-from cg.support.times import apart
 from cg.tables import Kind, MethodTable, table_of
 
 Rhs = CompiledRhs | PythonRhs

@@ -22,17 +22,19 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import (
+    StepOptions,
     check_args,
     check_real_time,
     check_resolution,
     check_step,
     check_stops,
+    complete_options,
+    expand_options,
     is_many,
 )
-from cg.integration.friction import refuse_friction
-from cg.integration.options import StepOptions, complete_options, expand_options
-from cg.integration.output.dense import DenseOutput, EnsembleOutput
+from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import split_events
+from cg.integration.output.results import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs, check_inputs
@@ -42,11 +44,10 @@ from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, explain_failure
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.arrays import Array, Points, apart, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
-from cg.support.times import apart
 from cg.tables import MethodTable, made
 
 _FAR = 2.0**40  # fixed steps without a final time

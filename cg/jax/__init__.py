@@ -14,11 +14,10 @@ except ImportError as error:
     ) from error
 
 from cg.jax.control import controller
-from cg.jax.conversions import from_jaxlie, to_jaxlie
-from cg.jax.divergence import divergence
+from cg.jax.frames import from_jaxlie, to_jaxlie
 from cg.jax.points import cotangent, flow, log
 from cg.jax.products import join, split
-from cg.jax.solver import Solver
+from cg.jax.solver import Solver, divergence
 from cg.jax.term import FrameTerm, LinearTerm, NoiseTerm
 
 __all__ = [

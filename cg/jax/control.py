@@ -1,4 +1,12 @@
-"""The choice of steps of `cg.solve_ivp`, for diffrax."""
+"""The choice of steps of `cg.solve_ivp`, for diffrax, from error estimates at the ends of steps.
+
+An estimate is the difference of two results, or a weighted sum of the coefficients at stages. Two
+estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, or
+the larger one. Those of Magnus methods and of methods on the algebra have two parts, of quadratures
+and of commutators, each of which counts times (e / hypot(e, factor d))^power, see
+``fortran/steps/error_estimate.f90``. Norms are those of `controller` where both of its tolerances
+are equal.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +21,16 @@ import jax
 import jax.numpy as jnp
 from numpy.typing import ArrayLike
 
-from cg.frames import Frame
+from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import real_dtype
+from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
-from cg.support.shared_numbers import STEP_CONTROL
+from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL
+from cg.tables import MAX_ANGLE, Kind, MethodTable
 
-_NUMBERS = SimpleNamespace(**STEP_CONTROL)
+_CONTROL = SimpleNamespace(**STEP_CONTROL)
 _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
 
 
@@ -172,9 +182,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         most = span if self.max_step is None else jnp.minimum(span, self.max_step)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
-        known = (size > _NUMBERS.negligible) & (slope * span > _NUMBERS.negligible)
+        known = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
         guess = jnp.where(
-            known, 0.01 * size / jnp.where(known, slope, 1.0), _NUMBERS.blind_fraction * span
+            known, 0.01 * size / jnp.where(known, slope, 1.0), _CONTROL.blind_fraction * span
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, most), least)
         h = guess.astype(scale.dtype)
@@ -200,9 +210,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return whether a step is accepted, the ends of the next one, and the state."""
         last_error, after_rejection, suspicion, failures = controller_state
         error = self._error(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
-        long = jnp.abs(t1 - t0) > _NUMBERS.jump_factor * _NUMBERS.smallest_step * _spacing(t0)
+        long = jnp.abs(t1 - t0) > _CONTROL.jump_factor * _CONTROL.smallest_step * _spacing(t0)
         error = jnp.where(
-            (suspicion > _NUMBERS.least_suspicion) & long, _NUMBERS.jump_factor * error, error
+            (suspicion > _CONTROL.least_suspicion) & long, _CONTROL.jump_factor * error, error
         )
         keep, finite = error <= 1.0, jnp.isfinite(error)
         factor = _factor(error, last_error, after_rejection, 1.0 / error_order)
@@ -211,15 +221,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
         failures = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
-        too_small = ~keep & (size < _NUMBERS.smallest_step * _spacing(t0)) | (
+        too_small = ~keep & (size < _CONTROL.smallest_step * _spacing(t0)) | (
             failures >= _MAX_FAILURES
         )
-        size = jnp.where(keep, jnp.maximum(size, _NUMBERS.smallest_step * _spacing(start)), size)
+        size = jnp.where(keep, jnp.maximum(size, _CONTROL.smallest_step * _spacing(start)), size)
         results = diffrax.RESULTS
         result = results.where(finite, results.dt_min_reached, results.nonfinite)
         result = results.where(too_small, result, results.successful)
-        last_error = jnp.where(keep, jnp.maximum(error, _NUMBERS.min_last_error), last_error)
-        raised = jnp.minimum(suspicion + _NUMBERS.raised_by_rejection, _NUMBERS.max_suspicion)
+        last_error = jnp.where(keep, jnp.maximum(error, _CONTROL.min_last_error), last_error)
+        raised = jnp.minimum(suspicion + _CONTROL.raised_by_rejection, _CONTROL.max_suspicion)
         suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)
         state = last_error, ~keep, suspicion, failures
         return keep, start, start + size, False, state, result
@@ -259,8 +269,8 @@ def _by_derivatives(
     rate = jnp.maximum(curvature / safe, jnp.where(size > 0.0, safe / size, 0.0))
     rated = moving & (rate > 0.0)
     unit = jnp.where(rated, rate, 1.0)
-    by_rate = (_NUMBERS.first_error * unit / safe) ** (1.0 / error_order) / unit
-    by_curvature = jnp.sqrt(_NUMBERS.first_error / jnp.where(curvature > 0.0, curvature, 1.0))
+    by_rate = (_CONTROL.first_error * unit / safe) ** (1.0 / error_order) / unit
+    by_curvature = jnp.sqrt(_CONTROL.first_error / jnp.where(curvature > 0.0, curvature, 1.0))
     bent = ~moving & (curvature > 0.0)
     return jnp.where(rated, by_rate, jnp.where(bent, by_curvature, jnp.inf))
 
@@ -270,12 +280,212 @@ def _factor(
 ) -> JaxArray:
     """Return the factor of the step size: proportional-integral after accepted steps."""
     positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
-    grown = positive**-_NUMBERS.last_power * last_error**_NUMBERS.before_last_power
+    grown = positive**-_CONTROL.last_power * last_error**_CONTROL.before_last_power
     accepted = jnp.clip(
-        _NUMBERS.safety * grown**exponent, _NUMBERS.smallest_factor, _NUMBERS.largest_factor
+        _CONTROL.safety * grown**exponent, _CONTROL.smallest_factor, _CONTROL.largest_factor
     )
-    accepted = jnp.where(error > 0.0, accepted, _NUMBERS.largest_factor)
+    accepted = jnp.where(error > 0.0, accepted, _CONTROL.largest_factor)
     accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-    rejected = jnp.maximum(_NUMBERS.smallest_factor, _NUMBERS.safety * positive**-exponent)
-    rejected = jnp.where(jnp.isfinite(error), rejected, _NUMBERS.failure_factor)
+    rejected = jnp.maximum(_CONTROL.smallest_factor, _CONTROL.safety * positive**-exponent)
+    rejected = jnp.where(jnp.isfinite(error), rejected, _CONTROL.failure_factor)
     return jnp.where(error <= 1.0, accepted, rejected)
+
+
+_ESTIMATE = SimpleNamespace(**ERROR_ESTIMATE)
+
+Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
+
+
+class Before(eqx.Module):
+    """The step before: its size, zero without one, and the coefficients at its nodes."""
+
+    h: JaxArray
+    values: JaxArray
+
+
+def no_step(table: MethodTable, first: JaxArray) -> Before:
+    """Return the step before a first one."""
+    count = len(table.c)
+    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
+
+
+def error_estimate(
+    table: MethodTable, start: Start, stages: Stages, before: Before | None
+) -> JaxArray | None:
+    """Return the estimate, of Magnus methods after another step; None without a pair.
+
+    It is a tangent at the end of the step.
+    """
+    rules, h, y1 = start.rules, start.h, stages.result
+
+    def of_vector(v: JaxArray) -> Estimate:
+        return rules.field(v, y1), rules.measured(v, y1)
+
+    if rules.log is None:
+        estimates = [(y1 - other, y1 - other) for other in stages.others]
+    else:
+        estimates = [of_vector(rules.log(other, y1)) for other in stages.others]
+    sums = [of_vector(v) for v in h * stages.errors]
+    if len(estimates) > 1:  # with a third result, whose parts are known
+        rest = [
+            (whole[0] - part[0], whole[1] - part[1])
+            for whole, part in zip(estimates, (sums[0], sums[-1]), strict=True)
+        ]
+        if table.kind is Kind.LINEAR:
+            estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+        else:
+            estimates, sums = [*sums, *rest], []
+    estimates += sums
+    if not estimates:
+        return None
+    if before is not None:
+        estimates.append(of_vector(_node_difference(table, stages.values, h, before)))
+    size = rules.extent(start.y0, y1)
+    errors = [tangent for tangent, _ in estimates]
+    squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
+    if before is None:
+        error = _error(table, errors, squares)
+    else:
+        changes = h * (stages.values[1:] - stages.values[0])
+        change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
+        sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
+        variation = jnp.where(
+            before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
+        )
+        error = _error_of_time(table, errors, squares, change, variation)
+    angle = turning(rules.frame, h * stages.values[0])
+    return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
+
+
+def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
+    """Return the error of a step whose angle is too large to believe the estimate.
+
+    It is the largest change of the coefficients in the step if that is larger: constant
+    coefficients may turn by any angle. ``limit_angle`` in ``fortran/steps/error_estimate.f90``
+    raises the error by a power of the angle there.
+    """
+    changes = start.h * (stages.values - stages.values[0])
+    largest = changes[jnp.argmax((changes**2).sum(axis=1))]
+    change = start.rules.field(largest, stages.result)
+    return jnp.where((jnp.abs(change) ** 2).sum() > (jnp.abs(error) ** 2).sum(), change, error)
+
+
+def turning(frame: Frame, v: JaxArray) -> JaxArray:
+    """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
+    if isinstance(frame, Product):
+        parts = zip(frame.factors, frame._vector_slices, strict=True)
+        return jnp.stack([turning(factor, v[place]) for factor, place in parts]).max()
+    if isinstance(frame, Power):
+        return jax.vmap(lambda part: turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
+    group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
+    if not isinstance(group, SO | SU | U):
+        return jnp.zeros((), v.dtype)
+    factor = 2.0 if isinstance(group, SO) and group.n > 3 else 1.0
+    return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
+
+
+def _error_of_time(
+    table: MethodTable,
+    errors: list[JaxArray],
+    squares: list[JaxArray],
+    change: JaxArray,
+    variation: JaxArray,
+) -> JaxArray:
+    """Return the error of a Magnus method: that of the results, or the larger of the nodes.
+
+    ``change`` is that of the angle of coefficients in the step, ``variation`` that of the
+    coefficients in a first step, in others infinite.
+    """
+    norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
+    *parts, last = norms
+    count = max(len(parts) // 2, 1)
+    shares = [
+        (e / jnp.hypot(e, table.record.factor * d)) ** table.record.power
+        for e, d in zip(parts, parts[count:], strict=False)
+    ] or [jnp.ones_like(last)]
+    estimates = [share * norm for share, norm in zip(shares, norms, strict=False)]
+    size = sum(estimates)
+    of_results = errors[0] * jax.lax.stop_gradient(size / norms[0])
+    if len(estimates) > 1:
+        scaled = errors[1] * jax.lax.stop_gradient(size / norms[1])
+        of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
+        share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
+        of_change = jax.lax.stop_gradient(share) * errors[3]
+        of_results = jnp.where(share * norms[3] > size, of_change, of_results)
+        size = jnp.maximum(size, share * norms[3])
+        fast = norms[0] > _ESTIMATE.resolved_first * variation
+        first = jnp.where(fast, norms[0], norms[2])
+        fast_error = jnp.where(fast, errors[0], errors[2])
+        unresolved = (fast | (norms[2] > _ESTIMATE.resolved_second * variation)) & (first > size)
+        of_results = jnp.where(unresolved, fast_error, of_results)
+        size = jnp.where(unresolved, first, size)
+    return jnp.where(last > size, errors[-1], of_results)
+
+
+def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+    """Return the error of other methods, one of up to three estimates."""
+    error = errors[0]
+    if len(errors) == 1:
+        return error
+    if table.record.power == 0:
+        return _larger(table, errors, squares)
+    sums = len(table.errors)
+    if sums > 1:  # in parts
+        scaled, sizes = zip(
+            _quotient(table, errors[:sums], squares[:sums]),
+            _quotient(table, errors[sums:], squares[sums:]),
+            strict=True,
+        )
+        return jnp.where(sizes[1] > sizes[0], scaled[1], scaled[0])
+    return _quotient(table, errors, squares)[0]
+
+
+def _quotient(
+    table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]
+) -> tuple[JaxArray, JaxArray]:
+    """Return the estimate of DOP853 and the square of its norm."""
+    error = errors[0]
+    if len(errors) > 2:  # with `kink_weights`
+        error = jnp.where(squares[1] > squares[0], errors[-2], error)
+        squares = [jnp.maximum(*squares[:2]), squares[2]]
+    further = table.record.factor**2 * squares[1]
+    total = jnp.maximum(squares[0] + further, jnp.finfo(squares[0].dtype).tiny)
+    share = squares[0] / total
+    return jax.lax.stop_gradient(jnp.sqrt(share)) * error, share * squares[0]
+
+
+def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+    """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
+    factor, end, at_end = table.record.factor, squares[1], errors[-len(table.errors)]
+    if len(squares) > 2:
+        share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
+        end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
+    return jnp.where(factor**2 * end > squares[0], factor * at_end, errors[0])
+
+
+def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+    """Return the largest error of interpolation between the nodes times h, zero in a first step.
+
+    With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
+    is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
+    counts as zero. As in ``fortran/steps/error_estimate.f90``.
+    """
+    c = table.c
+    known = h != 0.0
+    ratio = before.h / jnp.where(known, h, 1.0)
+    earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
+    fields = before.values
+    if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
+        earlier, fields = earlier[:-1], fields[:-1]
+    times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
+    fields = jnp.concatenate([fields, values])
+    used = known & (before.h != 0.0)
+    times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
+    apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
+    weights = 1.0 / apart.prod(axis=1)
+    middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
+    largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
+    difference = weights @ fields
+    rounding = _ESTIMATE.roundings * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
+    seen = used & (jnp.abs(difference) > rounding)
+    return h * largest * jnp.where(seen, difference, 0.0)

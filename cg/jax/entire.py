@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from cg.frames.dexpinv import bernoulli_terms
+from cg.frames.algebra import bernoulli_terms
 
 JaxArray = Any
 

@@ -12,9 +12,8 @@ from cg import frames
 from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import least_generator
 from cg.integration.plan.plan import has_brackets
-from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
-from cg.jax.groups import functions_of
+from cg.jax.groups import functions_of, series_dexpinv
 from cg.jax.matrices import expm, projection
 from cg.jax.rules import (
     Rules,

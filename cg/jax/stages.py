@@ -1,19 +1,24 @@
-"""Stages of a step: coefficients along the paths of a method."""
+"""Stages of a step, and the solution between its ends, `cg.construction.methods.interpolant`."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
-from cg.tables import Kind, MethodTable
+from cg.support.caches import cached
+from cg.tables import Kind, MethodTable, basis_polynomials
 
 
 @dataclass(frozen=True)
@@ -161,3 +166,191 @@ def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> 
     if len(used) == 1:
         return (h * float(row[used[0]])) * stages[used[0]]
     return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
+
+
+_ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
+
+
+@dataclass(frozen=True, eq=False)
+class _Scheme:
+    """Weights of flows as polynomials, and whether the interpolant is as accurate as the step.
+
+    ``weights`` are those of θ, θ², …, shape ``(flows, coefficients, degree)``.
+    """
+
+    weights: NDArray[np.float64]
+    accurate: bool = True
+
+
+class _Interpolant(eqx.Module):
+    """The points of a step, reached from its start by flows whose weights are polynomials."""
+
+    y0: JaxArray
+    fields: JaxArray
+    rules: Rules = eqx.field(static=True)
+    scheme: _Scheme = eqx.field(static=True)
+
+    def __call__(self, theta: JaxArray) -> JaxArray:
+        weights = jnp.asarray(self.scheme.weights, self.fields.dtype)
+        powers = theta.astype(self.fields.dtype) ** jnp.arange(1, weights.shape[2] + 1)
+        vectors = (weights @ powers) @ self.fields
+        if len(vectors) == 1:
+            return self.rules.flow(vectors[0], self.y0)
+
+        def move(y: JaxArray, v: JaxArray) -> tuple[JaxArray, None]:
+            return self.rules.flow(v, y), None
+
+        return jax.lax.scan(move, self.y0, vectors)[0]
+
+
+class Within(diffrax.AbstractLocalInterpolation):
+    """The solution within one step, as diffrax asks for it."""
+
+    t0: Any
+    t1: Any
+    within: _Interpolant
+
+    def evaluate(self, t0: Any, t1: Any = None, left: bool = True) -> JaxArray:
+        """Return the point at a time, or the difference of those at two times."""
+        if not self.within.scheme.accurate:
+            warnings.warn(
+                'dense="steps" has errors of second order in the step between the ends of steps; '
+                "output and events there need a solver without it. With noise all solvers have "
+                "errors of order ½ there: end steps at such times, with diffrax.StepTo",
+                stacklevel=2,
+            )
+        if t1 is not None:
+            return self.evaluate(t1) - self.evaluate(t0)
+        span = self.t1 - self.t0
+        empty = span == 0.0
+        theta = jnp.where(empty, 0.0, (t0 - self.t0) / jnp.where(empty, 1.0, span))
+        return self.within(theta)
+
+
+def interpolant(
+    table: MethodTable, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
+) -> _Interpolant:
+    """Return the interpolant of a step; ``last`` are the coefficients at its end.
+
+    If not ``accurate``, it consists of the flows of the step, with weights proportional to time.
+    """
+    rules = start.rules
+    if not accurate:
+        return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(table))
+    if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
+        return _on_algebra(table, start, stages, last)
+    return _by_flows(table, start, stages, last)
+
+
+@cached
+def _straight(table: MethodTable) -> _Scheme:
+    return _Scheme(table.result_flows[..., None], accurate=False)
+
+
+def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
+    output, series = table.output, table.output.series
+    dexpinv = rules.dexpinv
+    assert dexpinv is not None
+    # all derivatives are times h, which may be zero
+    if table.on_algebra:
+        known = h * stages.values
+        if output.final > len(known):
+            u = jnp.asarray(output.basis[0, : len(known)], h.dtype) @ known
+            known = jnp.concatenate([known, dexpinv(u, h * last, series)[None]])
+    else:
+        u = _coordinates(rules, 0.5 * h * (start.first + last), y0, stages.result, series)
+        known = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
+    count, width = len(known), output.basis.shape[1]
+    derivatives = jnp.pad(known, ((0, width - count), (0, 0)))
+    if len(output.theta):
+
+        def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
+            at, theta, row = node
+            u = row @ k
+            value = dexpinv(u, h * f(theta, rules.flow(u, y0)), series)
+            return k.at[at].set(value), None
+
+        nodes = (
+            jnp.arange(count, width),
+            jnp.asarray(output.theta, h.dtype),
+            jnp.asarray(output.rows, h.dtype),
+        )
+        derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
+    scheme = _algebra_scheme(table)
+    fields = jnp.asarray(output.basis, h.dtype) @ derivatives
+    return _Interpolant(y0, fields, rules, scheme)
+
+
+def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
+    """Return the coordinates of a step, by Newton's method from ``u``."""
+    log, dexpinv = rules.log, rules.dexpinv
+    assert log is not None
+    assert dexpinv is not None
+
+    def improve(u: JaxArray, _: Any) -> tuple[JaxArray, None]:
+        return u + dexpinv(u, log(rules.flow(u, y0), y1), series), None
+
+    return jax.lax.scan(improve, u, None, length=_ITERATIONS)[0]
+
+
+@cached
+def _algebra_scheme(table: MethodTable) -> _Scheme:
+    """Return the polynomials of the basis, one flow."""
+    degree = len(table.output.basis)
+    weights = np.zeros((1, degree, degree))
+    for d, p in enumerate(basis_polynomials(degree)):
+        weights[0, d, : d + 1] = p.coef[1 : d + 2]
+    return _Scheme(weights)
+
+
+def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
+    schemes = _flow_schemes(table)
+    path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.columns)
+
+    def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
+        """Add the last flow, which leads to the end of the step."""
+        before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
+        reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(last)
+        if rules.composed is not None:  # as in fortran/steps/flow_interpolant.f90
+            back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
+            left = rules.composed(jnp.concatenate([back, path]))
+            reached = rules.flow(left, reached)
+        left = left + rules.nearby(reached, stages.result)
+        return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
+
+    ends = h * jnp.stack([start.first, last])
+    level = close(ends, schemes[0])
+    for count, scheme in enumerate(schemes[1:], 3):
+        theta = jnp.asarray(table.output.node[1 : count - 1, count - 2], h.dtype)
+
+        def evaluate(node: JaxArray, level: _Interpolant = level) -> JaxArray:
+            return h * f(node, level(node))
+
+        inner = jax.lax.map(evaluate, theta)
+        level = close(jnp.concatenate([ends[:1], inner, ends[1:]]), scheme)
+    return level
+
+
+@cached
+def _flow_schemes(table: MethodTable) -> list[_Scheme]:
+    r"""Return the weights of interpolants with 2, 3, … nodes.
+
+    A flow has weights :math:`\theta \sum_k w_k L_j(c_k \theta)` of the coefficients at nodes,
+    with Lagrange's polynomials, and the last one the blend.
+    """
+    output = table.output
+    c, flows = output.flow_c, output.flow_weights
+    schemes = []
+    for count in range(2, len(output.node) + 1):
+        nodes = output.node[:count, count - 2]
+        weights = np.zeros((len(flows) + 1, count + 1, count + 1))
+        for j in range(count):
+            others = np.delete(nodes, j)
+            lagrange = Polynomial.fromroots(others) / np.prod(nodes[j] - others)
+            for m, coefficient in enumerate(lagrange.coef):
+                weights[:-1, j, m] = coefficient * (flows @ c**m)
+        weights[-1, -1, :] = output.blend[1 : count + 2, count - 2]
+        schemes.append(_Scheme(weights))
+    return schemes

@@ -11,8 +11,7 @@ from typing import Any
 from cg.plot.attitude import attitude
 from cg.plot.errors import convergence, work_precision
 from cg.plot.events import phase_plane, timeline
-from cg.plot.observables import bands, invariants
-from cg.plot.trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
+from cg.plot.trajectories import bands, bloch, invariants, trajectory_of_axes, trajectory_on_sphere
 
 _OF_METHODS = (
     "order_star",

@@ -8,8 +8,8 @@ from cg.plot.errors import convergence as convergence
 from cg.plot.errors import work_precision as work_precision
 from cg.plot.events import phase_plane as phase_plane
 from cg.plot.events import timeline as timeline
-from cg.plot.observables import bands as bands
-from cg.plot.observables import invariants as invariants
+from cg.plot.trajectories import bands as bands
 from cg.plot.trajectories import bloch as bloch
+from cg.plot.trajectories import invariants as invariants
 from cg.plot.trajectories import trajectory_of_axes as trajectory_of_axes
 from cg.plot.trajectories import trajectory_on_sphere as trajectory_on_sphere

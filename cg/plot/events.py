@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cg.plot import style
-from cg.plot.drawn_rotations import POINTS
+from cg.plot.attitude import POINTS
 from cg.support.arrays import real_array
 
 Entry = int | tuple[int, ...] | Callable[[Any], Any]

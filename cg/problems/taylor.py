@@ -17,9 +17,9 @@ import numpy as np
 
 from cg.support import flint
 from cg.support.arrays import Array
-from cg.support.balls import exact_midpoint, to_ball, working_precision
 from cg.support.checks import check_integer
 from cg.support.parsing import read_fraction
+from cg.support.quads import exact_midpoint, to_ball, working_precision
 
 Time = Fraction | float | int | str
 

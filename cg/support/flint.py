@@ -2,7 +2,7 @@
 
 Without python-flint proofs, digits, order conditions in balls, limits of stability and reference
 solutions raise an ImportError that says what to install. Rationals are then Fractions, which are
-slower; see `cg.support.balls.to_flint`.
+slower; see `cg.support.quads.to_flint`.
 """
 
 from __future__ import annotations

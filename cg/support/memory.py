@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from cg.support.checks import total_memory
-from cg.support.forks import at_forks
+from cg.support.parallel import at_forks
 
 _SLACK = 1 << 20  # memory of f2py and of the allocator
 

@@ -1,21 +1,39 @@
-"""Compiled calls that can be interrupted, and single-threaded linear algebra.
+"""Compiled calls that can be interrupted, and independent work on executors, with a progress bar.
 
 Python runs signal handlers between bytecodes of the main thread only, so that an interrupt would
 wait until a compiled call in the main thread returns, and the end of a pool would wait for those in
 its workers. Long calls therefore go through `stoppable`: they read a flag, and return soon after it
 is set.
+
+Independent pieces of work run on any `concurrent.futures.Executor`. Threads of this process, the
+default, suffice for what is compiled, since that releases the interpreter lock. Pools of processes,
+MPI's, loky's and Dask's executors take the same work.
 """
 
+from __future__ import annotations
+
+import logging
 import os
+import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
+from importlib.util import find_spec
+from itertools import islice
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import numpy as np
 import threadpoolctl
@@ -23,7 +41,38 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from cg.support.capsules import provide_lapack
-from cg.support.forks import at_forks
+from cg.support.checks import check_integer
+
+
+def in_children(call: Callable[[], object]) -> None:
+    """Register a function to be called in each process forked from this one."""
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=call)
+
+
+def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
+    """Let this process fork only while no other thread holds a lock; then call `in_child` there.
+
+    The lock must be reentrant, since a signal handler may fork. The child releases it first.
+    """
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)
+        in_children(lock.release)
+        in_children(in_child)
+
+
+def _free_properties() -> None:
+    """Replace the locks of all cached properties of the package."""
+    modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "cg"]
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    for one in [one for kind in kinds for one in vars(kind).values()]:
+        if isinstance(one, cached_property):
+            one.lock = threading.RLock()  # type: ignore[attr-defined]
+
+
+if sys.version_info < (3, 12):
+    in_children(_free_properties)
+
 
 Result = TypeVar("Result")
 
@@ -132,7 +181,7 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.support.executors`, `Stopped` is raised if its pool has ended. In the main
+    In a worker of `cg.support.parallel`, `Stopped` is raised if its pool has ended. In the main
     thread the call runs in a new thread, so that an interrupt takes effect at once, but not with
     `brief`: a new thread may take a millisecond on a busy machine.
     """
@@ -159,7 +208,7 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` in a worker of `cg.support.executors.completed` whose pool has ended."""
+    """Raise `Stopped` in a worker of `cg.support.parallel.completed` whose pool has ended."""
     if _worker.stop_flag is not None and _worker.stop_flag[0]:
         raise Stopped
 
@@ -201,3 +250,182 @@ def interrupts_blocked(block: bool) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+Item = TypeVar("Item")
+
+ExecutorLike = Executor | str | None
+"""None for threads, ``"processes"``, or an executor."""
+
+_AHEAD = 2  # pieces handed out for each worker, so that none waits for this process
+
+_log = logging.getLogger("cg")
+
+
+def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
+    """Return the arguments `executor` and `workers` after checking them."""
+    if workers is not None:
+        workers = check_integer("workers", workers, 1)
+    if executor not in (None, "processes"):
+        if isinstance(executor, str):
+            raise ValueError(f"executor must be 'processes' or an executor, got {executor!r}")
+        if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
+            raise TypeError(
+                f"executor must be a concurrent.futures.Executor or 'processes', got {executor!r}"
+            )
+    return executor, workers
+
+
+def count_workers(executor: ExecutorLike, workers: int | None) -> int:
+    """Return the number of workers, of an executor from the attributes in which it is stored."""
+    if workers is not None:
+        return workers
+    for name in ("_max_workers", "num_workers"):
+        number = getattr(executor, name, None)
+        if isinstance(number, int) and number > 0:
+            return number
+    client = getattr(executor, "_client", None)  # Dask's client
+    return available_cores() if client is None else max(1, int(sum(client.ncores().values())))
+
+
+def completed(
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    executor: ExecutorLike = None,
+    workers: int | None = None,
+    *,
+    finish: bool = False,
+) -> Generator[tuple[Item, Result], None, None]:
+    """Yield each item with ``work(item)``, in the order in which they finish.
+
+    `work` and items must be picklable for executors other than threads. With `finish`, running
+    pieces finish after the first interrupt or error, before it is raised. An executor that the
+    caller passes isn't shut down.
+    """
+    size = count_workers(executor, workers)
+    call = work if executor is None else partial(_with_picklable_errors, work)
+    queue, pending = iter(items), dict[Future[Result], Item]()
+    ending: BaseException | None = None
+    with single_threads(), _pool(executor, size, pending) as pool:
+        while True:
+            try:
+                if ending is None:
+                    for item in islice(queue, _AHEAD * size - len(pending)):
+                        pending[_submit(executor, pool, call, item)] = item
+                if not pending:
+                    break
+                done = wait(pending, return_when=FIRST_COMPLETED).done
+            except KeyboardInterrupt as interrupt:
+                if not finish or ending is not None:
+                    raise
+                ending = interrupt
+                _cancel(pending)
+                _log.warning(
+                    "interrupted: finishing %d pieces; interrupt again to discard them",
+                    len(pending),
+                )
+                continue
+            for future in [each for each in pending if each in done]:  # oldest first
+                item, error = pending.pop(future), future.exception()
+                if error is None:
+                    yield item, future.result()
+                elif not finish:
+                    raise error
+                elif ending is None:
+                    ending = error
+                    _cancel(pending)
+    if ending is not None:
+        raise ending
+
+
+@contextmanager
+def _pool(
+    executor: ExecutorLike, size: int, pending: dict[Future[Result], Item]
+) -> Iterator[Executor]:
+    """Yield the pool; at the end cancel what is pending, and stop workers of a pool made here."""
+    if executor is not None and not isinstance(executor, str):
+        try:
+            yield executor
+        finally:
+            _cancel(pending)
+        return
+    if executor is None:
+        stop_flag = new_flag()
+        with ThreadPoolExecutor(size, initializer=work_for, initargs=(stop_flag,)) as pool:
+            try:
+                yield pool
+            finally:
+                stop_flag[0] = 1
+                _cancel(pending)
+        return
+    spawn = get_context("spawn")  # a fork of a process with threads may hang
+    theirs, ours = spawn.Pipe(duplex=False)
+    with (
+        theirs,
+        ours,
+        ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,)) as workers,
+    ):
+        try:
+            yield workers
+        finally:
+            _cancel(pending)
+            if pending:  # pieces that nobody waits for
+                ours.close()
+
+
+def _cancel(pending: dict[Future[Result], Item]) -> None:
+    """Cancel pieces that no worker has begun, and forget them."""
+    for future in list(pending):
+        if future.cancel():
+            del pending[future]
+
+
+def _submit(
+    executor: ExecutorLike, pool: Executor, call: Callable[[Item], Result], item: Item
+) -> Future[Result]:
+    """Submit a piece; what a broken executor raises is the error of the piece."""
+    try:
+        with interrupts_blocked(executor == "processes"):
+            return pool.submit(call, item)
+    except Exception as error:
+        future: Future[Result] = Future()
+        future.set_exception(error)
+        return future
+
+
+def _with_picklable_errors(work: Callable[[Item], Result], item: Item) -> Result:
+    """Run a piece in another process, for which one that sends another error counts as dead."""
+    try:
+        with single_threads():
+            return work(item)
+    except Exception as error:
+        if _travels(error):
+            raise
+        kind = type(error)
+        raise RuntimeError(f"{kind.__module__}.{kind.__qualname__}: {error}") from error
+
+
+def _travels(error: Exception) -> bool:
+    try:
+        return type(pickle.loads(pickle.dumps(error))) is type(error)
+    except Exception:  # any error of the exception's own class
+        return False
+
+
+_LOG_SECONDS = 30.0  # between lines in a file
+
+
+def has_bars() -> bool:
+    """Return whether tqdm is installed."""
+    return find_spec("tqdm") is not None
+
+
+def make_bar(file: TextIO | None = None, **options: Any) -> Any:
+    """Return a bar of tqdm on a stream, by default standard error; `options` are those of tqdm."""
+    try:
+        from tqdm import tqdm
+    except ImportError as error:
+        raise ImportError("a progress bar needs tqdm: python -m pip install tqdm") from error
+    file = file or sys.stderr
+    seconds = 0.1 if file.isatty() else _LOG_SECONDS
+    return tqdm(file=file, dynamic_ncols=True, mininterval=seconds, **options)

@@ -1,22 +1,33 @@
-"""Conversions between IEEE binary128 numbers as bytes and exact values.
+"""Numbers with more digits than doubles: IEEE binary128 as bytes, and those of python-flint.
 
 The compiled core passes ``real(16)`` numbers as 16 bytes, since neither NumPy nor C has a
 portable type for them. An array of such numbers is an ``int8`` array whose last axis has
 length 16, in little-endian byte order.
+python-flint has one precision of balls in the whole process.
 """
 
-from collections.abc import Iterable
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.support import flint
 from cg.support.checks import check_integer
+from cg.support.parallel import in_children
 from cg.support.parsing import read_fraction
+
+if TYPE_CHECKING:
+    from cg.support.flint import arb, fmpq
+
 
 Quads = NDArray[np.int8]
 """Array of binary128 numbers, shape (..., 16)."""
@@ -153,3 +164,71 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
     if abs(exponent) > _MAX_PLACES:
         return f"{number.scaleb(-exponent, context):f}e{exponent}"
     return f"{number:f}"
+
+
+_lock = threading.RLock()
+_holders: list[tuple[int, int]] = []  # threads and their previous precisions, the outermost first
+
+
+def _take_over() -> None:
+    """Replace the lock in a forked child, in which the thread that holds it doesn't exist."""
+    global _lock  # noqa: PLW0603
+    if _holders and _holders[0][0] == threading.get_ident():
+        return
+    _lock = threading.RLock()
+    if _holders:
+        flint.ctx.prec = _holders[0][1]
+        _holders.clear()
+
+
+in_children(_take_over)
+
+
+@contextmanager
+def working_precision(bits: int) -> Iterator[None]:
+    """Set the precision of balls, in bits, for a ``with`` block; other threads that set it wait."""
+    ctx = flint.ctx
+    with _lock:
+        before = ctx.prec
+        _holders.append((threading.get_ident(), before))
+        try:
+            ctx.prec = bits
+            yield
+        finally:
+            ctx.prec = before
+            _holders.pop()
+
+
+def have_flint() -> bool:
+    """Return whether python-flint is installed."""
+    try:
+        import flint as _  # noqa: F401
+    except ModuleNotFoundError:
+        return False
+    return True
+
+
+def to_flint(value: Fraction | float) -> fmpq:
+    """Return a rational of python-flint, many times faster than Fractions with many digits.
+
+    Without python-flint it is a Fraction.
+    """
+    if not have_flint():
+        return Fraction(value)
+    return flint.fmpq(*value.as_integer_ratio())
+
+
+def to_ball(value: Fraction | float | arb) -> arb:
+    """Return a ball around a finite number, in the current precision; a ball as it is."""
+    return value if isinstance(value, flint.arb) else flint.arb(to_flint(value))
+
+
+def to_fraction(value: fmpq) -> Fraction:
+    """Return a rational of python-flint as a Fraction."""
+    return value if isinstance(value, Fraction) else Fraction(int(value.p), int(value.q))
+
+
+def exact_midpoint(ball: arb) -> Fraction:
+    """Return the midpoint of a ball, exactly."""
+    mantissa, exponent = ball.mid().man_exp()
+    return int(mantissa) * Fraction(2) ** int(exponent)

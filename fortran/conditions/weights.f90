@@ -54,7 +54,7 @@ module weights_m
 
 contains
 
-  ! Reads what cg.construction.layouts.layout.Layout.code says: numbers of stages and points, both results,
+  ! Reads what cg.construction.layouts.Layout.code says: numbers of stages and points, both results,
   ! then the points of stages, the parents, how many weights each point has, and the stages of the
   ! weights.
   pure subroutine read_layout(layout, pattern)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.construction.conditions import unknowns
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.random_search import SearchResult, search
 from cg.construction.search.start import RandomStart

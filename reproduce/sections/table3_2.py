@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cg.construction.conditions import count, table_rows, unknowns
-from cg.construction.trees.rooted import rooted_trees_through
+from cg.construction.trees import rooted_trees_through
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context, Item

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cg.construction.conditions import condition_trees
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring, singular
 from research.impossibility.weights import word_weights

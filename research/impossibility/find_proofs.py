@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cg.construction.conditions import condition_trees
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 from research.impossibility.ring import singular
 from research.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
 

@@ -12,7 +12,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any
 
-from cg.construction.trees.ordered import OrderedTree
+from cg.construction.trees import OrderedTree
 from cg.support.parsing import read_toml
 
 from .ring import Polynomial, Ring

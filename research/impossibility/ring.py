@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from cg.support.balls import to_flint
+from cg.support.quads import to_flint
 
 Polynomial = Any  # a flint.fmpq_mpoly
 

@@ -15,8 +15,8 @@ from itertools import permutations, product
 from math import prod
 
 from cg.construction.conditions import condition_trees, right_sides
-from cg.construction.layouts.points import START, Point, PointTree
-from cg.construction.trees.ordered import OrderedTree, forest
+from cg.construction.layouts import START, Point, PointTree
+from cg.construction.trees import OrderedTree, forest
 from cg.support.checks import MAX_STAGES, check_integer
 
 from .ring import Polynomial, Ring

@@ -8,8 +8,8 @@ from fractions import Fraction
 from math import factorial
 from typing import Any
 
-from cg.construction.layouts.points import START, PointTree
-from cg.construction.trees.ordered import forest
+from cg.construction.layouts import START, PointTree
+from cg.construction.trees import forest
 
 
 def exact_weights(

@@ -10,7 +10,7 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.construction.catalogue import Catalogue, dumps, load, loads, methods, save
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import MethodError
 from cg.construction.methods.tableau import Tableau, TableauError
 
 # order, stages, exponentials

@@ -11,7 +11,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, save
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
 

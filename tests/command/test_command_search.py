@@ -11,9 +11,9 @@ import cg
 from cg.command import main
 from cg.command.searching import construct_command, search_command
 from cg.construction.catalogue import load, loads, save
-from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts import Layout, Rows
 from cg.construction.solvers.system import Structure
-from cg.support.progress import has_bars
+from cg.support.parallel import has_bars
 
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
 

@@ -17,12 +17,16 @@ from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods
-from cg.construction.conditions.word_weights import EquationSystem, Quantity, Weights
-from cg.construction.conditions.words import condition_words, conditions_of
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import MethodError, Point, PointTree, tree_of_rows
+from cg.construction.conditions.exact import (
+    EquationSystem,
+    Quantity,
+    Weights,
+    condition_words,
+    conditions_of,
+)
+from cg.construction.layouts import Layout, MethodError, Point, PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import doubles
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 from research.impossibility.weights import exact_weights
 
 exactly = partial(conditions.residuals, arithmetic="exact")

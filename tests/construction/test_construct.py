@@ -7,11 +7,19 @@ import numpy as np
 import pytest
 
 import cg
-from cg.construction.candidate import Candidate, NotExactError, solved, to_method
 from cg.construction.conditions import Rows, residuals
-from cg.construction.construct import acceptable, run_attempt
-from cg.construction.eliminate import drop_flow, eliminate, eliminate_stage, walk
-from cg.construction.optimise import Goals, optimise
+from cg.construction.search.candidate import (
+    Candidate,
+    NotExactError,
+    drop_flow,
+    eliminate,
+    eliminate_stage,
+    solved,
+    to_method,
+    walk,
+)
+from cg.construction.search.construct import acceptable, run_attempt
+from cg.construction.search.optimise import Goals, optimise
 from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure

@@ -9,7 +9,7 @@ from scipy.integrate._ivp import dop853_coefficients
 
 import cg
 from cg.construction.catalogue import methods
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, random_layout
 from cg.construction.methods.flat import flat_order, stage_orders
 

@@ -14,7 +14,7 @@ from scipy.optimize import leastsq
 
 import cg
 from cg import conditions
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.construction.search import start as random_start
 from cg.construction.search.shapes import start_generator
 from cg.support import quads

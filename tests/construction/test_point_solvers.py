@@ -12,10 +12,10 @@ from strategies import point_trees
 
 import cg
 from cg import CommutatorFree, conditions
-from cg.construction.candidate import Candidate, to_method
 from cg.construction.catalogue import dumps, methods
-from cg.construction.layouts.layout import Layout, Rows
+from cg.construction.layouts import Layout, Rows
 from cg.construction.proofs import certify
+from cg.construction.search.candidate import Candidate, to_method
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import polish, refine

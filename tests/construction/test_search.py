@@ -12,7 +12,7 @@ import cg
 from cg import conditions
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows, residuals, unknowns, unpack
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.construction.methods.estimate import estimate_ratio
 from cg.construction.methods.low_storage import two_registers
 from cg.construction.search.random_search import search

@@ -6,7 +6,7 @@ from quotients import jacobian
 from refusals import refuses
 
 import cg
-from cg.construction.layouts.layout import Rows
+from cg.construction.layouts import Rows
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support import quads
 

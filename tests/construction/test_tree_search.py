@@ -7,10 +7,8 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction.candidate import Candidate, solved
-from cg.construction.eliminate import drop_flow
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import MethodError, check_tree
+from cg.construction.layouts import Layout, MethodError, check_tree
+from cg.construction.search.candidate import Candidate, drop_flow, solved
 from cg.construction.search.shapes import draw_layout
 from cg.construction.search.start import draw_start, run_start
 from cg.construction.solvers.system import ConditionSystem

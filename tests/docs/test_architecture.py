@@ -55,14 +55,16 @@ def test_paths_on_the_page_exist():
     assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
-def folders_of(path):
-    return {folder.parent.name for folder in path.glob("*/__init__.py")}
+def rooms_of(path):
+    """Folders and files of a package, which have names of their own in its map."""
+    files = {file.stem for file in path.glob("*.py")} - {"__init__", "__main__"}
+    return files | {folder.parent.name for folder in path.glob("*/__init__.py")}
 
 
-def test_map_lists_every_folder_of_the_package():
-    listed = set(re.findall(r"^      (?:  )?(\w+)/ ", PAGE, re.MULTILINE))
-    assert folders_of(ROOT / "cg") == set(PACKAGE) <= listed
-    assert folders_of(ROOT / "cg" / "construction") == set(CONSTRUCTION) <= listed
+def test_map_lists_every_room_of_the_package():
+    listed = set(re.findall(r"^      (?:  )?(\w+)(?:/|\.py) ", PAGE, re.MULTILINE))
+    assert rooms_of(ROOT / "cg") - {"conditions"} == set(PACKAGE) <= listed
+    assert rooms_of(ROOT / "cg" / "construction") == set(CONSTRUCTION) <= listed
 
 
 @pytest.mark.parametrize(
@@ -70,7 +72,7 @@ def test_map_lists_every_folder_of_the_package():
     [("cg.", PACKAGE), ("cg.construction.", CONSTRUCTION)],
     ids=["package", "construction"],
 )
-def test_folders_import_only_from_earlier_layers(package, layer):
+def test_rooms_import_only_from_earlier_layers(package, layer):
     def folder_of(module):
         return module.removeprefix(package).split(".")[0] if module.startswith(package) else ""
 

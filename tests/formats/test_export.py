@@ -14,7 +14,7 @@ from slow_cases import slow
 
 import cg
 from cg.construction.catalogue import resolve_method
-from cg.construction.formats.program import identifier
+from cg.construction.formats.code import identifier
 from cg.frames.base import Frame
 
 START = (0.3, -0.4, 0.7)

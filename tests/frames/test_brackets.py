@@ -7,7 +7,7 @@ from frame_examples import FRAMES, HEISENBERG, name
 from refusals import refuses
 
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
-from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
+from cg.frames.algebra import bernoulli_terms, series_dexpinv
 from cg.integration.plan.plan import has_brackets
 
 # Flows of the fields of HEISENBERG don't keep to their span.

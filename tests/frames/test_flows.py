@@ -9,7 +9,7 @@ from exact_matrices import doubles, flint_matrix
 from flint import ctx
 
 from cg import frames as fr
-from cg.integration.plan.blocks import block_constants, is_compiled
+from cg.integration.plan.plan import block_constants, is_compiled
 from cg.support.shared_numbers import BlockKind
 
 FRAMES = [

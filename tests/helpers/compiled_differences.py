@@ -3,7 +3,7 @@
 import numpy as np
 
 import cg._core_r64 as core
-from cg.integration.plan.blocks import block_constants, describe_blocks, has_compiled_difference
+from cg.integration.plan.plan import block_constants, describe_blocks, has_compiled_difference
 
 
 def compiled_flows(frame):

@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 
 from cg import frames as fr
-from cg.problems.affine import AffineField
+from cg.problems.linear import AffineField
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 ONE = [1.0, 0.0, 0.0, 0.0]

@@ -1,8 +1,7 @@
 """Residuals of any words in rational arithmetic."""
 
-from cg.construction.conditions.word_weights import EquationSystem
-from cg.construction.conditions.words import Condition
-from cg.support.balls import to_flint, to_fraction
+from cg.construction.conditions.exact import Condition, EquationSystem
+from cg.support.quads import to_flint, to_fraction
 
 
 def word_residuals(layout, x, words):

@@ -10,7 +10,7 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, PhaseSpace
-from cg.support.balls import working_precision
+from cg.support.quads import working_precision
 
 EPSILON = np.finfo(np.float64).eps
 

@@ -7,7 +7,7 @@ qutip = pytest.importorskip("qutip", minversion="5.0")
 
 import cg  # noqa: E402
 import cg.qutip  # noqa: E402
-from cg.qutip.integrator import LinearIntegrator  # noqa: E402
+from cg.qutip import LinearIntegrator  # noqa: E402
 
 TIMES = np.linspace(0, 5, 11)
 TIGHT = {"rtol": 1e-10, "atol": 1e-10, "progress_bar": "", "nsteps": 100_000}

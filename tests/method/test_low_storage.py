@@ -12,7 +12,7 @@ from refusals import refuses
 
 from cg import MethodError
 from cg.construction.catalogue import methods
-from cg.construction.layouts.points import Point
+from cg.construction.layouts import Point
 from cg.construction.methods.low_storage import from_two_registers, two_registers
 from cg.construction.methods.paths import paths_of
 from cg.integration import integrate

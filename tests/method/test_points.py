@@ -14,10 +14,10 @@ from strategies import point_trees, rationals
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.construction.catalogue import dumps, loads, methods
-from cg.construction.layouts.points import Point
-from cg.construction.plots.text import draw_points, draw_tree
+from cg.construction.layouts import Point
+from cg.construction.plots import draw_points, draw_tree
 from cg.construction.proofs import certify
-from cg.construction.trees.ordered import OrderedTree
+from cg.construction.trees import OrderedTree
 
 
 class TestMethods:

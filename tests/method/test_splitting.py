@@ -8,9 +8,9 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction.conditions import nystrom as ny
+from cg.construction.conditions import linear_equations as ny
 from cg.construction.conditions.linear_equations import linear_residuals, words
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import MethodError
 from cg.construction.methods.magnus import MagnusMethod
 
 # order, kicks, drifts, whether it needs a quadratic kinetic energy

@@ -10,7 +10,7 @@ from flat_tableaux import CLASSICAL
 from kinds import FROZEN
 
 import cg
-from cg.construction.methods.stability import stability_function, stability_limits
+from cg.construction.methods.estimate import stability_function, stability_limits
 
 METHODS = [*map(cg.methods.get, ("LieEuler", "CG2", "CG3")), CLASSICAL]
 

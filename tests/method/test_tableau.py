@@ -10,7 +10,7 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.construction.conditions import Rows
-from cg.construction.layouts.layout import rows_of
+from cg.construction.layouts import rows_of
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tableau import Tableau, TableauError
 

@@ -9,15 +9,15 @@ from refusals import refuses
 
 import cg
 from cg import conditions
-from cg.construction.candidate import make_method, pack_method
 from cg.construction.catalogue import dumps, load, loads, resolve_method, save
 from cg.construction.conditions import MAX_ORDER, Rows, check_rows, count, unknowns
-from cg.construction.layouts.layout import Layout
-from cg.construction.optimise import Goals, optimise
+from cg.construction.layouts import Layout
 from cg.construction.proofs import certificate_of
 from cg.construction.proofs import check as prove
+from cg.construction.search.candidate import make_method, pack_method
+from cg.construction.search.optimise import Goals, optimise
 from cg.construction.solvers.system import ConditionSystem
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 from cg.problems import FreeRigidBody
 
 exactly = partial(conditions.residuals, arithmetic="exact")

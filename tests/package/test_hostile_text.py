@@ -9,8 +9,8 @@ from refusals import refuses
 
 import cg
 from cg.construction.catalogue import dumps, load, loads, save
-from cg.construction.conditions.words import Condition
-from cg.construction.layouts.points import MethodError
+from cg.construction.conditions.exact import Condition
+from cg.construction.layouts import MethodError
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check
 from cg.problems import HeavyTop
 from cg.support.parsing import file_in, read_fraction

@@ -14,7 +14,7 @@ import pytest
 
 import cg
 import crouch_grossman
-import crouch_grossman.frames.so3
+import crouch_grossman.frames.rotations
 from cg.support.installation import check_folder
 
 ROOT = Path(cg.__file__).parents[1]
@@ -36,8 +36,8 @@ def python(code, folder):
 def test_crouch_grossman_is_cg():
     assert crouch_grossman is cg
     assert crouch_grossman.frames is cg.frames
-    assert sys.modules["crouch_grossman.frames.so3"] is sys.modules["cg.frames.so3"]
-    assert cg.frames.so3.__spec__.name == "cg.frames.so3"
+    assert sys.modules["crouch_grossman.frames.rotations"] is sys.modules["cg.frames.rotations"]
+    assert cg.frames.rotations.__spec__.name == "cg.frames.rotations"
     with pytest.raises(ModuleNotFoundError, match=r"crouch_grossman\.nothing"):
         importlib.import_module("crouch_grossman.nothing")
     code = "from crouch_grossman.command import main; main()"

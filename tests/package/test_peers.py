@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 import cg
 from cg.construction.methods.flat import flat_residuals
 from cg.construction.methods.low_storage import two_registers
-from cg.construction.trees.ordered import forest
-from cg.construction.trees.rooted import rooted_trees_through
+from cg.construction.trees import forest, rooted_trees_through
 from cg.frames import SE3, UnitQuaternion
 from cg.problems import HeavyTop
 

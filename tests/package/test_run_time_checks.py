@@ -5,8 +5,7 @@ import subprocess
 import pytest
 from minpack_libraries import FLAGS, HAS_COMPILER, KINDS, SOURCES, TESTS
 
-from cg.construction.trees.ordered import forest
-from cg.construction.trees.tables import fortran_tables
+from cg.construction.trees import forest, fortran_tables
 from cg.support.shared_numbers import fortran_module
 
 MODULES = (

@@ -13,8 +13,8 @@ from parallel_work import TASKS, task
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.support.balls import working_precision
 from cg.support.parallel import available_cores, single_threads
+from cg.support.quads import working_precision
 
 
 @pytest.fixture(scope="module")

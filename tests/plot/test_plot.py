@@ -11,8 +11,8 @@ from refusals import refuses
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.construction.plots.stability import growth
-from cg.construction.trees.ordered import OrderedTree
+from cg.construction.plots import growth
+from cg.construction.trees import OrderedTree
 from cg.plot.style import COLOURS
 
 

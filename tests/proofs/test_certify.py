@@ -12,21 +12,20 @@ from slow_cases import slow
 import cg
 from cg import conditions
 from cg.construction import proofs as pf
-from cg.construction.candidate import make_method
 from cg.construction.catalogue import methods
 from cg.construction.conditions import Rows
-from cg.construction.conditions.words import Condition, parse
-from cg.construction.layouts.layout import Layout
+from cg.construction.conditions.exact import Condition, parse
+from cg.construction.layouts import Layout
 from cg.construction.methods.tableau import Tableau
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify, check
 from cg.construction.proofs.digits import max_digits
-from cg.construction.proofs.files import certificate_names, folder
 from cg.construction.proofs.krawczyk import enclose_zero, krawczyk
-from cg.construction.proofs.packed import fitting
+from cg.construction.proofs.packed import certificate_names, fitting, folder
+from cg.construction.search.candidate import make_method
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.support.balls import working_precision as precision
+from cg.support.quads import working_precision as precision
 
 CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS, **SPLITTING}

@@ -11,9 +11,13 @@ from word_residuals import word_residuals
 
 import cg
 from cg.construction.catalogue import loads
-from cg.construction.conditions.linear_equations import linear_residuals, words
-from cg.construction.conditions.nystrom import nystrom_residuals, splitting_residuals
-from cg.construction.conditions.words import Condition, condition_words, parse
+from cg.construction.conditions.exact import Condition, condition_words, parse
+from cg.construction.conditions.linear_equations import (
+    linear_residuals,
+    nystrom_residuals,
+    splitting_residuals,
+    words,
+)
 from cg.construction.proofs import CertificationError, certificate_of, certify, check
 from cg.construction.proofs.certificate import ViolatedCondition
 from cg.construction.proofs.packed import independent_trees, pack

@@ -16,7 +16,7 @@ from slow_cases import slow
 import cg
 from cg.construction.proofs.digits import _rounded
 from cg.construction.proofs.krawczyk import krawczyk
-from cg.support.balls import working_precision
+from cg.support.quads import working_precision
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from refusals import refuses
 from word_residuals import word_residuals
 
 import cg
-from cg.construction.candidate import pack_method
 from cg.construction.catalogue import find_method
-from cg.construction.conditions import words as ws
-from cg.construction.conditions.word_weights import Quantity, Weights
+from cg.construction.conditions import exact as ws
+from cg.construction.conditions.exact import Quantity, Weights
 from cg.construction.proofs import CertificationError, certify, check
 from cg.construction.proofs.dependent import pairings as pr
 from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
-from cg.support.balls import working_precision as precision
+from cg.construction.search.candidate import pack_method
+from cg.support.quads import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 

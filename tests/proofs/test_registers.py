@@ -7,11 +7,10 @@ import pytest
 from word_residuals import word_residuals
 
 from cg.construction.conditions import condition_trees, residuals
-from cg.construction.conditions import words as ws
+from cg.construction.conditions import exact as ws
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.proofs.dependent.orthogonality import Reduction
-from cg.construction.trees.ordered import forest
-from cg.construction.trees.rooted import rooted_trees
+from cg.construction.trees import forest, rooted_trees
 
 
 def exchange(p, v, w, q):

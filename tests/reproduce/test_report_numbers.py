@@ -14,7 +14,7 @@ import cg
 from cg.construction.catalogue import methods
 from cg.construction.conditions import count
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.proofs.files import certificate_names
+from cg.construction.proofs.packed import certificate_names
 from cg.problems import HeavyTop
 from cg.reproduce import catalogue_table, fingerprint, quad_orders
 from cg.reproduce.appendix_a import printed

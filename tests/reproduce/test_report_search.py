@@ -8,7 +8,7 @@ import pytest
 from refusals import refuses
 from report_pages import context
 
-from cg.construction.runs.store import read_store
+from cg.construction.runs import read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.shapes import start_generator
 from cg.reproduce.blocks import Table

@@ -11,8 +11,8 @@ from refusals import refuses
 
 import cg
 from cg.construction.conditions import condition_trees, residuals
-from cg.construction.layouts.points import Point, PointTree
-from cg.construction.trees.ordered import OrderedTree, catalan, forest
+from cg.construction.layouts import Point, PointTree
+from cg.construction.trees import OrderedTree, catalan, forest
 from research import impossibility as im
 from research.impossibility.__main__ import main
 from research.impossibility.ring import Ring

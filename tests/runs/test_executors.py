@@ -15,9 +15,9 @@ from multiprocessing import get_context
 import pytest
 
 import cg
-from cg.construction.runs.store import read_store
-from cg.support import executors
-from cg.support.executors import completed, count_workers
+from cg.construction.runs import read_store
+from cg.support import parallel
+from cg.support.parallel import completed, count_workers
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 CONSTRUCT = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
@@ -187,7 +187,7 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path, path):
 
 def test_first_interrupt_finishes_pieces_and_second_discards_them(caplog, monkeypatch):
     waits = iter([KeyboardInterrupt, None, None])
-    wait = executors.wait
+    wait = parallel.wait
 
     def interrupted(*args, **options):
         problem = next(waits, None)
@@ -195,7 +195,7 @@ def test_first_interrupt_finishes_pieces_and_second_discards_them(caplog, monkey
             raise problem
         return wait(*args, **options)
 
-    monkeypatch.setattr(executors, "wait", interrupted)
+    monkeypatch.setattr(parallel, "wait", interrupted)
     seen = []
     with caplog.at_level(logging.WARNING, "cg"), pytest.raises(KeyboardInterrupt):
         seen.extend(item for item, _ in completed(double, range(100), workers=2, finish=True))

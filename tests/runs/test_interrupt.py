@@ -15,16 +15,15 @@ from refusals import refuses
 
 from cg import _core_r64, _core_r128
 from cg.construction.conditions import table_rows
-from cg.construction.construct import construct
-from cg.construction.layouts.layout import Layout
-from cg.construction.runs.store import read_store
+from cg.construction.layouts import Layout
+from cg.construction.runs import read_store
+from cg.construction.search.construct import construct
 from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.support import executors, parallel, quads
-from cg.support.executors import completed
-from cg.support.parallel import Stopped, stoppable
+from cg.support import parallel, quads
+from cg.support.parallel import Stopped, completed, stoppable
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
 FOREVER = 10**9  # iterations; no run of the tests waits for them
@@ -129,7 +128,7 @@ class TestThreads:
             begun.wait()
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(executors, "wait", interrupted)
+        monkeypatch.setattr(parallel, "wait", interrupted)
         with pytest.raises(KeyboardInterrupt):
             list(run_all(work, range(1), 1))
         assert ends == ["stopped"]

@@ -15,7 +15,7 @@ import time
 import pytest
 
 import cg
-from cg.construction.runs.store import StoreError, read_store
+from cg.construction.runs import StoreError, read_store
 from reproduce.main import main
 
 pytestmark = [

@@ -13,7 +13,7 @@ from refusals import refuses
 import cg
 import cg.construction.search.random_search as search_module
 from cg.command import main
-from cg.construction.runs.store import Store, StoreError, read_store
+from cg.construction.runs import Store, StoreError, read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.start import run_start
 
@@ -185,7 +185,7 @@ def test_interrupted_command_says_how_to_continue(capsys, monkeypatch, path):
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr(cg.construction.runs.long_run, "completed", interrupted)
+    monkeypatch.setattr(cg.construction.runs, "completed", interrupted)
     assert main([*COMMAND, "--store", str(path)]) == 130
     assert capsys.readouterr().err.splitlines()[-1] == (
         f"crouch-grossman: interrupted; finished results are in {path}; run the same search "

@@ -15,7 +15,7 @@ from contextlib import closing
 import cg
 from cg.support import memory
 from cg.support.parallel import single_threads
-from cg.support.balls import working_precision
+from cg.support.quads import working_precision
 from flint import ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 

@@ -84,7 +84,7 @@ def test_large_methods_are_refused_below_a_limit_of_4_gib(case):
 
 # before the call itself, so that what Python allocates isn't part of it
 _PREPARED = """
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 layout = Layout.tableau(50)
 small = Layout.tableau(18)
 system = ConditionSystem(7, layout)

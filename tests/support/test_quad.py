@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cg import _core_r128
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.support.quads import decode, encode, from_float, to_decimal, to_float
 
 LARGEST = Fraction(2) ** 16384 - Fraction(2) ** 16271

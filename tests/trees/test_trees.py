@@ -6,8 +6,16 @@ from hypothesis import given
 from refusals import refuses
 from strategies import trees
 
-from cg.construction.trees.ordered import OrderedTree, catalan, forest, is_lyndon
-from cg.construction.trees.rooted import density, node_count, rooted_trees, rooted_trees_through
+from cg.construction.trees import (
+    OrderedTree,
+    catalan,
+    density,
+    forest,
+    is_lyndon,
+    node_count,
+    rooted_trees,
+    rooted_trees_through,
+)
 
 
 def test_counts_are_catalan_numbers():

@@ -7,13 +7,11 @@ from typing import Any
 
 from cg.construction.catalogue import find_method, methods
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.estimate import estimate_ratio
+from cg.construction.methods.commutator_free import CommutatorFree, MuntheKaas
+from cg.construction.methods.estimate import estimate_ratio, stability_limits, too_large
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
-from cg.construction.methods.stability import stability_limits, too_large
 from cg.support.parsing import write_file
 
 _KINDS: dict[type, str] = {

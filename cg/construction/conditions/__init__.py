@@ -34,8 +34,16 @@ from cg.construction.conditions.counts import (
     table_rows,
 )
 from cg.construction.conditions.exact import equations, exact_tree, result_tree, tree_residuals
-from cg.construction.layouts.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
-from cg.construction.layouts.points import PointTree, check_not_sums
+from cg.construction.layouts import (
+    Layout,
+    PointTree,
+    Rows,
+    check_length,
+    check_not_sums,
+    check_rows,
+    rows_of,
+    unknowns,
+)
 from cg.support.arrays import check_finite, real_array
 from cg.support.checks import check_flag
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import _core_r64
-from cg.construction.layouts.layout import Layout
-from cg.construction.trees.ordered import catalan
+from cg.construction.layouts import Layout
+from cg.construction.trees import catalan
 from cg.support import quads
 from cg.support.memory import reserved
 

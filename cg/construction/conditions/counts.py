@@ -4,7 +4,7 @@ from fractions import Fraction
 from functools import cache
 
 from cg import _core_r64
-from cg.construction.trees.ordered import MAX_NODES, forest
+from cg.construction.trees import MAX_NODES, forest
 from cg.support.checks import check_flag, check_integer
 
 MAX_ORDER: int = int(_core_r64.highest_order())

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import condition_trees, core_calls
 from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
-from cg.construction.trees.ordered import OrderedTree, forest
+from cg.construction.trees import OrderedTree, forest
 from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner
 

@@ -23,15 +23,14 @@ from cg.construction.catalogue.entries import (
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.diagnosis.correction import Correction, corrections
 from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.flat import failing_rooted, flat_order
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
-from cg.construction.plots.text import draw_tree
-from cg.construction.trees.ordered import OrderedTree, forest
-from cg.construction.trees.rooted import planted, rooted_trees
+from cg.construction.plots import draw_tree
+from cg.construction.trees import OrderedTree, forest, planted, rooted_trees
 from cg.support.parsing import read_file, visible
 from cg.support.quads import MissingQuadsError, to_decimal
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cg.construction.formats.digits import Numbers
-from cg.construction.formats.program import (
+from cg.construction.formats.code import (
     Language,
     Program,
     array,
@@ -15,8 +14,9 @@ from cg.construction.formats.program import (
     reals,
     template,
 )
+from cg.construction.formats.digits import Numbers
 from cg.frames.base import Frame
-from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
+from cg.frames.compiled import SCALAR_FIRST, SPACE_AXES
 from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind
 

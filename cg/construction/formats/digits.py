@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import MethodError
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
 from cg.support.checks import check_instance, check_integer

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
 from cg.construction.formats.c import C, flows_of, with_free_motion
+from cg.construction.formats.code import PYTHON, make_program
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
-from cg.construction.formats.program import make_program
-from cg.construction.formats.python import PYTHON
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting

@@ -8,7 +8,7 @@ from cg.construction.formats.digits import Numbers
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
-from cg.construction.plots.text import draw_method
+from cg.construction.plots import draw_method
 from cg.support.parsing import visible, visible_lines
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
 

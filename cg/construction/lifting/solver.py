@@ -2,7 +2,7 @@
 
 The unknowns are combinations u of the `directions` D of split rows, so that all x = x_0 + D u have
 the rows of the flat tableau. A step v solves ``(Jᵀ J + λ) v = -Jᵀ r`` with J the derivatives of the
-residuals r by u; see `cg.construction.solvers.singular`.
+residuals r by u; see `cg.construction.solvers.minimum_norm`.
 
 Some conditions are redundant, and there are more unknowns than the others determine, so that the
 Jacobian is rank-deficient with a wide range of singular values. Steps come from the normal
@@ -32,14 +32,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.conditions.word_weights import Quantity, Weights
-from cg.construction.conditions.words import condition_words, nodes, reciprocal_density
+from cg.construction.conditions.exact import (
+    Quantity,
+    Weights,
+    condition_words,
+    nodes,
+    reciprocal_density,
+)
 from cg.construction.lifting.split_rows import SplitRows
+from cg.construction.solvers.minimum_norm import PROBE, DampedSteps, is_straight, pseudo_inverse
 from cg.construction.solvers.refine import refine_rational
-from cg.construction.solvers.singular import PROBE, DampedSteps, is_straight, pseudo_inverse
-from cg.support.balls import exact_midpoint, to_ball, working_precision
 from cg.support.parallel import raise_if_stopped
-from cg.support.quads import DECIMAL_DIGITS, to_decimal
+from cg.support.quads import DECIMAL_DIGITS, exact_midpoint, to_ball, to_decimal, working_precision
 
 Vector = NDArray[np.float64]
 

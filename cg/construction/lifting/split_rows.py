@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import condition_trees, core_calls
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START, Layout
 from cg.construction.search.shapes import merge_point
 from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import next_trees
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 
 Vector = NDArray[np.float64]
 

@@ -1,4 +1,7 @@
-"""Commutator-free methods: flows of linear combinations of frozen fields."""
+"""Commutator-free methods, flows of combinations of frozen fields, and Munthe-Kaas methods.
+
+The latter have a classical tableau for the coordinates of a step.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import MethodError, Point, PointTree, check_tree
+from cg.construction.layouts import (
+    Layout,
+    MethodError,
+    Point,
+    PointTree,
+    check_tree,
+    tree_of_flat_rows,
+)
 from cg.construction.methods.coefficients import (
     Coefficient,
     read_coefficient,
@@ -20,10 +29,11 @@ from cg.construction.methods.coefficients import (
     read_third,
     values_of,
 )
-from cg.construction.methods.flat import flat_order
+from cg.construction.methods.flat import flat_order, flat_residuals
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.support import quads
+from cg.support.checks import check_flag, check_integer
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -213,3 +223,210 @@ def _read_point(point: Any, m: int) -> tuple[int, dict[int, Coefficient]]:
         as_index(stage): read_coefficient(weight, f"weight of point {m} on stage {stage}")
         for stage, weight in weights.items()
     }
+
+
+_ROUNDING = Fraction(1, 10**14)
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class MuntheKaas(Method):
+    r"""A Runge–Kutta–Munthe-Kaas method: a classical tableau on a Lie algebra.
+
+    A step applies the tableau to the differential equation of the coordinates σ of the point,
+    :math:`y = \exp(\sigma)\, y_0`, which is an equation in a vector space [1]_:
+
+    .. math::
+
+        \sigma_i = h \sum_j a_{ij} k_j, \qquad
+        k_i = \operatorname{dexp}^{-1}_{\sigma_i} f(t_0 + c_i h, \exp(\sigma_i)\, y_0), \qquad
+        y_1 = \exp\Bigl(h \sum_i b_i k_i\Bigr) y_0 .
+
+    Each stage takes one flow, and the order is that of the tableau in vector spaces. The frame must
+    have `cg.frames.Frame.bracket`; dexp⁻¹ is `cg.frames.Frame.dexpinv`, a closed form or its series
+    truncated at the order of the method. The error estimate of a step is :math:`e = h \sum_i (b_i -
+    \hat b_i) k_i`; it needs no flow.
+
+    Parameters
+    ----------
+    tableau
+        An explicit tableau; with second weights the method is a pair. Or a stiffly accurate
+        collocation method of three implicit stages after one at the start, which only the second
+        weights use (``"RadauIIA5"``); its stages are solved by Newton's method.
+    third
+        As for `cg.CommutatorFree`, with the differences e and :math:`e_3` of the result from the
+        results of the second and of the third weights.
+    name, source
+        Name and origin of the method, by default those of the tableau.
+
+    Attributes
+    ----------
+    tableau
+        The flat tableau.
+    third_weights
+        The third weights.
+
+    Raises
+    ------
+    MethodError
+        If `tableau` isn't such a `Tableau`, its result depends on no stage, it has third
+        weights but no second ones, or third weights have a wrong length or equal other weights.
+
+    References
+    ----------
+    .. [1] H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29
+       (1999), 115-127.
+
+    Examples
+    --------
+    >>> heun = MuntheKaas(Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0]), name="Heun")
+    >>> heun.order, heun.embedded_order, heun.exponentials
+    (2, 1, 2)
+    """
+
+    name: str
+    source: str
+    tableau: Tableau
+    third_weights: tuple[Coefficient, ...] | None
+    of_trees: ClassVar[bool] = False
+    nominal_order: int | None
+    nominal_residual: Coefficient | None
+
+    def __init__(
+        self,
+        tableau: Tableau,
+        *,
+        third: Iterable[Any] | None = None,
+        name: str | None = None,
+        source: str | None = None,
+    ) -> None:
+        if not isinstance(tableau, Tableau):
+            raise MethodError(f"tableau must be a Tableau, got {tableau!r}")
+        if not (tableau.explicit or _is_collocation(tableau)):
+            raise MethodError(
+                "tableau must be explicit, or a stiffly accurate collocation method of three "
+                f"implicit stages after one at the start, as RadauIIA5 is, got {tableau!r}"
+            )
+        values = read_texts(
+            tableau.name if name is None else name,
+            tableau.source if source is None else source,
+        )
+        values["tableau"] = tableau
+        weights = read_third(third, tableau.stages, tableau.embedded_weights)
+        others = tableau.exact[1], tableau.exact_embedded
+        if weights and tuple(w.value for w in weights) in others:
+            raise MethodError("third must differ from the other weights, or it estimates no error")
+        values["third_weights"] = weights
+        self._set(values)
+        if tableau.explicit:
+            check_tree(self.tree)
+
+    @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], *, third: Any = None, **fields: Any
+    ) -> MuntheKaas:
+        """Return the method with a layout of its tableau and packed entries, row by row."""
+        return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.tableau, values_of(self.third_weights)
+
+    @cached_property
+    def tree(self) -> PointTree:
+        """The points of a step: a flow from the initial point to each stage and the result."""
+        return tree_of_flat_rows(*self.tableau.exact)
+
+    @property
+    def explicit(self) -> bool:
+        return self.tableau.explicit
+
+    @property
+    def layout(self) -> Layout:
+        """Positions of the entries in `coefficients`, as in the tableau."""
+        return self.tableau.layout
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """The coefficients of the tableau."""
+        return self.tableau.coefficients
+
+    @property
+    def exact_embedded(self) -> tuple[Fraction, ...] | None:
+        return self.tableau.exact_embedded
+
+    @property
+    def embedded(self) -> MuntheKaas | None:
+        """The explicit method with the second weights in place of the first; None without them."""
+        second = self.tableau.embedded
+        if second is None or not self.explicit:
+            return None
+        return MuntheKaas(second, name=f"{self.name}, embedded" if self.name else "")
+
+    @cached_property
+    def exact_order(self) -> int:
+        """The order of the tableau in vector spaces, up to the rounding of its coefficients.
+
+        At most ``conditions.MAX_ORDER``.
+        """
+        return flat_order(self.tableau)
+
+    @cached_property
+    def embedded_order(self) -> int | None:
+        return None if self.exact_embedded is None else flat_order(self.tableau, embedded=True)
+
+    @cached_property
+    def third_order(self) -> int | None:
+        if self.third_weights is None:
+            return None
+        return flat_order(Tableau(self.tableau.entries, self.third_weights))
+
+    @cached_property
+    def advancing(self) -> MuntheKaas:
+        """The method with the weights of higher order first, with which steps are taken."""
+        second = self.tableau.embedded_weights
+        if second is None or (self.embedded_order or 0) <= self.order:
+            return self
+        tableau = Tableau(self.tableau.entries, second, b_embedded=self.tableau.weights)
+        return MuntheKaas(tableau, third=self.third_weights, name=self.name, source=self.source)
+
+    @property
+    def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Weights of the error estimates: b minus the second, and b minus the third weights."""
+        b = self.tableau.exact[1]
+        others = [] if self.exact_embedded is None else [self.exact_embedded]
+        if self.third_weights is not None:
+            others.append(tuple(w.value for w in self.third_weights))
+        return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
+
+    @property
+    def pair_exponentials(self) -> int:
+        """Number of flows of a step; the error estimate needs none."""
+        return self.exponentials
+
+    def satisfies(self, order: int) -> bool:
+        """Return whether the classical conditions hold through an order."""
+        return self.exact_order >= check_integer("order", order, 1)
+
+    def residuals(self, order: int, *, embedded: bool = False) -> tuple[Fraction, ...]:
+        """Return the exact residuals of rooted trees, of the first or the second weights."""
+        embedded = check_flag("embedded", embedded)
+        a, b = self.tableau.exact
+        if embedded and self.exact_embedded is None:
+            raise ValueError(f"embedded: {self!r} has no second result")
+        return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
+
+
+def _is_collocation(tableau: Tableau) -> bool:
+    """Return whether a tableau is one of collocation, with a real and two complex eigenvalues."""
+    a, b = tableau.exact
+    if len(b) != 4 or any(a[0]) or any(row[0] for row in a) or a[-1] != b:
+        return False
+    c = [sum(row) for row in a[1:]]
+    powers = range(1, 4)
+    integrates = all(
+        abs(sum(x * node ** (k - 1) for x, node in zip(row[1:], c, strict=True)) - end**k / k)
+        < _ROUNDING
+        for k in powers
+        for row, end in zip(a[1:], c, strict=True)
+    )
+    return integrates and bool(np.linalg.eigvals(tableau.a[1:, 1:]).imag.any())

@@ -7,18 +7,18 @@ from functools import partial
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER, residuals
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.estimate import error_power
 from cg.construction.methods.interpolant import (
     extension_of,
     flows_within,
-    node_count,
+    inner_nodes,
     nodes_of,
     result_flows,
     series_order,
 )
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.paths import MethodPaths, paths_of, polynomial_paths
 from cg.construction.methods.splitting import Splitting
 from cg.support.arrays import Array
@@ -99,7 +99,7 @@ def kind_of(method: Method) -> Kind:
 def _output(method: Method, paths: MethodPaths) -> Output:
     extension, along = extension_of(method), paths.polynomial
     node, blend = _node_tables(
-        method.stages if along else node_count(method), paths.abscissae if along else None
+        method.stages if along else inner_nodes(method), paths.abscissae if along else None
     )
     flow_c, weights = result_flows(paths) if along else flows_within(method)
     return Output(

@@ -20,14 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions.word_weights import Quantity, Weights
-from cg.construction.conditions.words import condition_words
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import PointTree
+from cg.construction.conditions.exact import Quantity, Weights, condition_words
+from cg.construction.layouts import Layout, PointTree
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.construction.trees.ordered import forest
+from cg.construction.trees import forest
 from cg.support.caches import cached
 
 Matrix = NDArray[np.float64]

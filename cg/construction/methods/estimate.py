@@ -1,4 +1,4 @@
-r"""How well the error estimate of a pair sees the error of its step.
+r"""How well the error estimate of a pair sees the error of its step; regions of linear stability.
 
 The test problem is a constant generator X with a perturbation, :math:`F(t) = X + ε (t/h)^j V` with
 :math:`\operatorname{ad}_X V = iφ V`: the step turns by φ radians. To first order in ε, a result
@@ -27,21 +27,34 @@ quadrature of g X, of any size, and by terms in ε that only commutators cause. 
 divides one by the other is blind.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
 from functools import partial
-from typing import Any
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyint, polyval
 from numpy.typing import NDArray
 
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
-from cg.frames.dexpinv import bernoulli_terms
+from cg.frames.algebra import bernoulli_terms
 from cg.support.caches import cached
+from cg.support.checks import check_instance
+from cg.support.quads import to_flint, to_fraction
 from cg.tables import MAX_ANGLE
+
+if TYPE_CHECKING:
+    from cg.support.flint import fmpq, fmpq_poly
+
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
@@ -275,3 +288,145 @@ def _dexpinv(x: Vector, powers: int | None) -> Vector:
         return np.asarray(1 / _phi1(x))
     terms = [float(term) for term in bernoulli_terms(powers)]
     return polyval(x, terms)
+
+
+Polynomial = tuple[Fraction, ...]
+"""Coefficients, the constant first."""
+
+_MAX_WORK = 5e9
+"""Largest work, s⁴ times the bits of coefficients, of exact polynomials: 2 to 15 seconds."""
+
+_NOISE = 10**4  # effect of rounded coefficients on sums of products, in units of their last places
+_GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
+
+
+@dataclass(frozen=True)
+class StabilityLimits:
+    """Stability limits of a method; infinite if the interval is unbounded, NaN if not computed."""
+
+    real: float  # largest x such that |R(z)| ≤ 1 for all z in [-x, 0]
+    imaginary: float  # largest y such that |R(iz)| ≤ 1 for all z in [0, y]
+
+
+def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
+    """Return numerator and denominator of the stability function R(z), constant coefficients first.
+
+    With the flat tableau, ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
+    """
+    from cg.support.flint import fmpq_mat, fmpq_poly
+
+    check_instance("method", method, Method)
+    a, b = method.exact
+    row = list(map(to_flint, b))
+    matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
+    moved = matrix - fmpq_mat([row for _ in row])
+
+    def reversed_characteristic(of: fmpq_mat) -> Polynomial:
+        return tuple(map(to_fraction, fmpq_poly(of.charpoly().coeffs()[::-1]).coeffs()))
+
+    return reversed_characteristic(moved), reversed_characteristic(matrix)
+
+
+def stability_limits(method: Method) -> StabilityLimits:
+    """Return the stability limits of a method on the negative real and the imaginary axis.
+
+    They are roots of ``|D|² - |N|²`` with R = N / D, isolated rigorously, so that none is missed.
+    Where coefficients are rounded, its lowest powers may be rounding noise, whose sign would decide
+    whether the method is stable near the origin; they are set to zero.
+    """
+    if too_large(method):
+        return StabilityLimits(math.nan, math.nan)
+    numerator, denominator = stability_function(method)
+    unit = max(coefficient.unit for coefficient in method.coefficients)
+    n, d = _reduced(numerator, denominator)
+    noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
+    sizes_n, sizes_d = _sizes(n), _sizes(d)
+    minus = type(n)([0, -1])
+    back_n, back_d = n(minus), d(minus)
+    # on the real axis D² - N² = (D - N) (D + N), factors of half the degree
+    sizes = sizes_n + sizes_d
+    factors = [_certain(back_d - back_n, sizes, noise), _certain(back_d + back_n, sizes, noise)]
+    real = _end(factors, back_d * back_d, growth)
+    below, above = _on_imaginary_axis(d, -1), _on_imaginary_axis(n, -1)
+    sizes = _on_imaginary_axis(sizes_d, 1) + _on_imaginary_axis(sizes_n, 1)
+    square = _end([_certain(below - above, sizes, noise)], below, growth)
+    return StabilityLimits(real, math.sqrt(square))
+
+
+def too_large(method: Method) -> str | None:
+    """Return why the stability limits of a method aren't computed; None if they are.
+
+    The work is proportional to the fourth power of the stages and to the bits of a coefficient over
+    the common denominator.
+    """
+    check_instance("method", method, Method)
+    (a, b), s = method.exact, method.stages
+    denominator, size = 1, 0
+    for x in chain(*a, b):
+        denominator = math.lcm(denominator, x.denominator)
+        size = max(size, x.numerator.bit_length() - x.denominator.bit_length())
+        bits = denominator.bit_length()
+        if s**4 * (bits + size + 8) > _MAX_WORK:
+            return (
+                f"limits of stability, since with {s} stages and a common denominator of {bits} "
+                "bits or more the exact polynomials would take too long"
+            )
+    return None
+
+
+def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
+    from cg.support.flint import fmpq_poly
+
+    n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
+    common = n.gcd(d)
+    return n // common, d // common
+
+
+def _sizes(p: fmpq_poly) -> fmpq_poly:
+    return type(p)([abs(c) for c in p.coeffs()])
+
+
+def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:
+    """Return ``|p(iy)|²`` as a polynomial in y², or with all signs positive."""
+    make, coefficients = type(p), p.coeffs()
+    even, odd = (
+        make([c * sign**k for k, c in enumerate(coefficients[start::2])]) for start in (0, 1)
+    )
+    return even * even + make([0, 1]) * odd * odd
+
+
+def _certain(p: fmpq_poly, sizes: fmpq_poly, noise: fmpq) -> fmpq_poly:
+    """Return p without the lowest and highest powers whose coefficients are rounding noise.
+
+    Their signs decide near zero and at infinity. `sizes` has sums of the magnitudes of all terms.
+    """
+    coefficients = p.coeffs()
+    significant = [k for k, c in enumerate(coefficients) if abs(c) > noise * sizes[k]]
+    if not significant:
+        return type(p)([])
+    inside = range(significant[0], significant[-1] + 1)
+    return type(p)([c if k in inside else 0 for k, c in enumerate(coefficients)])
+
+
+def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
+    """Return the point above zero from which a product of factors is below ``-growth * below``."""
+    if not all(factors):
+        return math.inf
+    # pairs of a root, a ball, and its multiplicity; real roots have imaginary part 0 exactly
+    pairs: list[Any] = [pair for factor in factors for pair in factor.numer().complex_roots()]
+    roots = sorted(float(root.real) for root, _ in pairs if root.imag == 0 and root.real > 0)
+    if math.prod(_sign(next(filter(None, factor.coeffs()))) for factor in factors) < 0:
+        return 0.0
+    for left, right in pairwise(roots):
+        if right > left:
+            middle = to_flint((Fraction(left) + Fraction(min(right, sys.float_info.max))) / 2)
+            value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
+            if value < -growth * below(middle):
+                return left
+    return (
+        roots[-1] if math.prod(_sign(factor.coeffs()[-1]) for factor in factors) < 0 else math.inf
+    )
+
+
+def _sign(number: fmpq) -> int:
+    return int(number > 0) - int(number < 0)

@@ -14,8 +14,8 @@ from cg.construction.conditions import MAX_ORDER
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tableau import Tableau
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
-from cg.construction.trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
-from cg.support.balls import to_flint, to_fraction
+from cg.construction.trees import RootedTree, density, rooted_trees, rooted_trees_through
+from cg.support.quads import to_flint, to_fraction
 
 if TYPE_CHECKING:
     from cg.support.flint import fmpq

@@ -77,12 +77,12 @@ from itertools import count
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.paths import MethodPaths, collocation_polynomial, paths_of
 from cg.construction.methods.splitting import Splitting
-from cg.construction.trees import rooted
+from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.tables import basis_polynomials, stored_table
@@ -116,7 +116,7 @@ def nodes_of(count: int) -> NodeSet:
     return NodeSet(nodes, integral / integral(1.0))
 
 
-def node_count(method: Method) -> int:
+def inner_nodes(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
     step = 1
     enough = max(2, max(method.order, method.embedded_order or 0) - 1)
@@ -130,14 +130,14 @@ def extra_evaluations(method: Method) -> int:
     """Return the number of evaluations of an interpolant, besides those at both ends."""
     if isinstance(method, MuntheKaas):
         return len(extension_of(method).theta)
-    return _evaluations(node_count(method), 2 if isinstance(method, Splitting) else 1)
+    return _evaluations(inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
 
 
 def series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
         return max(method.advancing.order, 1)
-    return node_count(method) + 1
+    return inner_nodes(method) + 1
 
 
 def _evaluations(nodes: int, step: int) -> int:
@@ -164,7 +164,7 @@ def extension_of(method: Method) -> Extension:
         return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
         return _with_stages(method.advancing)
-    return _between_ends(node_count(method))
+    return _between_ends(inner_nodes(method))
 
 
 def _with_stages(method: MuntheKaas) -> Extension:
@@ -240,11 +240,11 @@ class _Trees:
     """The conditions of rooted trees on derivatives k, for interpolants through an order."""
 
     def __init__(self, order: int) -> None:
-        trees = rooted.rooted_trees_through(order)
+        trees = rooted_trees_through(order)
         place = {tree: i for i, tree in enumerate(trees)}
         self.children = [[place[child] for child in tree] for tree in trees]
-        self.size = np.array(list(map(rooted.node_count, trees)))
-        self.density = np.array(list(map(rooted.density, trees)), dtype=np.float64)
+        self.size = np.array(list(map(node_count, trees)))
+        self.density = np.array(list(map(density, trees)), dtype=np.float64)
 
     def with_stage(self, known: Array, row: Array) -> Array:
         """Return the elementary weights of n + 1 derivatives, shape ``(trees, n + 1)``.

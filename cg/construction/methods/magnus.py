@@ -19,8 +19,14 @@ from cg.construction.conditions.linear_equations import (
     linear_residuals,
     linear_sensitivities,
 )
-from cg.construction.layouts.layout import Layout, check_length
-from cg.construction.layouts.points import START, MethodError, Point, PointTree
+from cg.construction.layouts import (
+    START,
+    Layout,
+    MethodError,
+    Point,
+    PointTree,
+    check_length,
+)
 from cg.construction.methods.coefficients import (
     Coefficient,
     read_coefficient,

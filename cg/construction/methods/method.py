@@ -15,8 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction import conditions
-from cg.construction.layouts.layout import Layout, check_length
-from cg.construction.layouts.points import FlatSums, MethodError, Point, PointTree
+from cg.construction.layouts import (
+    FlatSums,
+    Layout,
+    MethodError,
+    Point,
+    PointTree,
+    check_length,
+)
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tolerance import satisfies, to_floats, tolerance
 from cg.support.checks import check_flag, check_integer

@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.estimate import error_power
 from cg.construction.methods.low_storage import Registers, two_registers
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method, frozen
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
 from cg.support.arrays import Array

@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions.nystrom import (
+from cg.construction.conditions.linear_equations import (
     nystrom_residuals,
     nystrom_values,
     splitting_residuals,
     splitting_values,
 )
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START, Layout
 from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
-from cg.support.balls import to_flint, to_fraction
 from cg.support.checks import check_integer
+from cg.support.quads import to_flint, to_fraction
 
 if TYPE_CHECKING:
     from cg.support.flint import fmpq

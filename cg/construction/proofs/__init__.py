@@ -10,7 +10,7 @@ from cg.construction.proofs.certificate import (
     ViolatedCondition,
 )
 from cg.construction.proofs.digits import refined_digits
-from cg.construction.proofs.files import certificate_of, proved
+from cg.construction.proofs.packed import certificate_of, proved
 from cg.construction.proofs.prove import certify, check
 
 __all__ = [

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cg.construction.conditions.words import Condition, Word, parse, text
+from cg.construction.conditions.exact import Condition, Word, parse, text
 from cg.support.parsing import check_keys, quoted, read_file, read_toml, write_file
 
 MAX_SMALL = Decimal("1e-40")

@@ -9,14 +9,12 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
-from cg.construction.proofs.files import certificate_of
-from cg.construction.proofs.packed import fitting
+from cg.construction.proofs.packed import certificate_of, fitting
 from cg.construction.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
 from cg.support import flint
-from cg.support.balls import exact_midpoint
-from cg.support.balls import working_precision as precision
 from cg.support.checks import check_flag, check_instance, check_integer
-from cg.support.quads import MAX_WRITTEN, to_decimal
+from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal
+from cg.support.quads import working_precision as precision
 
 _GUARD_DIGITS = 15
 

@@ -3,6 +3,7 @@
 It reads: the coefficients y of the method, except those that `box` fixes, can be changed by at most
 ``box.radius`` so that all `conditions` of `orders` hold. Whether a certificate fits its method is
 checked here before anything is proved.
+The catalogue has one TOML file for each method with a certificate.
 """
 
 from __future__ import annotations
@@ -12,37 +13,45 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from itertools import accumulate, pairwise, product
 from math import prod
+from pathlib import Path
 from typing import Any
 
+from cg.construction.catalogue import find_method
+from cg.construction.catalogue.entries import certificate_path
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.conditions.linear_equations import (
-    Series,
-    exponential,
-    product_of_exponentials,
-    times,
-)
-from cg.construction.conditions.nystrom import nystrom_residuals, nystrom_trees, nystrom_values
-from cg.construction.conditions.word_weights import EquationSystem
-from cg.construction.conditions.words import (
+from cg.construction.conditions.exact import (
     Condition,
+    EquationSystem,
     Word,
     condition_words,
     conditions_of,
     is_of_time,
     nodes,
 )
-from cg.construction.layouts.layout import Layout
+from cg.construction.conditions.linear_equations import (
+    Series,
+    exponential,
+    nystrom_residuals,
+    nystrom_trees,
+    nystrom_values,
+    product_of_exponentials,
+    times,
+)
+from cg.construction.layouts import Layout
 from cg.construction.methods.coefficients import Coefficient
+from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.munthe_kaas import MuntheKaas
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Box, Certificate, CertificationError
-from cg.construction.trees.rooted import RootedTree, node_count
+from cg.construction.trees import RootedTree, node_count
 from cg.support import flint
-from cg.support.balls import to_ball
+from cg.support.checks import check_instance
+from cg.support.quads import to_ball
 
 _DRIFTS: Word = ()
 """Stands for the condition Σ d = 1, which has no tree."""
@@ -399,3 +408,58 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
         if coefficient.value == 0 and name not in held:
             raise CertificationError(f"{name} is exactly zero, so it must be fixed")
     return packed
+
+
+def folder() -> Traversable:
+    """Return the folder of the certificates."""
+    return files("cg.construction.catalogue") / "certificates"
+
+
+def certificate_names() -> list[str]:
+    """Return the names of the methods that have certificates."""
+    names = [path.name for path in folder().iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def certificate_of(method: Method) -> Certificate:
+    """Return the certificate in the catalogue or beside the method's file, unchecked."""
+    check_instance("method", method, Method)
+    name = method.name
+    if find_method(name) != method:
+        if (beside := certificate_beside(method)) is not None:
+            return beside
+        raise CertificationError(
+            f"{name or 'the method'} isn't in the catalogue"
+            f"{', and no certificate lies beside its file' * (method.file is not None)}: "
+            "pass certificate=cg.certify(method)"
+        )
+    path = folder() / f"{name}.toml"
+    if not path.is_file():
+        raise CertificationError(f"{name} has no certificate")
+    if isinstance(path, Path):
+        return Certificate.load(path)
+    # the package isn't a folder
+    return Certificate.loads(path.read_text(encoding="utf-8"))
+
+
+def proved(method: Method) -> str:
+    """Return how much of a method's order its certificate proves.
+
+    ``"yes"``, ``"in part"`` or ``"no"``; ``"classical"`` for Munthe-Kaas methods.
+    """
+    if isinstance(method, MuntheKaas):
+        return "classical"
+    try:
+        return certificate_of(method).proved
+    except CertificationError:
+        return "no"
+
+
+def certificate_beside(method: Method) -> Certificate | None:
+    """Return the certificate beside the file of a method, or None; `check` proves it."""
+    path = None if method.file is None else certificate_path(method.file)
+    if path is None or not path.is_file():
+        return None
+    certificate = Certificate.load(path)
+    fitting(certificate, method)
+    return certificate

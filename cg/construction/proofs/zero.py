@@ -14,15 +14,15 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.construction.conditions.words import Condition, text
+from cg.construction.conditions.exact import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import follow
 from cg.construction.proofs.krawczyk import KrawczykTest, doubles, enclose_zero, krawczyk, max_abs
 from cg.construction.proofs.packed import Packed, PackedWeights
 from cg.support import flint
-from cg.support.balls import to_ball, to_flint, to_fraction
-from cg.support.balls import working_precision as precision
+from cg.support.quads import to_ball, to_flint, to_fraction
+from cg.support.quads import working_precision as precision
 
 SHARP_PLACES = 45
 """Decimal places of balls around a zero, in which relations between residuals are evaluated."""

@@ -17,21 +17,25 @@ from typing import Any
 
 import numpy as np
 
-from cg.construction.candidate import Candidate, NotExactError, default_name, make_method, to_method
 from cg.construction.conditions import Rows
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import MethodError
+from cg.construction.layouts import Layout, MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import to_floats
-from cg.construction.runs.long_run import RunOptions, Score, run_pieces
+from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.search.candidate import (
+    Candidate,
+    NotExactError,
+    default_name,
+    make_method,
+    to_method,
+)
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.search.start import RandomStart, draw_start, run_start
 from cg.construction.solvers.refine import polish_zeros
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer
-from cg.support.executors import ExecutorLike
-from cg.support.parallel import single_threads
+from cg.support.parallel import ExecutorLike, single_threads
 
 _APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved
 

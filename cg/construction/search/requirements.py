@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cg.construction.candidate import Candidate
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.layouts.layout import Layout
-from cg.construction.optimise import Goals, Limits, optimise
+from cg.construction.layouts import Layout
+from cg.construction.search.candidate import Candidate
+from cg.construction.search.optimise import Goals, Limits, optimise
 from cg.construction.search.settings import refuse
 from cg.construction.solvers.held import plain_name
 from cg.support.checks import check_choice, check_interval, check_real

@@ -10,13 +10,11 @@ import numpy as np
 
 from cg.construction.conditions import Rows, check_rows
 from cg.construction.conditions.counts import check_order
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START, Layout
 from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns, start_generator
 from cg.construction.solvers.held import Hold, read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.construction.trees.ordered import forest
-from cg.construction.trees.rooted import rooted_trees_through
+from cg.construction.trees import forest, rooted_trees_through
 from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START, MethodError, Point, PointTree, check_tree
+from cg.construction.layouts import START, Layout, MethodError, Point, PointTree, check_tree
 from cg.construction.methods.commutator_free import as_index
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving

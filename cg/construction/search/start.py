@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import count, table_rows
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
 from cg.construction.solvers.held import RegisterWeights
 from cg.construction.solvers.lmdif import fit_lmdif
-from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.minimum_norm import finish, fit_conditions
 from cg.construction.solvers.refine import refine
-from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.parallel import single_threads, stoppable

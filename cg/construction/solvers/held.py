@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts.layout import Layout
-from cg.construction.layouts.points import START
+from cg.construction.layouts import START, Layout
 from cg.construction.methods.coefficients import Coefficient
 from cg.support import quads
 

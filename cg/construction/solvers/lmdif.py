@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg import _core_r64
 from cg.construction.conditions.core_calls import Trees, described, evaluation_bytes
-from cg.construction.layouts.layout import Layout
+from cg.construction.layouts import Layout
 from cg.support import quads
 from cg.support.arrays import check_finite, real_array
+from cg.support.caches import ReadOnly
 from cg.support.checks import MAX_COUNT, check_integer, check_real
-from cg.support.copies import ReadOnly
 from cg.support.memory import reserved
 from cg.support.parallel import StopFlag
 from cg.support.shared_numbers import Status

@@ -1,8 +1,26 @@
-"""Compiled solver of order conditions: exact Jacobian J, steps of least norm, in double precision.
+"""Steps towards solutions of order conditions with an exact Jacobian J, in double precision.
 
-A step is ``-Jᵀ y`` with ``(J Jᵀ + λ) y = r``, and half its acceleration; see
-``fortran/conditions/minimum_norm.f90``. With more unknowns than conditions, this system is smaller
-than the normal equations of MINPACK's steps.
+The compiled solver takes steps of least norm. A step is ``-Jᵀ y`` with ``(J Jᵀ + λ) y = r``, and
+half its acceleration; see ``fortran/conditions/minimum_norm.f90``. With more unknowns than
+conditions, this system is smaller than the normal equations of MINPACK's steps.
+
+A damped step v, of Levenberg–Marquardt, solves ``(Jᵀ J + λ) v = -Jᵀ r``. The acceleration a solves
+the same system with the second derivative of the residual along v in place of r; the accelerated
+step is ``v + a/2`` [1]_. A step of least norm is ``-J⁺ r`` with the pseudo-inverse J⁺ of the
+Jacobian J = U S Vᵀ without its small singular values; the last columns of V are the `kernel`, along
+which solutions continue [2]_.
+
+Far from a solution the normal equations are fast and accurate enough. Order conditions depend on
+each other, and trees of points often have fewer unknowns than there are conditions: nonzero
+singular values of J go down to 1e-9 of the largest; smaller ones are rounding errors. Normal
+equations square the singular values and stall at sums of squares between 1e-15 and 1e-21. Close to
+a solution, steps are computed from the singular value decomposition.
+
+References
+----------
+.. [1] M. K. Transtrum, J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for
+   nonlinear least-squares minimization", arXiv:1201.5885 (2012).
+.. [2] G. H. Golub, C. F. Van Loan, "Matrix Computations", section 5.5.
 """
 
 from collections.abc import Sequence
@@ -11,16 +29,184 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from cg import _core_r64
 from cg.construction.conditions.core_calls import Trees, Vector, derivatives_bytes, described
-from cg.construction.layouts.layout import Layout
-from cg.construction.solvers.singular import finish
+from cg.construction.layouts import Layout
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.capsules import provide_lapack
 from cg.support.memory import reserved
 from cg.support.parallel import stoppable
 from cg.support.shared_numbers import MinimumNormStatus
+
+PROBE = 0.1
+"""Fraction of a step used for the finite difference of the second derivative along it."""
+
+_MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
+
+Indices = NDArray[np.intp]
+
+_RANK_TOLERANCE = 1e-11  # part of the largest singular value; rounding leaves 1e-15
+_FAR = 1e-4  # sum of squares above which Newton steps aren't tried
+
+_FTOL = 1e-27  # sum of squares to reach
+_RENEWALS = 4  # evaluations of the Jacobian in `retract`
+_MAX_ITERATIONS = 60
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
+_PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
+
+
+class DampedSteps:
+    """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
+
+    def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
+        self.jacobian = jacobian
+        self._by_singular_values = by_singular_values
+        if by_singular_values:
+            self._left, self._values, self._right = linalg.svd(
+                jacobian, full_matrices=False, check_finite=False
+            )
+            self._largest = float(self._values[0]) ** 2
+        else:
+            self._gram = jacobian.T @ jacobian
+            self._largest = float(np.max(np.diag(self._gram)))
+
+    def damp(self, damping: float) -> bool:
+        """Set λ relative to the largest entry of Jᵀ J; return whether the system is regular."""
+        if self._by_singular_values:
+            self._factors = self._values / (self._values**2 + damping * self._largest)
+            return True
+        shifted = self._gram + damping * self._largest * np.eye(len(self._gram))
+        try:
+            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
+        except linalg.LinAlgError:
+            return False
+        return True
+
+    def step(self, residual: Vector) -> Vector:
+        """Return the damped step v for a residual r; shapes (n,) and (m,)."""
+        if self._by_singular_values:
+            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
+        right = -self.jacobian.T @ residual
+        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
+
+    def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
+        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
+        slope = (residual_ahead - residual) / PROBE
+        return self.step(2 / PROBE * (slope - self.jacobian @ v))
+
+
+def is_straight(v: Vector, a: Vector) -> bool:
+    """Return whether the acceleration is small enough to be trusted."""
+    return bool(np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v))
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Pseudo-inverse and kernel of a Jacobian of shape (m, n)."""
+
+    inverse: Vector  # shape (n, m), without singular values below 1e-11 of the largest
+    kernel: Vector  # shape (n, n - rank), an orthonormal basis
+
+
+def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
+    """Return the pseudo-inverse and the rank by singular values above `rcond` times the largest."""
+    left, values, right = linalg.svd(jac, full_matrices=False)
+    rank = int(np.sum(values > rcond * values.max(initial=0.0)))
+    return (right[:rank].T / values[:rank]) @ left[:, :rank].T, rank
+
+
+def decompose(jac: Vector) -> Decomposition:
+    """Return the pseudo-inverse and the kernel of a Jacobian, shape (m, n)."""
+    if jac.shape[0] > jac.shape[1]:  # faster than the decomposition of the tall matrix
+        basis, square = linalg.qr(jac, mode="economic", check_finite=False)
+        left, values, right = linalg.svd(square, check_finite=False)
+        left = basis @ left
+    else:
+        left, values, right = linalg.svd(jac, check_finite=False)
+    rank = int(np.sum(values > _RANK_TOLERANCE * values[0])) if values.size else 0
+    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    return Decomposition(inverse, right[rank:].T)
+
+
+def retract(
+    system: ConditionSystem, x: Vector, movable: Indices, near: Decomposition
+) -> Vector | None:
+    """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
+
+    Only the entries `movable` of x change. `near` decomposes their columns of the Jacobian at a
+    point close by; it is used until steps gain little, which saves most of the work.
+    """
+    residual = system.residual(x)
+    f = float(residual @ residual)
+    for renewal in range(_RENEWALS + 1):
+        slow = False
+        while not slow and f > _FTOL * 1e-3:
+            if not f < _FAR:
+                return None
+            trial = x.copy()
+            trial[movable] -= near.inverse @ residual
+            trial_residual = system.residual(trial)
+            trial_f = float(trial_residual @ trial_residual)
+            if not trial_f < f:
+                break
+            slow = trial_f > 0.03 * f
+            x, residual, f = trial, trial_residual, trial_f
+        if f < _FTOL:
+            return x
+        if renewal < _RENEWALS:
+            jac = system.jacobian(x)[:, movable]
+            if not np.isfinite(jac).all():
+                return None
+            near = decompose(jac)
+    return None
+
+
+def finish(
+    system: ConditionSystem,
+    x: Vector,
+    movable: Indices,
+    *,
+    ftol: float = _FTOL,
+    damping: float = _FIRST_DAMPING,
+    iterations: int = _MAX_ITERATIONS,
+) -> tuple[Vector, float]:
+    """Return where Levenberg–Marquardt steps of the entries `movable` lead, and f there."""
+    residual = system.residual(x)
+    f = float(residual @ residual)
+    largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
+    steps: DampedSteps | None = None
+
+    def after(step: Vector) -> Vector:
+        moved = x.copy()
+        moved[movable] += step
+        return moved
+
+    for _ in range(iterations):
+        if not ftol < f < np.inf or damping > largest:
+            break
+        if steps is None:
+            steps = DampedSteps(system.jacobian(x)[:, movable], by_singular_values=True)
+        steps.damp(damping)
+        v = steps.step(residual)
+        a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))
+        best = x
+        for trial in (after(v + a / 2), after(v)) if is_straight(v, a) else (after(v),):
+            trial_residual = system.residual(trial)
+            trial_f = float(trial_residual @ trial_residual)
+            if trial_f < f:
+                best, residual, f, steps = trial, trial_residual, trial_f, None
+        x = best
+        if steps is not None:
+            damping = 4 * max(damping, 1e-20)
+            continue
+        damping = max(damping / 5, _MIN_DAMPING)
+        history.append(f)
+        if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
+            break
+    return x, f
+
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
 

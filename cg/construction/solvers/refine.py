@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction import conditions
-from cg.construction.solvers.singular import pseudo_inverse
+from cg.construction.solvers.minimum_norm import pseudo_inverse
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support import quads
 from cg.support.parallel import raise_if_stopped

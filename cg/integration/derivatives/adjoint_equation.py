@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Legendre
 
-from cg.integration.output.dense import DenseOutput
+from cg.integration.output.results import DenseOutput
 from cg.integration.rhs.inputs import Inputs
 from cg.support.arrays import Array, Points
 

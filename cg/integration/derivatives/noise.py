@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.integration.problem import Problem
-from cg.integration.rhs.checks import when
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
-from cg.integration.rhs.given_derivatives import Derivative, derivative_of
+from cg.integration.rhs.python import Derivative, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, real_array
 
 # tolerance relative to the largest entry or eigenvalue of a covariance

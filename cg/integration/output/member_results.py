@@ -8,12 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.integration.output.dense import DenseOutput, EnsembleOutput, Steps
-from cg.integration.output.results import EnsembleSolution, Solution, member_fields
+from cg.integration.output.results import (
+    DenseOutput,
+    EnsembleOutput,
+    EnsembleSolution,
+    Solution,
+    Steps,
+    member_fields,
+)
 from cg.integration.problem import Problem
 from cg.integration.run.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.support.arrays import Array, Points
-from cg.support.copies import filled
+from cg.support.caches import filled
 from cg.support.shared_records import COUNTS
 
 

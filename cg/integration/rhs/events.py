@@ -1,4 +1,4 @@
-"""Events: zeros of functions along the solution."""
+"""Functions of the solution: events, which are zeros, and observers, called at output times."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.rhs.checks import read_finite, read_value
-from cg.integration.rhs.compiled import compiled_event
-from cg.integration.rhs.inputs import WithInput
+from cg.integration.rhs.compiled import CompiledRhs, compiled_event
+from cg.integration.rhs.inputs import WithInput, members_with_data
+from cg.integration.rhs.python import Contexts, PythonRhs, read_finite, read_value
 from cg.support.arrays import Array, Points
+from cg.support.caches import filled
 from cg.support.checks import check_flag
-from cg.support.copies import filled
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -278,3 +278,73 @@ def _as_event(event: Any) -> Event:
     defaults["vectorized"] = False
     given = {name: getattr(event, name, value) for name, value in defaults.items()}
     return filled(Event, {"function": event, **given})  # checked later, with its index in messages
+
+
+STORED = "all", "observed"
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """What is evaluated at output times, after checking."""
+
+    function: Any  # in Python, or a list of compiled ones
+    frame: Frame  # frame of the points that it is given
+    shape: tuple[int, ...]  # shape of its value at one time
+    keeps_points: bool  # whether the points are stored as well
+
+    def check(self, value: Any, t: float, _: Points) -> Array:
+        """Return a value as an array, after checking it."""
+        return read_finite(value, "observe", self.shape, t)
+
+    def fields(self, rhs: CompiledRhs | PythonRhs) -> tuple[dict[str, int], Any]:
+        """Return entries of the record of a run, and what has to stay alive with them."""
+        if isinstance(self.function, list):
+            data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)
+            if isinstance(rhs, PythonRhs) and rhs.inputs is not None:
+                raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
+            if isinstance(rhs, PythonRhs) and rhs.parameters is not None:
+                data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
+            table = EventTable(self.function, self.frame).rows
+            entries = {"observers": len(table), "observer_table": table.ctypes.data}
+            return entries | {"observer_data": data, "observer_stride": stride}, table
+        count = members_with_data(rhs.inputs, rhs.parameters)
+        rest = self.frame, self.shape, self.check
+        contexts = Contexts(self.function, rhs.arguments, count, *rest)
+        names = "observer", "observer_data", "observer_stride"
+        return dict(zip(names, contexts.addresses(), strict=True)), contexts
+
+    @property
+    def count(self) -> int:
+        """Numbers at a time."""
+        return math.prod(self.shape)
+
+
+def observer_of(
+    observe: Any, store: Any, frame: Frame, rhs: CompiledRhs | PythonRhs, t: float, y: Points
+) -> Observer | None:
+    """Return what is evaluated at output times, after calling it at the initial point."""
+    if not isinstance(store, str) or store not in STORED:
+        raise ValueError(f"store must be {' or '.join(map(repr, STORED))}, got {store!r}")
+    if observe is None:
+        if store != "all":
+            raise ValueError(f"observe must be given with store={store!r}, got None")
+        return None
+    keeps_points = store == "all"
+    if compiled_event(observe) is not None:
+        return Observer([observe], frame, (), keeps_points)
+    if isinstance(observe, Sequence) and observe and all(map(compiled_event, observe)):
+        return Observer(list(observe), frame, (len(observe),), keeps_points)
+    if not callable(observe):
+        raise TypeError(
+            "observe must be callable as observe(t, y), or a list of compiled functions, got "
+            f"{observe!r}"
+        )
+    if rhs.inputs is not None:
+        observe = WithInput(observe)
+    visible = y.copy()
+    visible.flags.writeable = False
+    shape = np.shape(observe(t, visible, *rhs.arguments(0)))
+    observer = Observer(observe, frame, shape, keeps_points)
+    if not observer.count:
+        raise ValueError(f"observe must return at least one number, got shape {shape}")
+    return observer

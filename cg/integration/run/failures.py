@@ -8,11 +8,10 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.plan.plan import has_brackets
-from cg.integration.plan.stage_solver import STAGE_SOLVERS, ConvergenceError
+from cg.integration.plan.plan import STAGE_SOLVERS, ConvergenceError, has_brackets
+from cg.integration.run.drive import find_difficulty
 from cg.integration.run.messages import DERIVATIVES, StepTooLongError
 from cg.integration.run.run import Run
-from cg.integration.run.stiffness import find_difficulty
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTS
 from cg.tables import Kind

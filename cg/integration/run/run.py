@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.integration.output.dense import Steps
+from cg.integration.output.results import Steps
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.compiled import CompiledRhs

@@ -24,9 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions.word_weights import Quantity, Weights
-from cg.construction.conditions.words import (
+from cg.construction.conditions.exact import (
     Condition,
+    Quantity,
+    Weights,
     Word,
     add_multiple,
     condition_words,
@@ -35,12 +36,11 @@ from cg.construction.conditions.words import (
     reciprocal_density,
     shuffle,
 )
-from cg.construction.layouts.layout import Layout
-from cg.construction.proofs.dependent.pairings import Pairing, pairings
-from cg.construction.proofs.dependent.spanned import Spanned, independent_rows
+from cg.construction.layouts import Layout
+from cg.construction.proofs.dependent.pairings import Pairing, Spanned, independent_rows, pairings
 from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
-from cg.support.balls import to_ball, working_precision
+from cg.support.quads import to_ball, working_precision
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 _REGULARITY_BITS = 128

@@ -1,1 +1,0 @@
-"""Where the points, stages and coefficients of a method stand."""

@@ -1,0 +1,508 @@
+"""Plots of tableaux, trees of points, ordered trees, stability regions; `cg.plot` has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from itertools import chain, count, zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.catalogue import resolve_method
+from cg.construction.layouts import START, PointTree, points_of
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.estimate import stability_function, too_large
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.splitting import Splitting
+from cg.construction.trees import OrderedTree
+from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
+from cg.support.checks import check_instance, check_integer, check_interval
+from cg.support.quads import MAX_WRITTEN, to_decimal
+
+_MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
+_SIZE, _MIN_SIZE = 10.0, 7.0  # sizes of the font of tableaux
+_RISE = 0.3  # height of the first child above its parent; another branch is 1 above
+
+_MAX_NODES = 200
+
+
+def tableau(method: str | Method, ax: Any = None) -> Any:
+    """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
+
+    The tableau of a commutator-free method is the classical one, with the sums of the weights of
+    the flows to each stage. Coefficients that aren't short fractions have four digits.
+
+    Parameters
+    ----------
+    method
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.tableau("CG3")
+    >>> sorted({text.get_text() for text in ax.texts})[:4]
+    ['0', '119/216', '13/51', '17/108']
+    """
+    method = no_splitting(resolve_method(method))
+    given, ax = ax, axes_for(ax)
+    s = method.stages
+    a, b = method.exact
+    rows = [*a, b]
+    if method.exact_embedded is not None:
+        rows.append(method.exact_embedded)
+    for i, row in enumerate(rows):
+        y = -i - 0.5 * (i >= s)
+        if i < s:
+            ax.text(0.0, y, _text(method.abscissae[i]), **_cell(FAINT))
+        for j, entry in enumerate(row, 1):
+            if entry or (i >= s):
+                ax.text(j, y, _text(entry), **_cell("black"))
+    ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
+    ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
+    blank(ax)
+    ax.set_xlim(-0.6, s + 0.6)
+    ax.set_ylim(-len(rows) - 0.2, 0.6)
+    _set_title(ax, method)
+    _fit_cells(ax, widen=given is None)
+    return ax
+
+
+def no_splitting(method: Method) -> Method:
+    """Return a method; ValueError if it is a splitting method, which has kicks and drifts."""
+    if isinstance(method, Splitting):
+        raise ValueError(f"method must be no splitting method, got {method!r}")
+    return method
+
+
+def _fit_cells(ax: Any, *, widen: bool) -> None:
+    """Reduce the font size so that no text is wider than a cell of width 1, or widen the figure."""
+    ax.figure.draw_without_rendering()
+    texts = [(text, text.get_window_extent().width) for text in ax.texts]
+    left, right = ax.get_xlim()
+    cell = 0.9 * ax.get_window_extent().width / (right - left)
+    size = _SIZE * min(1.0, cell / max(width for _, width in texts))
+    if widen and size < _MIN_SIZE:
+        ax.figure.set_figwidth(ax.figure.get_figwidth() * _MIN_SIZE / size)
+        size = _MIN_SIZE
+    for text, _ in texts:
+        text.set_fontsize(size)
+
+
+def _set_title(ax: Any, method: Method) -> None:
+    ax.set_title(f"{verbatim(method.name) or 'without name'}: {method.description()}", fontsize=10)
+
+
+def _cell(colour: str) -> dict[str, Any]:
+    return {"ha": "center", "va": "center", "fontsize": _SIZE, "color": colour}
+
+
+def _text(value: Fraction, digits: int = 4) -> str:
+    text = str(value) if len(str(value)) <= digits + 3 else to_decimal(value, digits)
+    return text.replace("-", "−")
+
+
+def _flow(weights: Mapping[int, Fraction]) -> str:
+    """Return the sum of fields of a flow as text, two terms a line."""
+    terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
+    signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
+    return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
+
+
+def points(method: str | Method, ax: Any = None) -> Any:
+    """Draw the points of a step at their times; each line is a flow.
+
+    Stages are numbered circles, the result is a square and the second result a diamond. The
+    weights of each flow are written on its line if there are at most twelve.
+
+    Parameters
+    ----------
+    method
+        An explicit method.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.points("CF4")
+    >>> ax.get_title()
+    'CF4: order 4, 4 evaluations, 5 flows'
+    """
+    method = no_splitting(resolve_method(method))
+    if not method.explicit:
+        raise ValueError(f"method must be explicit, got {method!r}")
+    ax = axes_for(ax)
+    tree = method.tree.without_repetitions()
+    places = _places(tree)
+    used = [m for m in places if m != START]
+    labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
+    for m in used:
+        xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
+        ax.plot(xs, ys, "-", color=FAINT, linewidth=1.2, zorder=1)
+        if labelled:
+            ax.text(
+                (xs[0] + xs[1]) / 2,
+                (ys[0] + ys[1]) / 2,
+                _flow(tree.points[m].weights),
+                ha="center",
+                va="center",
+                fontsize=7,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+    _draw_points(ax, tree, places)
+    ax.set_xlabel("time of the point, in steps")
+    ax.set_yticks([])
+    for side in ("left", "right", "top"):
+        ax.spines[side].set_visible(False)
+    ax.margins(0.1, 0.15)
+    _set_title(ax, method)
+    return ax
+
+
+def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
+    others = [place for m, place in places.items() if m != START]
+    ax.scatter(*zip(*others, strict=True), s=12, color=FAINT, zorder=2)
+    looks = ("s", COLOURS[1], "result"), ("D", COLOURS[2], "second result")
+    for end, (marker, colour, label) in zip(tree.results, looks, strict=False):
+        ax.scatter(*places[end], s=230, marker=marker, color=colour, zorder=3, label=label)
+    stages: dict[int, list[str]] = {}
+    for k, at in enumerate(tree.stage_points, 1):
+        stages.setdefault(at, []).append(str(k))
+    for number, (at, numbers) in enumerate(stages.items()):
+        once = {"label": "stages"} if number == 0 else {}
+        ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
+        ax.text(
+            *places[at],
+            ", ".join(numbers),
+            color="white",
+            ha="center",
+            va="center",
+            fontsize=7,
+            fontweight="bold",
+            zorder=5,
+        )
+    ax.legend(frameon=False, fontsize=8, markerscale=0.5, loc="upper left")
+
+
+def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
+    """Return the places of the points: x is the time, and each branch has another height."""
+    ends = *tree.stage_points, *tree.results
+    used = sorted({m for end in ends for m in tree.path(end)})
+    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
+    for m in used:
+        children[tree.points[m].parent].append(m)
+    times = {START: 0.0}
+    for m in used:
+        point = tree.points[m]
+        times[m] = times[point.parent] + float(sum(point.weights.values(), Fraction(0)))
+    heights: dict[int, float] = {}
+    pending = [(START, START, True)]
+    while pending:  # depth first, each branch above the previous ones
+        m, parent, first = pending.pop()
+        if m == START:
+            heights[m] = 0.0
+        else:
+            heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
+        pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
+    return {m: (times[m], heights[m]) for m in (START, *used)}
+
+
+def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
+    """Draw an ordered tree with its root at the bottom and children from left to right.
+
+    Its bracket notation and its density γ are written below.
+
+    Parameters
+    ----------
+    tree
+        A tree, or its bracket notation; at most 200 nodes.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.tree("[[][[]]]")
+    >>> ax.get_xlabel()
+    '[[][[]]]   γ = 3'
+    """
+    if isinstance(tree, str):
+        tree = OrderedTree.parse(tree)
+    if not isinstance(tree, OrderedTree):
+        raise TypeError(f"tree must be an OrderedTree or its text, got {tree!r}")
+    if tree.nodes > _MAX_NODES:
+        raise ValueError(f"tree must have at most {_MAX_NODES} nodes, got {tree.nodes}")
+    ax = axes_for(ax)
+    nodes, edges = layout(tree)
+    for parent, child in edges:
+        xs, ys = zip(nodes[parent], nodes[child], strict=True)
+        ax.plot(xs, ys, "-", color="black", linewidth=1.2, zorder=1)
+    xs, ys = zip(*nodes, strict=True)
+    ax.scatter(xs, ys, s=45, color=COLOURS[0], zorder=2)
+    ax.scatter(xs[:1], ys[:1], s=60, color=COLOURS[1], zorder=3)  # the root
+    blank(ax)
+    ax.set_aspect("equal", anchor="S")
+    ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
+    ax.set_ylim(-0.4, max(ys) + 0.4)
+    ax.set_xlabel(f"{tree}   γ = {tree.density}")
+    return ax
+
+
+def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
+    """Return the places of nodes, root first, leaves one apart, and edges (parent, child)."""
+    places: list[tuple[float, float]] = []
+    edges: list[tuple[int, int]] = []
+    leaves = count()
+
+    def place(node: OrderedTree, height: float) -> int:
+        number = len(places)
+        places.append((0.0, height))
+        below = [place(child, height + 1.0) for child in node.children]
+        edges.extend((number, child) for child in below)
+        x = (places[below[0]][0] + places[below[-1]][0]) / 2 if below else float(next(leaves))
+        places[number] = x, height
+        return number
+
+    place(tree, 0.0)
+    return [(x - places[0][0], height) for x, height in places], edges
+
+
+Range = tuple[float, float]
+
+_POINTS = 301
+_DASHES = ("solid", "dashed", "dashdot", "dotted")
+
+
+def stability_region(
+    method: str | Method | Sequence[str | Method],
+    ax: Any = None,
+    *,
+    x: Range | None = None,
+    y: Range | None = None,
+) -> Any:
+    """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
+
+    R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
+    where flows commute. The regions where ``|R(z)| ≤ 1`` are filled; those of implicit
+    methods may have no end.
+
+    Parameters
+    ----------
+    method
+    x, y
+        Pairs of float. Ranges of the real and the imaginary part; by default they contain the
+        regions.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> ax = cg.plot.stability_region(["CG2", "CF4"])
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['CG2', 'CF4']
+    """
+    if not isinstance(method, Method | Sequence):
+        raise TypeError(f"method must be a method, a name, or a sequence of them, got {method!r}")
+    names = [method] if isinstance(method, str | Method) else list(method)
+    methods = [no_splitting(resolve_method(name)) for name in names]
+    if not methods:
+        raise ValueError("method must be one or more methods, got none")
+    box = _box(methods) if x is None or y is None else (x, y)
+    grid, z = _plane(x, y, box)
+    ax = axes_for(ax)
+    ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
+    ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
+    for k, one in enumerate(methods):
+        size = np.abs(growth(one, z))
+        colour, dashes = COLOURS[k % len(COLOURS)], _DASHES[k % len(_DASHES)]
+        alpha = 0.25 if len(methods) == 1 else 0.12
+        ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=alpha)
+        ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
+        ax.plot([], [], color=colour, linestyle=dashes, label=verbatim(one.name) or "without name")
+    ends = {"xlim": grid[0][0, [0, -1]], "ylim": grid[1][[0, -1], 0]}
+    ax.set(aspect="equal", xlabel="Re hλ", ylabel="Im hλ", **ends)
+    ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
+    return ax
+
+
+def order_star(
+    method: str | Method, ax: Any = None, *, x: Range | None = None,
+    y: Range | None = None,
+) -> Any:  # fmt: skip
+    """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
+
+    Of a method of order p, p + 1 fingers and as many gaps meet at the origin.
+
+    Parameters
+    ----------
+    method
+    x, y
+        Pairs of float. Ranges of the real and the imaginary part, by default between ±(1 + stages).
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> cg.plot.order_star("CF4").get_title()
+    'CF4'
+    """
+    one = no_splitting(resolve_method(method))
+    reach = 1.0 + one.stages
+    grid, z = _plane(x, y, ((-reach, reach), (-reach, reach)))
+    ax = axes_for(ax)
+    size = np.abs(growth(one, z) * np.exp(-z))
+    ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
+    ax.contour(*grid, size, levels=[1.0], colors=[COLOURS[0]], linewidths=0.8)
+    ax.plot(0.0, 0.0, "k+")
+    ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=verbatim(one.name) or "without name")
+    return ax
+
+
+def _plane(x: Range | None, y: Range | None, box: tuple[Range, Range]) -> tuple[Any, Any]:
+    """Return the coordinates of a grid, and its points z; ranges are those of `box` for None."""
+    ends = [box[0] if x is None else check_interval("x", x)]
+    ends.append(box[1] if y is None else check_interval("y", y))
+    grid = np.meshgrid(*(np.linspace(*end, _POINTS) for end in ends))
+    return grid, grid[0] + 1j * grid[1]
+
+
+def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``."""
+    if problem := too_large(method):
+        raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
+    above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
+    with np.errstate(divide="ignore", invalid="ignore"):  # at poles
+        return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
+
+
+def _box(methods: list[Method]) -> tuple[Range, Range]:
+    """Return ranges of both axes with the boundaries of the regions, preferably the finite ones."""
+    boundaries = list(map(_boundary, methods))
+    whole = [z for z, cut in boundaries if not cut]
+    z = np.concatenate([[0j], *(whole or [z for z, _ in boundaries])])
+    high = float(z.imag.max())
+    margin = 0.15 * max(np.ptp(z.real), high)
+    left, right = float(z.real.min() - margin), float(z.real.max() + margin)
+    if not whole:
+        left, right = min(left, -high / 2), max(right, high / 2)
+    return (left, right), (-high - margin, high + margin)
+
+
+def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
+    """Return points near the boundary of a region, and whether it goes on beyond them."""
+    reach = 2.0 + method.stages
+    for factor in (1.0,) if method.explicit else (4.0, 1.0):
+        x, y = np.meshgrid(np.linspace(-2, 1, 241), np.linspace(0.0, 1.5, 121))
+        z = np.asarray(factor * reach * (x + 1j * y), dtype=np.complex128)
+        stable = np.abs(growth(method, z)) <= 1.0
+        edge = np.zeros(z.shape, bool)
+        edge[:, 1:] |= stable[:, 1:] != stable[:, :-1]
+        edge[1:] |= stable[1:] != stable[:-1]
+        cut = bool(edge[-1].any() or edge[:, [1, -1]].any())
+        if not cut:
+            break
+    return z[edge], cut
+
+
+_NODE = "●"
+_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+
+
+def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
+    """Return rows, also short ones, as aligned columns of text, the first `left` flush left."""
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=False))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def draw_method(method: Method, *, digits: int = 6) -> str:
+    """Return the coefficients of a method as text: points as a tree, others in columns."""
+    if isinstance(method, CommutatorFree):
+        flat = _tableau(method, digits)
+        return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
+    if isinstance(method, MagnusMethod):
+        rows = {
+            "nodes": [method.nodes],
+            "bracket of": chain(*method.brackets),
+            "flow": method.weights,
+            "flow of the second result": method.embedded_weights or (),
+            "flow of the third": filter(None, [method.third_weights]),
+        }
+        return columns([
+            [label, "│", *(_number(x.value, digits) for x in row)]
+            for label, block in rows.items()
+            for row in block
+        ])  # fmt: skip
+    if isinstance(method, Splitting):
+        numbers = [_number(x.value, digits) for x in method.coefficients]
+        pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
+        return columns([["drift", "kick"], *pairs], left=0)
+    return _tableau(method, digits)
+
+
+def _tableau(method: Method, digits: int) -> str:
+    """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
+    a, b = method.exact
+    rows: list[Any] = [(c, *row) for c, row in zip(method.abscissae, a, strict=True)]
+    if method.explicit:
+        rows = [row[: end + 1] for end, row in enumerate(rows)]
+    rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
+    lines = [[x if isinstance(x, str) else _number(x, digits) for x in row] for row in rows]
+    text = columns([[first, "│", *rest] for first, *rest in lines]).splitlines()
+    rule = "─" * max(map(len, text))
+    return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
+
+
+def _number(x: Fraction, digits: int) -> str:
+    # Python may be unable to write a longer fraction
+    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
+    return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
+
+
+def draw_tree(tree: OrderedTree) -> str:
+    """Return an ordered tree as lines of text, each node above its children."""
+    check_instance("tree", tree, OrderedTree)
+    return _draw(tree, lambda node: node.children, lambda _: _NODE)
+
+
+def draw_points(method: Any, *, digits: int = 6) -> str:
+    """Return the points of an explicit method as text, one flow a line, each above its children.
+
+    >>> import crouch_grossman as cg
+    >>> print(draw_points(cg.methods["CF3"]))
+    start: stage 1
+    ├── point 1: 0.333333 F1; stage 2
+    │   └── point 3: -0.0833333 F1 + 0.75 F3; result
+    └── point 2: 0.666667 F2; stage 3
+    """
+    tree, digits = points_of(method), check_integer("digits", digits, 1, MAX_WRITTEN)
+    below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
+    for m, point in enumerate(tree.points):
+        below[point.parent].append(m)
+    roles = tree.roles()
+
+    def label(m: int) -> str:
+        if m == START:
+            return f"start: {', '.join(roles[m])}" if m in roles else "start"
+        terms = [(to_decimal(w, digits), k + 1) for k, w in tree.points[m].weights.items()]
+        flow = " + ".join(f"{weight} F{stage}" for weight, stage in terms).replace("+ -", "- ")
+        return "; ".join([f"point {m + 1}: {flow or 'no flow'}", *roles.get(m, [])])
+
+    return _draw(START, below.__getitem__, label)
+
+
+def _draw(root: Any, children: Callable[[Any], Sequence[Any]], label: Callable[[Any], str]) -> str:
+    lines = []
+    pending = [(root, "", "")]
+    while pending:
+        node, lead, indent = pending.pop()
+        lines.append(lead + label(node))
+        below = list(children(node))
+        for k in reversed(range(len(below))):
+            last = k == len(below) - 1
+            branch, gap = ("└── ", "    ") if last else ("├── ", "│   ")
+            pending.append((below[k], indent + branch, indent + gap))
+    return "\n".join(lines)

@@ -1,1 +1,0 @@
-"""Long runs, with a store for their results."""

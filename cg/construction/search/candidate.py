@@ -1,0 +1,377 @@
+"""Packed coefficients on the solution set of a system of order conditions, or close to it.
+
+Stages and flows are eliminated along the solution set. A stage or a flow is dropped, and the
+conditions are solved again from the remaining coefficients; or the coefficients of a stage shrink
+to zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.conditions import core_calls, count
+from cg.construction.layouts import Layout, Rows, check_length
+from cg.construction.methods.commutator_free import CommutatorFree
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.tableau import Tableau
+from cg.construction.search.shapes import fixed_weights, merge_point
+from cg.construction.search.start import EXACT
+from cg.construction.solvers.minimum_norm import finish, fit_conditions
+from cg.construction.solvers.refine import Refined, polish_zeros, refine
+from cg.construction.solvers.system import ConditionSystem, Structure, next_trees
+from cg.support import quads
+from cg.support.checks import check_instance
+
+SOLVED = 1e-23
+"""Sum of squared residuals in double below which refinement finds an exact solution nearby."""
+
+_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
+
+
+class NotExactError(RuntimeError):
+    """Refinement in real(16) did not end at a zero of all order conditions."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Packed coefficients x, shape (system.size,), on or close to the solution set of a system."""
+
+    system: ConditionSystem
+    x: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x", self.system.complete(self.x))
+
+    @property
+    def largest(self) -> float:
+        """Magnitude of the largest coefficient."""
+        return float(np.abs(self.x).max())
+
+    @property
+    def f(self) -> float:
+        """Sum of squared residuals of the independent conditions."""
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite far from the set
+            return float(np.sum(self.system.residual(self.x) ** 2))
+
+    @property
+    def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
+        """Order q + 1, layout, x, and the trees of order q + 1, as compiled residuals take them."""
+        order = self.system.order
+        return order + 1, self.system.layout, self.x, next_trees(order)
+
+    @property
+    def principal_error(self) -> float:
+        """Norm of all residuals of order q + 1 of the (first) weights."""
+        return float(np.linalg.norm(core_calls.residuals(*self.next_order)))
+
+    @property
+    def estimate(self) -> float:
+        """Norm of the order-q residuals of the second result: the size of the estimate."""
+        layout = self.system.layout
+        if not layout.pair:
+            raise ValueError("candidate must be a pair")
+        second = replace(layout, results=layout.results[1:])
+        values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
+        return float(np.linalg.norm(values[count(self.system.order - 1) :]))
+
+    @property
+    def blind(self) -> bool:
+        """Whether it is a pair whose results have one order; equal stages lead to it."""
+        return self.system.layout.pair and self.estimate < _MIN_ESTIMATE
+
+    def without(self, stage: int) -> Candidate:
+        """Return the candidate without a stage (from 0) whose column is zero."""
+        layout, entries = self.system.layout.without(stage)
+        return Candidate(replace(self.system, layout=layout), self.x[entries])
+
+
+def correct(
+    candidate: Candidate, frozen: Sequence[int] | NDArray[np.intp] = (), **options: Any
+) -> Candidate:
+    """Return to the solution set by steps of least norm, with the entries `frozen` held.
+
+    The options are those of `fit_conditions`. Ask `solved` whether the end is on the set.
+    """
+    system = candidate.system
+    defaults = {"ftol": 1e-26, "damping": 1e-6, "max_iterations": 200, "accurate": system.order > 6}
+    movable = system.movable_without(frozen)
+    fit = fit_conditions(candidate.x, system, movable=movable, **(defaults | options))
+    return Candidate(system, fit.x)
+
+
+def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
+    """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17."""
+    kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
+    pair = f"({system.order - 1})" if system.layout.pair else ""
+    return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
+
+
+def solved(candidate: Candidate) -> bool:
+    """Return whether the conditions hold up to rounding errors of double precision."""
+    return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
+
+
+def refinable(candidate: Candidate) -> bool:
+    """Return whether refinement in real(16) leads to an exact solution."""
+    refined, _, bound = _refined(candidate)
+    return refined.largest_residual <= bound
+
+
+def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
+    """Refine a candidate, whose exact zeros stay; return what may move, and the bound to reach."""
+    movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)
+    return refined, movable, EXACT * max(1.0, candidate.largest)
+
+
+def pack_method(method: Method, order: int | None = None) -> Candidate:
+    """Return a method as a candidate, by default of its order; a pair if it has second weights."""
+    check_instance("method", method, Method)
+    order = method.order if order is None else order
+    system = ConditionSystem(order, method.layout)
+    return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
+
+
+def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
+    """Refine a candidate in real(16) and return it as a method; NotExactError if that fails.
+
+    Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
+    """
+    system = candidate.system
+    refined, movable, bound = _refined(candidate)
+    if refined.largest_residual > bound:
+        raise NotExactError(
+            f"largest residual {refined.largest_residual:.2e} after refinement, "
+            f"more than {bound:.0e}"
+        )
+    polished = polish_zeros(quads.decode(refined.x), system, movable)
+    return make_method(system.layout, system.texts(polished.x), name=name, source=source)
+
+
+def make_method(
+    layout: Layout, coefficients: Sequence[Any], **fields: Any
+) -> Tableau | CommutatorFree | MagnusMethod:
+    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
+    check_length(coefficients, layout.size)
+    points = MagnusMethod if layout.of_time else CommutatorFree
+    kind = points if layout.rows is None else Tableau
+    return kind.from_layout(layout, coefficients, **fields)
+
+
+_LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
+_MIN_STEP = 2e-3
+_MAX_COLUMNS = 3  # number of columns to try from one candidate
+_BUDGET = 1000  # steps of the solver to eliminate one stage
+_INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
+
+_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
+_TRIES = 16  # starts to solve from
+
+Accept = Callable[[Candidate], bool]
+
+
+def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
+    """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
+
+    Its column of ``a`` and its weight shrink to zero together, the other coefficients follow along
+    the set. Steps that fail are halved.
+    """
+    column = candidate.system.layout.column(stage)
+    target = candidate.x[column].copy()
+    left, step, used = 1.0, 0.2, 0
+    while left > 0:
+        target_left = left - step if left - step > _LAST_FRACTION else 0.0
+        x = candidate.x.copy()
+        x[column] = target_left * target
+        last = target_left == 0
+        iterations = 300 if last else 30
+        trial = correct(
+            Candidate(candidate.system, x),
+            column,
+            ftol=1e-26 if last else 1e-22,
+            max_iterations=iterations,
+        )
+        used += iterations if last else 10
+        good = solved(trial) if last else trial.f <= _INTERMEDIATE
+        if good and trial.largest <= largest:
+            candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
+            continue
+        step /= 2
+        if step < _MIN_STEP or used > _BUDGET:
+            return None
+    return candidate.without(stage)
+
+
+def walk(
+    candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
+) -> Candidate:
+    """Return another point of the solution set, after a random step of length `size`."""
+    for _ in range(6):
+        movable = candidate.system.movable
+        x = candidate.x.copy()
+        x[movable] += size / np.sqrt(movable.size) * random.standard_normal(movable.size)
+        moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
+        if solved(moved) and moved.largest <= largest:
+            return moved
+        size /= 2
+    return candidate
+
+
+def eliminate(
+    candidate: Candidate,
+    stages: int,
+    *,
+    random: np.random.Generator,
+    largest: float = 4.0,
+    restarts: int = 3,
+    accept: Accept = lambda candidate: True,
+) -> Iterator[Candidate]:
+    """Eliminate one stage after another until `stages` are left, and yield each candidate.
+
+    Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
+    without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
+    """
+    stuck = 0
+    while candidate.system.stages > stages:
+        smaller = None
+        pair = candidate.system.layout.pair
+        if not pair:
+            smaller = drop_stage(candidate, random, largest=largest, accept=accept)
+        if smaller is None and (pair or stuck == restarts):
+            smaller = _shrink_one(candidate, random, largest, accept)
+        if smaller is None:
+            stuck += 1
+            if stuck > restarts:
+                return
+            candidate = walk(candidate, random, largest=largest)
+        else:
+            candidate, stuck = smaller, 0
+            yield candidate
+
+
+def _shrink_one(
+    candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
+) -> Candidate | None:
+    first = 0 if candidate.system.structure is Structure.GENERAL else 2
+    stages = range(first, candidate.system.stages)
+    sizes = np.array(
+        [np.linalg.norm(candidate.x[candidate.system.layout.column(k)]) for k in stages]
+    )
+    order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
+    for k in order[:_MAX_COLUMNS]:
+        smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)
+        if smaller is not None and accept(smaller):
+            return smaller
+    return None
+
+
+def fixed_entries(system: ConditionSystem) -> list[int]:
+    """Return the entries to hold fixed while solving from a point that isn't a solution.
+
+    In tableaux a_21 is held. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4) and so on, C(2) holds at
+    all stages as ε tends to zero: f falls below 1e-18 there, but has no zero.
+    """
+    if system.rows is None:
+        return fixed_weights(system.order, system.layout)
+    return [0] if system.order >= 5 and system.stages > 1 else []
+
+
+def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
+    """Solve from a start, and again if f is at most `promising` after the first run."""
+    system, frozen = candidate.system, fixed_entries(candidate.system)
+    first = correct(
+        candidate, frozen, ftol=1e-27, damping=1e-2, max_iterations=iterations, accurate=False
+    )
+    if not 1e-26 < first.f <= promising:
+        return first
+    if system.rows is None:
+        return Candidate(system, finish(system, first.x, system.movable_without(frozen))[0])
+    return correct(
+        first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
+    )
+
+
+def drop_stage(
+    candidate: Candidate,
+    random: np.random.Generator,
+    *,
+    largest: float = 4.0,
+    accept: Accept = solved,
+) -> Candidate | None:
+    """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
+
+    The column of the stage is added to that of a neighbour, or dropped.
+    """
+    starts = list(_without_column(candidate))
+    return _first_solved(starts, random, largest, accept, iterations=200, promising=1e-14)
+
+
+def drop_flow(
+    candidate: Candidate,
+    random: np.random.Generator,
+    *,
+    largest: float = 4.0,
+    accept: Accept = solved,
+) -> Candidate | None:
+    """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
+    layout = candidate.system.layout
+    merged = (
+        merge_point(layout, candidate.x.tolist(), m)
+        for m in range(len(layout.parents))
+        if m not in layout.ends
+    )
+    starts = [
+        Candidate(replace(candidate.system, layout=smaller), x)
+        for smaller, x in merged
+        if len(set(smaller.stage_of.tolist())) == smaller.stages
+    ]
+    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
+
+
+def _first_solved(
+    starts: Sequence[Candidate],
+    random: np.random.Generator,
+    largest: float,
+    accept: Accept,
+    *,
+    iterations: int,
+    promising: float,
+) -> Candidate | None:
+    """Solve from starts until one leads to an acceptable candidate; None if none does."""
+    if not starts:
+        return None
+    closeness = np.log([max(start.f, 1e-300) for start in starts])
+    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
+    for k in order[:_TRIES]:
+        smaller = solve_start(starts[k], iterations, promising=promising)
+        if solved(smaller) and smaller.largest <= largest and accept(smaller):
+            return smaller
+    return None
+
+
+def _without_column(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield the starts without each stage, its column dropped or added to a neighbour."""
+    system = candidate.system
+    # a structure treats stages 1 and 2 differently
+    first = 0 if system.structure is Structure.GENERAL else 2
+    if system.stages - 1 < first + 1:
+        return
+    stages = range(first, system.stages)
+    for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
+        if receiver is not None and receiver not in stages:
+            continue
+        x = candidate.x.copy()
+        for row in map(system.layout.row, range(len(system.layout.ends))):
+            if receiver is not None and len(row) > max(stage, receiver):
+                x[row[receiver]] += candidate.x[row[stage]]
+        x[system.layout.column(stage)] = 0.0
+        smaller = Candidate(system, x).without(stage)
+        start = np.zeros(smaller.system.size)
+        start[smaller.system.movable] = smaller.x[smaller.system.movable]
+        yield Candidate(smaller.system, start)

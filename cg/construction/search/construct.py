@@ -1,0 +1,285 @@
+"""Construction of exact methods with few stages or flows from random starts.
+
+An attempt is a random start, and then fewer stages or flows.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.construction.layouts import Layout
+from cg.construction.methods.method import Method
+from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.search.candidate import (
+    Candidate,
+    NotExactError,
+    default_name,
+    drop_flow,
+    eliminate,
+    fixed_entries,
+    refinable,
+    solve_start,
+    solved,
+    to_method,
+    walk,
+)
+from cg.construction.search.requirements import Requirements
+from cg.construction.search.settings import Settings
+from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.support import quads
+from cg.support.checks import MAX_COUNT, check_integer
+from cg.support.parallel import ExecutorLike, single_threads
+
+_FIXED = (0.3, 0.8)  # range of entries that are held fixed
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The result of one try, which its number `index` and the settings determine."""
+
+    index: int
+    stages: int  # the fewest reached
+    solved: bool  # whether x is on the solution set and within bounds
+    f: float  # sum of squared residuals in double
+    x: tuple[float, ...] = field(repr=False)
+    flows: int | None = None  # None for tableaux, as is tree
+    tree: Layout | None = field(default=None, repr=False)
+
+    @classmethod
+    def of_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """Return the try that `dataclasses.asdict` made fields of."""
+        tree = fields["tree"] and layout_of_fields(fields["tree"])
+        return cls(**{**fields, "x": tuple(fields["x"]), "tree": tree})
+
+
+def run_attempt(settings: Settings, index: int) -> Attempt:
+    """Run one try: solve from a random guess, then eliminate stages or flows."""
+    random, accept = start_generator(settings.seed, index), partial(acceptable, settings)
+    if settings.first_flows is not None:
+        layout = settings.tree_for(settings.first_flows, random)
+    else:
+        spread = max(0, settings.first_stages - settings.stages)
+        stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
+        layout = Layout.tableau(stages, pair=settings.embedded)
+    guess = random_candidate(settings.system(layout), settings.width, random)
+    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    if settings.flows is not None:
+        candidate = _with_fewer_flows(settings, candidate, random)
+    elif accept(candidate):
+        for smaller in eliminate(
+            candidate, settings.stages, random=random, largest=settings.largest,
+            restarts=settings.restarts, accept=accept,
+        ):  # fmt: skip
+            candidate = smaller
+    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
+    points = (_flows(settings, layout), layout) if layout.rows is None else ()
+    return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
+
+
+def random_candidate(
+    system: ConditionSystem, width: float, random: np.random.Generator
+) -> Candidate:
+    """Return a random guess that satisfies the linear equations of the system's structure."""
+    if system.rows is None:
+        return Candidate(system, draw_guess(system.order, system.layout, width, random))
+    x = random.uniform(-width, width, system.size)
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
+    x[fixed_entries(system)] = random.uniform(*_FIXED)
+    if system.structure is Structure.MIDDLE:
+        _to_the_middle(x, system.layout.row(system.stages), system.stages)
+    return Candidate(system, x)
+
+
+def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) -> None:
+    """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
+    b = x[weights]
+    b[2:] += (1 - b.sum()) / (stages - 2)
+    x[weights], ends = b, np.cumsum(b)
+    for row in range(2, stages):
+        entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
+        x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
+
+
+def _with_fewer_flows(
+    settings: Settings, candidate: Candidate, random: np.random.Generator
+) -> Candidate:
+    """Return what is left when flows are dropped one by one, with walks where that fails."""
+    walks, accept = 0, partial(acceptable, settings)
+    while accept(candidate) and walks <= settings.restarts:
+        if _flows(settings, candidate.system.layout) == settings.flows:
+            break
+        smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
+        if smaller is None:
+            walks += 1
+            candidate = walk(candidate, random, largest=settings.largest)
+        else:
+            candidate, walks = smaller, 0
+    return candidate
+
+
+def _flows(settings: Settings, layout: Layout) -> int:
+    """Return the number of flows of a layout without that of a second result."""
+    return len(layout.parents) - settings.embedded
+
+
+def succeeded(settings: Settings, attempt: Attempt) -> bool:
+    """Return whether a try reached a solution with the stages and flows of the settings."""
+    goal = settings.stages, settings.flows
+    return attempt.solved and (attempt.stages, attempt.flows) == goal
+
+
+def acceptable(settings: Settings, candidate: Candidate) -> bool:
+    """Return whether a candidate is on the solution set, and as the settings require."""
+    if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
+        return False
+    return not candidate.blind
+
+
+def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
+    """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
+    x = np.array(attempt.x, dtype=np.float64)
+    layout = attempt.tree or Layout.tableau(attempt.stages, pair=settings.embedded)
+    candidate = requirements.improve(Candidate(settings.system(layout), x))
+    if candidate is None:
+        return None
+    name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
+    source = f"construct, seed {settings.seed}, try {attempt.index}"
+    try:
+        return to_method(candidate, name=name, source=source)
+    except NotExactError:
+        return None
+
+
+@dataclass(frozen=True)
+class Construction:
+    """The result of a construction."""
+
+    settings: Settings
+    method: Method | None  # refined in real(16); None if no try succeeded
+    best: Attempt  # the try of the method, or the one with the fewest stages and flows
+    tries: int
+
+    def __repr__(self) -> str:
+        settings, found = self.settings, repr(self.method)
+        if self.method is None:
+            found = f"no method in {self.tries} tries, the smallest f {self.best.f:.2g}"
+        return (
+            f"<Construction: order {settings.order}, {settings.stages} stages, seed "
+            f"{settings.seed}: {found}>"
+        )
+
+    @property
+    def exact(self) -> bool:
+        """Whether a method was found."""
+        return self.method is not None
+
+
+@single_threads()
+def construct(
+    order: int,
+    stages: int,
+    seed: int = 0,
+    *,
+    tries: int = 400,
+    largest: float = 3.0,
+    restarts: int = 1,
+    structure: Structure | None = None,
+    first_stages: int | None = None,
+    width: float | None = None,
+    iterations: int | None = None,
+    workers: int | None = None,
+    executor: ExecutorLike = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
+    force: bool = False,
+    tree: Any = None,
+    flows: int | None = None,
+    first_flows: int | None = None,
+    embedded: bool = False,
+    first_same_as_last: bool = False,
+    abscissae: Sequence[float] | None = None,
+    minimise: str | None = None,
+    hold: Mapping[str, Any] | None = None,
+) -> Construction:
+    """Construct an exact explicit method from random starts.
+
+    Each try solves the order conditions from a random guess with enough stages, then eliminates
+    stages along the solution set. With `flows`, it starts from a random tree of points with enough
+    flows and eliminates flows. The method of the first successful try by number is returned,
+    whatever the number of workers.
+
+    Parameters
+    ----------
+    order, stages
+        Order and number of stages of the method.
+    seed
+        Seed of all tries, not negative; on one machine try k depends on (seed, k) alone.
+    tries
+        Largest number of random starts.
+    largest
+        Bound on the magnitude of coefficients.
+    restarts
+        Largest number of walks along the solution set after elimination fails.
+    structure
+        Simplifying assumptions. By default `Structure.MIDDLE` from order 6 on, and for fewer
+        stages than a general method needs.
+    first_stages
+        Number of stages of random starts; the default depends on order and structure.
+    iterations
+        Largest number of steps of the solver in each run; the default depends on order and
+        structure.
+    width, workers, executor, store, progress, force, tree
+        As for `cg.search`. The bar shows the remaining time of all tries, of which most may not be
+        needed.
+    flows
+        Construct a `cg.CommutatorFree` method with this number of flows, from a random tree, or
+        from `tree` by dropping points. The flow to a second result doesn't count.
+    first_flows
+        Number of flows of the random trees to start from; by default `flows`.
+    embedded, first_same_as_last, abscissae, minimise, hold
+        As for `cg.search`. With `abscissae` or `minimise`, the method is moved along its solution
+        set with coefficients below `largest`. With `hold`, no stages or flows are eliminated.
+
+    Examples
+    --------
+    >>> construct(order=3, stages=3).method.order
+    3
+    """
+    settings = Settings.checked(
+        "construct", force, order, stages, seed, hold=hold, largest=largest, restarts=restarts,
+        structure=structure, first_stages=first_stages, width=width,
+        iterations=iterations, tree=tree, flows=flows, first_flows=first_flows,
+        embedded=embedded, first_same_as_last=first_same_as_last,
+    )  # fmt: skip
+    quads.core("cg.construct")
+    tries = check_integer("tries", tries, 1, MAX_COUNT)
+    options = RunOptions.checked(workers, executor, store, progress)
+    bound = None if abscissae is None and minimise is None else settings.largest
+    requirements = Requirements.checked(order, abscissae, bound, minimise)
+    results = run_pieces(
+        settings, partial(run_attempt, settings), tries, options,
+        read=Attempt.of_fields,
+        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+    )  # fmt: skip
+    # the first one by number counts
+    finished: dict[int, Attempt] = {}
+    with closing(results):
+        for index in range(tries):
+            while index not in finished:
+                attempt = next(results)
+                finished[attempt.index] = attempt
+            reached = succeeded(settings, finished[index])
+            method = refined(settings, finished[index], requirements) if reached else None
+            if method is not None:
+                return Construction(settings, method, finished[index], index + 1)
+    best = min(
+        finished.values(), key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f, a.index)
+    )
+    return Construction(settings, None, best, tries)

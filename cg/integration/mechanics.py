@@ -1,0 +1,323 @@
+"""What only splitting methods and phase spaces take.
+
+Heat baths, inertia of each member of an ensemble, variable steps, and a look at whether forces
+depend on the momentum, which splitting methods can't integrate. Each look calls ``f`` twice at one
+position; these calls aren't part of the integration, and its counts leave them out. So a finite
+number of members and points is looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from secrets import randbits
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.base import Frame
+from cg.frames.inertia import numbers_of, read_inertia
+from cg.frames.phase_space import PhaseSpace
+from cg.integration.plan.plan import Plan, plan_of
+from cg.integration.rhs.events import Observer, observer_of
+from cg.integration.rhs.python import PythonRhs, read_finite
+from cg.support.arrays import Array, Points
+from cg.support.checks import check_integer, short
+from cg.tables import Kind, MethodTable
+
+_MOST, _LEAST = 32, 4  # members or points that are looked at
+_SHARE = 40  # evaluations of an integration for each call of a look at its points
+_FORCES_ROUNDING = 1e-12  # relative, of equal forces
+
+
+def _sample(count: int, most: int = _MOST) -> NDArray[np.intp]:
+    """Return all of ``count`` places, or ``most`` of them, evenly distributed with both ends."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+
+
+def refuse_friction(plan: Any, rhs: Any, t: float, points: Points, ahead: bool = False) -> None:
+    """Raise ValueError if a force on a sample of members, at points of each, is friction.
+
+    Exceptions of ``f`` count in the first member only, and not ahead of the integration.
+    """
+    if plan.method.kind is not Kind.SPLITTING:
+        return
+    members = _sample(len(points))
+    first = 0 if ahead else 1
+    if first:
+        _check(plan.frame, rhs, np.array([t]), members[:1], points[:1], False)
+    if len(members) > first:
+        rest = members[first:]
+        _check(plan.frame, rhs, np.full(len(rest), t), rest, points[rest], True)
+
+
+def refuse_friction_along(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> None:
+    """Raise ValueError if a force is friction at a sample of the points of a solution.
+
+    Points have the shape ``(times, members, *point_shape)``; the solution took ``nfev`` calls.
+    """
+    if plan.method.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
+        return
+    most = max(_LEAST, min(_MOST, nfev // (2 * _SHARE)))
+    k, members = np.divmod(_sample(points.shape[0] * points.shape[1], most), points.shape[1])
+    reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end
+    k, members = k[reached], members[reached]
+    if len(k):
+        _check(plan.frame, rhs, times[k], members, points[k, members], True)
+
+
+def _check(
+    frame: PhaseSpace, rhs: Any, t: Array, members: NDArray[np.intp], y: Points, lenient: bool
+) -> None:
+    """Compare forces at points with those of other momenta; ``lenient`` ignores exceptions."""
+    q, momentum = frame.split(y)
+    shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
+    other = frame.join(q, momentum + shift * (1.0 + np.abs(momentum)))
+    try:
+        one, another = (_forces(rhs, t, members, points) for points in (y, other))
+    except Exception as error:
+        if lenient:
+            return
+        if isinstance(rhs, PythonRhs) and not rhs.vectorized:
+            error.add_note(rhs.note(float(t[0])))
+        raise
+    scale = np.abs(one).max(axis=-1, keepdims=True, initial=0.0)
+    differs = ~(np.abs(one - another) <= _FORCES_ROUNDING * scale)
+    if lenient:
+        differs &= ~(np.isnan(one) & np.isnan(another))
+    if differs.any():
+        k = int(np.flatnonzero(differs.any(axis=-1))[0])
+        first = getattr(rhs, "first", None)
+        which = "" if first is None else f" in member {first + members[k]}"
+        raise ValueError(
+            "f must not depend on the momentum with a splitting method, whose kicks are not "
+            f"symplectic then, got other forces for another momentum at t = {t[k]:.17g}{which}; "
+            "adaptive methods, the default among them, take friction"
+        )
+
+
+def _forces(rhs: Any, t: Array, members: NDArray[np.intp], y: Points) -> Array:
+    """Return what ``f`` returns for several members, in one call if it is vectorized."""
+    if isinstance(rhs, PythonRhs) and rhs.vectorized:
+        return np.array(rhs.at_members(t.copy(), members, y.copy()))
+    each = zip(members.tolist(), t.tolist(), y, strict=True)
+    return np.array([rhs.answer(member, time, point) for member, time, point in each])
+
+
+@dataclass(frozen=True)
+class Langevin:
+    r"""A heat bath: friction and noise of the momenta of a `cg.frames.PhaseSpace`.
+
+    With the inertia J, momenta :math:`\mu` and Brownian motions W, Langevin's equation is
+
+    .. math::
+
+        d\mu = (\dots)\,dt - \gamma \mu\,dt + \sqrt{2 \gamma T J}\,dW .
+
+    Its equilibrium has the probability :math:`\propto e^{-H / T}`. A symmetric splitting method
+    lets the momenta exchange heat in the middle of each step, where friction and noise alone are
+    solved exactly: ``"Leapfrog"`` takes half a kick, half a drift, noise, half a drift and half a
+    kick [1]_. Averages have errors of order two in the step size. With joints, ``"RATTLE"`` and its
+    compositions do the same, and neither momenta nor noise open the joints.
+
+    The noise is a function of the seed, of the member of an ensemble, and of the time of the step
+    divided by its size [2]_. Workers, pickles and interruptions don't change it; a restart at an
+    earlier time meets the same noise again, and so do two runs from one initial time with one seed.
+
+    Parameters
+    ----------
+    friction
+        The rate :math:`\gamma` at which momenta decay, not negative.
+    temperature
+        The temperature T times Boltzmann's constant, an energy, not negative.
+    seed
+        A number from 0 to 2**63 - 1, by default a random one.
+
+    References
+    ----------
+    .. [1] B. Leimkuhler, C. Matthews, "Rational construction of stochastic numerical methods for
+       molecular sampling", Appl. Math. Res. Express 2013, 34-56.
+    .. [2] J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as easy as
+       1, 2, 3", SC11 (2011).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.PhaseSpace(cg.frames.SO3(), [1.0, 1.6, 2.3])
+    >>> y0 = np.tile(frame.join(np.eye(3), np.zeros(3)), (2000, 1))
+    >>> solution = cg.solve_ensemble(
+    ...     lambda t, y: np.zeros((len(y), 3)), (0, 8), y0, frame=frame, method="Leapfrog", h=0.5,
+    ...     vectorized=True, thermostat=cg.Langevin(friction=1.0, temperature=0.7, seed=1),
+    ... )
+    >>> bool(abs(frame.kinetic_energy(solution.y[-1]).mean() - 1.5 * 0.7) < 0.06)
+    True
+    """
+
+    friction: float
+    temperature: float
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("friction", "temperature"):
+            value = getattr(self, name)
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                raise TypeError(f"{name} must be a number, got {short(value)}") from None
+            if not (number >= 0.0 and math.isfinite(number)):
+                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+            object.__setattr__(self, name, number)
+        seed = randbits(63) if self.seed is None else check_integer("seed", self.seed, 0, 2**63 - 1)
+        object.__setattr__(self, "seed", seed)
+
+
+def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: bool) -> None:
+    """Raise TypeError or ValueError unless a heat bath fits the integration."""
+    if bath is None:
+        return
+    if not isinstance(bath, Langevin):
+        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
+    if method.kind is not Kind.SPLITTING:
+        raise ValueError(
+            "thermostat must be given with a splitting method on a phase space, 'Leapfrog' or, "
+            "with joints, 'RATTLE': others have no part of a step that is noise alone, got "
+            f"{method!r}"
+        )
+    if not is_symmetric(method):
+        raise ValueError(
+            "thermostat must be given with a symmetric method, in whose middle the noise is, got "
+            f"{method!r}"
+        )
+    if options["derivatives"] is not None:
+        raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
+    if options["dense_output"]:
+        raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
+    if backward:
+        raise ValueError(
+            "thermostat must be None backward in time, where friction would drive momenta"
+        )
+
+
+def is_symmetric(method: MethodTable) -> bool:
+    """Return whether a splitting method is symmetric."""
+    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
+    if len(drifts) == len(kicks):
+        drifts = np.append(0.0, drifts)
+    return all(
+        np.allclose(numbers, numbers[::-1], rtol=0.0, atol=1e-12) for numbers in (drifts, kicks)
+    )
+
+
+class MemberInertia(NamedTuple):
+    """The bodies of all members, as compiled code reads them."""
+
+    columns: NDArray[np.intc]  # (members, bodies)
+    numbers: Array  # (members, numbers), padded
+    given: Sequence[Any]  # as the caller gave them
+    # whether members are integrated one by one, on frames of their own: those with joints, whose
+    # bodies are all of the frame's inertia, and those with derivatives
+    apart: bool
+
+    def part(self, members: slice) -> MemberInertia:
+        """Return those of some members."""
+        rows = self.columns[members].copy(), self.numbers[members].copy()
+        return MemberInertia(*rows, self.given[members], self.apart)
+
+    def frame(self, member: int, frame: Frame) -> PhaseSpace:
+        """Return the phase space of a member."""
+        assert isinstance(frame, PhaseSpace)
+        return PhaseSpace(
+            frame.configuration, self.given[member], gyroscopic=frame.gyroscopic,
+            joints=frame.joints, constraints=frame.constraints,
+        )  # fmt: skip
+
+    def plan(self, member: int, plan: Plan) -> Plan:
+        """Return the plan of the phase space of a member, for output between its steps."""
+        return plan_of(self.frame(member, plan.frame), plan.method)
+
+
+def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
+    """Return the bodies of each member after checking them, those of the frame aside.
+
+    A single member takes any number of them.
+    """
+    if not isinstance(frame, PhaseSpace):
+        raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
+    apart = bool(options["derivatives"]) or frame.jointed
+    if apart and options["common_steps"]:
+        what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
+        raise ValueError(f"common_steps must be False with inertia and {what}")
+    each = value if isinstance(value, list | tuple) else list(np.asarray(value))
+    if not each or members not in (1, len(each)):
+        raise ValueError(
+            f"inertia must have {members} entries, one for each member, got {len(each)}"
+        )
+    columns, rows = [], []
+    for k, own in enumerate(each):
+        _, bodies = read_inertia(frame.configuration, own, f"inertia[{k}]", frame.gyroscopic)
+        columns.append([body.columns for body in bodies])
+        rows.append(numbers_of(bodies))
+    numbers = np.zeros((len(rows), max(map(len, rows))))
+    for padded, row in zip(numbers, rows, strict=True):
+        padded[: len(row)] = row
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, each, apart)
+
+
+_VALUES_ROUNDING = 1e-10  # of values that should be equal
+
+
+@dataclass(frozen=True, eq=False)
+class Sizes(Observer):
+    """The function of step sizes, after checking."""
+
+    def check(self, value: Any, t: float, _: Points) -> Array:
+        """Return a value as an array, after checking it."""
+        number = read_finite(value, "step_function", (), t, number=True)
+        if not number > 0.0:
+            raise ValueError(
+                f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
+            )
+        return number
+
+
+def sizes_of(
+    options: Any, plan: Plan, rhs: Any, t: float, stop: float, y: Points
+) -> Observer | None:
+    """Return the function of step sizes after checking it, None without one."""
+    function = options["step_function"]
+    if function is None:
+        return None
+    if plan.method.kind is not Kind.SPLITTING or not is_symmetric(plan.method):
+        raise ValueError(
+            "step_function must be given with a symmetric splitting method, whose steps can be "
+            f"reversed, got {plan.method!r}"
+        )
+    for name in ("thermostat", "derivatives", "common_steps"):
+        if options[name]:
+            raise ValueError(f"step_function must be None with {name}, got {short(function)}")
+    try:
+        given = observer_of(function, "all", plan.frame, rhs, t, y)
+    except TypeError as error:
+        raise TypeError(f"{error}".replace("observe", "step_function")) from None
+    assert given is not None
+    sizes = Sizes(given.function, plan.frame, (), True)
+    if not isinstance(given.function, list):
+        frame, data = plan.frame, rhs.arguments(0)
+        assert isinstance(frame, PhaseSpace)
+        momentum = frame.split(y)[1]
+        shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim)) * (1.0 + np.abs(momentum))
+        other = frame.join(frame.split(y)[0], momentum + shift)
+        first = sizes.check(given.function(t, y.copy(), *data), t, y)
+        later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
+        for what, time, point in (("momentum", t, other), ("time", later, y)):
+            found = sizes.check(given.function(time, point.copy(), *data), time, point)
+            if not abs(found - first) <= _VALUES_ROUNDING * abs(first):
+                raise ValueError(
+                    "step_function must depend on the configuration alone, or steps can't be "
+                    f"reversed, got {first:.17g} and for another {what} {found:.17g} at t = "
+                    f"{t:.17g}"
+                )
+    return sizes

@@ -1,0 +1,275 @@
+"""Affine equations on any frame and quadratic ones, with references by Taylor series."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import prod
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames import SO3, Frame
+from cg.frames.base import check_frame
+from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
+from cg.support import flint
+from cg.support.arrays import Array, real_array
+from cg.support.caches import ReadOnly
+from cg.support.checks import check_integer
+from cg.support.quads import to_ball
+
+
+class QuadraticProblem(ABC):
+    """A problem with quadratic equations, which Taylor series solve to any precision."""
+
+    @abstractmethod
+    def _initial(self) -> Sequence[flint.arb]:
+        """Return the unknowns at time zero, computed with the working precision."""
+
+    @abstractmethod
+    def _derivatives(self, y: Any) -> Any:
+        """Return the derivatives of the unknowns, for an array ``y`` of balls."""
+
+    def _system(self) -> QuadraticSystem:
+        """Return the terms of the equations, from their values where one or two unknowns are 1."""
+        initial = tuple(self._initial())
+
+        def value(*ones: int) -> Any:
+            y = np.array([flint.arb(ones.count(i)) for i in range(len(initial))])
+            return np.array([*map(to_ball, self._derivatives(y))])
+
+        constant, units = value(), [value(i) for i in range(len(initial))]
+        terms: dict[tuple[int, ...], Any] = {(): constant}
+        for i, at_i in enumerate(units):
+            square = (value(i, i) - 2 * at_i + constant) / 2
+            terms[i, i], terms[(i,)] = square, at_i - constant - square
+            for j in range(i):
+                terms[j, i] = value(i, j) - at_i - units[j] + constant
+        equations = tuple(
+            tuple((c[k], indices) for indices, c in terms.items() if c[k] != 0)
+            for k in range(len(initial))
+        )
+        return QuadraticSystem(equations, initial)
+
+    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
+        """Return the solution at given times in extended precision, with an error estimate.
+
+        It is computed by Taylor series, without any method on manifolds.
+
+        Parameters
+        ----------
+        times
+            Positive or negative, in any order; a float stands for its exact binary value, a string
+            for a decimal number or a quotient.
+        bits
+            Working precision.
+
+        Returns
+        -------
+        Reference
+            The unknowns are the entries of the point in C order, then those that the class names.
+        """
+        return reference_solution(self._system, times, bits=bits)
+
+
+def balls(values: Sequence[float]) -> Any:
+    """Return numbers as an array of exact balls."""
+    return np.array([to_ball(x) for x in values])
+
+
+def identity() -> list[flint.arb]:
+    """Return the entries of the identity matrix of three rows."""
+    return [flint.arb(int(i == j)) for i in range(3) for j in range(3)]
+
+
+def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
+    """Return ``n`` finite numbers as floats; ValueError for any other value."""
+    array = real_array(value, name)
+    if array.shape != (n,) or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be {n} finite numbers, got {value!r}")
+    return tuple(array.tolist())
+
+
+def number(value: Any, name: str) -> float:
+    """Return a finite number as a float; ValueError for any other value."""
+    array = real_array(value, name)
+    if array.shape != () or not math.isfinite(array.item()):
+        raise ValueError(f"{name} must be a finite number, got {value!r}")
+    return float(array.item())
+
+
+def moments(value: ArrayLike) -> tuple[float, ...]:
+    """Return three principal moments of inertia; ValueError if they violate the inequalities."""
+    three = vector(value, "inertia", 3)
+    if min(three) <= 0.0 or 2.0 * max(three) > sum(three) * (1.0 + 1e-12):
+        raise ValueError(
+            f"inertia must be positive, none larger than the sum of the others, got {value!r}"
+        )
+    return three
+
+
+_UNIT = 8
+
+
+class AffineProblem(ReadOnly, QuadraticProblem):
+    """An equation with coefficients ``constant + linear @ y.ravel() + t * slope``.
+
+    Its initial point is ``y0``, shape ``frame.point_shape``.
+    """
+
+    frame: Frame
+    y0: Array
+    constant: Array
+    linear: Array
+    slope: Array
+
+    def f(self, t: float, y: Array) -> Array:
+        """Return the coefficients, shape ``(..., dim)``, of points of shape ``(..., *shape)``."""
+        lead = y.shape[: y.ndim - len(self.frame.point_shape)]
+        return np.asarray(self.constant + t * self.slope + y.reshape(*lead, -1) @ self.linear.T)
+
+    def _fields(self, y: Array) -> Array:
+        """Return all fields at an array ``y`` of shape ``(n,)``, shape ``(dim, n)``."""
+        point = y.reshape(self.frame.point_shape)
+        fields = self.frame.field(np.eye(self.frame.dim), point)
+        return np.asarray(fields).reshape(self.frame.dim, -1)
+
+    @cached_property
+    def _origin(self) -> Array:
+        return self._fields(np.zeros(self.y0.size))
+
+    @cached_property
+    def _matrices(self) -> Array:
+        """Matrices of the linear parts of the fields, shape ``(dim, n, n)``."""
+        units = np.eye(self.y0.size)
+        return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
+
+    def _initial(self) -> list[flint.arb]:
+        return [*map(to_ball, self.y0.ravel()), flint.arb(0)]
+
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: the entries of the point, and time
+        point, t = y[:-1], y[-1]
+        fields = self._matrices.astype(object) @ point + self._origin
+        coefficients = self.linear.astype(object) @ point + self.constant + t * self.slope
+        return [*(coefficients @ fields), 1.0]
+
+
+@dataclass(frozen=True, eq=False)
+class AffineField(AffineProblem):
+    r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
+
+    On frames whose fields are affine in the entries of the point, the equation is quadratic, so
+    that Taylor series give its solution to any precision. The entries of :math:`c, L, w` are
+    random multiples of 1/8, so that every tree contributes to the error of a method and a wrong
+    coefficient reduces the observed order.
+
+    The unknowns of `reference` are the entries of the point and time.
+
+    Parameters
+    ----------
+    frame
+        A frame with real points and affine fields: matrix groups, homogeneous spaces with a linear
+        action, Euclidean space, products.
+    initial
+        The initial point, shape ``frame.point_shape``; the reference takes its entries as exact.
+    seed
+        Seed of the random numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SO3
+    >>> problem = AffineField(SO3(), np.eye(3), seed=1)
+    >>> problem.f(0.0, problem.y0)
+    array([1.   , 0.5  , 0.875])
+    """
+
+    frame: Frame
+    initial: ArrayLike
+    seed: int = 0
+    constant: Array = field(init=False, repr=False)
+    linear: Array = field(init=False, repr=False)
+    slope: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_frame(self.frame)
+        object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
+        if self.frame.dtype.kind != "f":
+            raise ValueError(
+                f"frame must have real points, such as Product({self.frame!r}), got {self.frame!r}"
+            )
+        rng = np.random.default_rng(self.seed)
+        m, n = self.frame.dim, prod(self.frame.point_shape)
+        numbers = rng.integers(-4, 5, (m, n + 2)) / _UNIT
+        point = self.frame.check_point(self.initial, name="initial")
+        point.flags.writeable = False
+        for name, value in (
+            ("initial", point),
+            ("y0", point),
+            ("constant", numbers[:, 0]),
+            ("slope", numbers[:, 1]),
+            ("linear", numbers[:, 2:]),
+        ):
+            object.__setattr__(self, name, value)
+
+        y = 2.0 * self.frame.random_point(rng).reshape(n)
+        affine = self._origin + self._matrices @ y
+        if not np.allclose(affine, self._fields(y), rtol=0.0, atol=1e-12):
+            raise ValueError(f"frame must have fields that are affine, got {self.frame!r}")
+
+
+# Four times the coefficients, which have no symmetry
+_LINEAR = (
+    (3, -1, 2, -2, 1, 4, 1, -3, 2),
+    (-1, 4, 1, 3, -2, -1, 2, 2, -4),
+    (2, 1, -3, 1, 3, -2, -4, 1, 2),
+)
+
+
+@dataclass(frozen=True)
+class StateDependentRotation(AffineProblem):
+    r"""A rotation with angular velocity :math:`v(t, y) = v_0 + C\,\mathrm{vec}(y) + t w`.
+
+    The coefficients are affine in the matrix, but none of their derivatives along products of the
+    frame's fields vanishes identically, so that every ordered tree contributes to the error of a
+    method, and any wrong coefficient reduces the observed order. A right-hand side that depends on
+    time alone would test only the abscissae and weights.
+
+    The unknowns of `reference` are the entries of the matrix, row by row, and time.
+
+    Parameters
+    ----------
+    convention
+        The convention of `cg.frames.SO3`.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg
+    >>> from cg.problems.convergence import final_errors, observed_order
+    >>> problem = StateDependentRotation()
+    >>> exact = cg.integrate(
+    ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF6c", h=0.01
+    ... ).y[-1]
+    >>> h = [1 / 8, 1 / 16, 1 / 32]
+    >>> errors = final_errors(
+    ...     problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method="CG3", h=h
+    ... )
+    >>> round(observed_order(h, errors), 1)
+    3.0
+    """
+
+    convention: Literal["body", "space"] = "body"
+
+    constant = np.array([2, -3, 1]) / 4.0
+    linear = np.array(_LINEAR) / 4.0
+    slope = np.array([-2, 3, 4]) / 4.0
+
+    def __post_init__(self) -> None:
+        identity = np.eye(3)
+        identity.flags.writeable = False
+        vars(self).update(frame=SO3(self.convention), y0=identity)
