@@ -1,14 +1,15 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, type, result shape, check, spare, of time, with input, result type)
+ *   (f, args, shape, type, result shape, check, spare, of time, with input, result type, changing)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
  * shape of its results, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, a list of one entry, whether f takes no point, whether the first
- * further argument is a function of time whose value f gets in its place, and the type of results.
- * The check is called for all but the plainest results.  In the list is the array that f was given
- * last, or None: if nobody else has kept it, the next point goes into it, except without a global
- * lock, where another thread may be about to take it.
+ * what is wrong with them, a list of two entries, whether f takes no point, whether the first
+ * further argument is a function of time whose value f gets in its place, the type of results, and
+ * the shape of the last argument if it is an array whose numbers change between calls, else None.
+ * The check is called for all but the plainest results.  In the list are the arrays that f was
+ * given last, a point and such numbers, or None: if nobody else has kept one, the next go into it,
+ * except without a global lock, where another thread may be about to take it.
  */
 #include <math.h>
 #include <string.h>
@@ -22,7 +23,9 @@ enum { REUSE = 0 };
 #else
 enum { REUSE = 1 };
 #endif
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT, RESULT_TYPE };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT, RESULT_TYPE,
+       CHANGING };
+enum { POINT, NUMBERS }; /* places in the list */
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -41,50 +44,50 @@ static int has_shape(PyArrayObject *array, PyObject *shape)
 
 /* The array of the call before, out of its place: f may call itself by way of another integration.
  * NULL if somebody has it still, as a whole or as a part, or has turned it into another one. */
-static PyObject *take_spare(PyObject *context, PyObject *shape, int type)
+static PyObject *take_spare(PyObject *context, int place, PyObject *shape, int type)
 {
     PyObject *spare = PyTuple_GET_ITEM(context, SPARE);
-    PyObject *point = PyList_GET_ITEM(spare, 0);
-    if (!REUSE || point == Py_None || Py_REFCNT(point) != 1) {
+    PyObject *kept = PyList_GET_ITEM(spare, place);
+    if (!REUSE || kept == Py_None || Py_REFCNT(kept) != 1) {
         return NULL;
     }
-    PyArrayObject *array = (PyArrayObject *)point;
+    PyArrayObject *array = (PyArrayObject *)kept;
     if (PyArray_TYPE(array) != type || !has_shape(array, shape) || !PyArray_ISCARRAY_RO(array)
         || !PyArray_CHKFLAGS(array, NPY_ARRAY_OWNDATA)) {
         return NULL;
     }
     Py_INCREF(Py_None);
-    PyList_SET_ITEM(spare, 0, Py_None); /* its reference is the caller's now */
-    return point;
+    PyList_SET_ITEM(spare, place, Py_None); /* its reference is the caller's now */
+    return kept;
 }
 
-static void keep_spare(PyObject *context, PyObject *point)
+static void keep_spare(PyObject *context, int place, PyObject *array)
 {
     if (REUSE) {
-        Py_INCREF(point);
-        PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), 0, point);
+        Py_INCREF(array);
+        PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), place, array);
     }
 }
 
-/* Points are given as arrays of their own, which the function may keep but not change. */
-static PyObject *make_point(PyObject *context, const double *y)
+/* Numbers are given as arrays of their own, which the function may keep but not change. */
+static PyObject *make_array(PyObject *context, int place, PyObject *shape, int type,
+                            const void *numbers)
 {
-    PyObject *shape = PyTuple_GET_ITEM(context, SHAPE);
-    int type = (int)PyLong_AsLong(PyTuple_GET_ITEM(context, TYPE));
-    PyObject *point = take_spare(context, shape, type);
-    if (point == NULL) {
+    PyObject *array = take_spare(context, place, shape, type);
+    if (array == NULL) {
         int rank = (int)PyTuple_GET_SIZE(shape);
         npy_intp lengths[NPY_MAXDIMS];
         for (int i = 0; i < rank; i++) {
             lengths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i));
         }
-        point = PyArray_SimpleNew(rank, lengths, type);
+        array = PyArray_SimpleNew(rank, lengths, type);
     }
-    if (point != NULL) {
-        memcpy(PyArray_DATA((PyArrayObject *)point), y, PyArray_NBYTES((PyArrayObject *)point));
-        PyArray_CLEARFLAGS((PyArrayObject *)point, NPY_ARRAY_WRITEABLE);
+    if (array != NULL) {
+        memcpy(PyArray_DATA((PyArrayObject *)array), numbers,
+               PyArray_NBYTES((PyArrayObject *)array));
+        PyArray_CLEARFLAGS((PyArrayObject *)array, NPY_ARRAY_WRITEABLE);
     }
-    return point;
+    return array;
 }
 
 static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
@@ -97,7 +100,15 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     }
     arguments[0] = NULL; /* the function may use this place during the call */
     Py_ssize_t given = 0, first = 0;
-    PyObject *input = NULL;
+    PyObject *input = NULL, *numbers = NULL, *shape = PyTuple_GET_ITEM(context, CHANGING);
+    if (shape != Py_None) {
+        PyArrayObject *last = (PyArrayObject *)PyTuple_GET_ITEM(extra, --count);
+        numbers = make_array(context, NUMBERS, shape, NPY_DOUBLE, PyArray_DATA(last));
+        if (numbers == NULL) {
+            PyMem_Free(arguments);
+            return NULL;
+        }
+    }
     arguments[++given] = time;
     if (PyTuple_GET_ITEM(context, OF_TIME) != Py_True) {
         arguments[++given] = point;
@@ -105,6 +116,7 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     if (PyTuple_GET_ITEM(context, INPUT) == Py_True) {
         input = PyObject_CallOneArg(PyTuple_GET_ITEM(extra, first++), time);
         if (input == NULL) {
+            Py_XDECREF(numbers);
             PyMem_Free(arguments);
             return NULL;
         }
@@ -113,10 +125,17 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     for (Py_ssize_t i = first; i < count; i++) {
         arguments[++given] = PyTuple_GET_ITEM(extra, i);
     }
+    if (numbers != NULL) {
+        arguments[++given] = numbers;
+    }
     PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
                                           (size_t)given | PY_VECTORCALL_ARGUMENTS_OFFSET,
                                           NULL);
     PyMem_Free(arguments);
+    if (numbers != NULL) {
+        keep_spare(context, NUMBERS, numbers);
+        Py_DECREF(numbers);
+    }
     Py_XDECREF(input);
     return value;
 }
@@ -199,7 +218,8 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
         return code;
     }
     PyObject *time = PyFloat_FromDouble(t);
-    PyObject *point = make_point(context, y);
+    PyObject *point = make_array(context, POINT, PyTuple_GET_ITEM(context, SHAPE),
+                                 (int)PyLong_AsLong(PyTuple_GET_ITEM(context, TYPE)), y);
     PyObject *value = NULL;
     if (time != NULL && point != NULL) {
         value = call(context, time, point);
@@ -217,7 +237,7 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
         }
     }
     if (point != NULL) {
-        keep_spare(context, point);
+        keep_spare(context, POINT, point);
     }
     Py_XDECREF(value);
     Py_XDECREF(point);

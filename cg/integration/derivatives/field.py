@@ -20,7 +20,6 @@ from cg.integration.rhs.inputs import (
     DataReader,
     Inputs,
     Reader,
-    WithInput,
     arguments_of,
     data_at,
     members_with_data,
@@ -360,12 +359,14 @@ def compiled_variation(
     if inputs is not None and variational.inputs and variational.df_dp is None:
         # compiled code changes these numbers for differences
         arguments = [(DataReader(inputs, rows[0, 1 + own :]), *arguments[0][1:])]
+    # differences change parameters in place
+    changing = variational.df_dp is None and own > 0
     contexts = []
     for record, given in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
             frame = variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            contexts.append(context_of(function, given, frame, shape, check, dtype))
+            contexts.append(context_of(function, given, frame, shape, check, dtype, changing))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
@@ -414,36 +415,21 @@ def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
     return in_python
 
 
-def _with_copy(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return arguments with parameters that f may keep: differences change them in place."""
-    parameters = arguments[-1].copy()
-    parameters.flags.writeable = False
-    return (*arguments[:-1], parameters)
-
-
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
-    f, shifted = variational.f, variational.df_dp is None and variational.count > variational.inputs
-    if shifted and not isinstance(f, CompiledRhs):
-        inner = f.function if isinstance(f, WithInput) else f
-
-        def with_copies(t: float, y: Points, *arguments: Any) -> Any:
-            return inner(t, y, *_with_copy(arguments))
-
-        f = WithInput(with_copies) if isinstance(f, WithInput) else with_copies
     functions: list[tuple[str, Any, tuple[int, ...], Any]]
-    functions = [("f", f, frame.rhs_shape, variational.check)]
+    functions = [("f", variational.f, frame.rhs_shape, variational.check)]
     if frame._given is not None and not is_compiled(frame):
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.coefficients(t, y, _with_copy(arguments) if shifted else arguments)
+            return variational.coefficients(t, y, arguments)
 
         functions = [("f", coefficients, (frame.dim,), lambda value, t, y: value)]
     if jac is None and not is_compiled(frame):
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.differences(t, y, _with_copy(arguments) if shifted else arguments)
+            return variational.differences(t, y, arguments)
 
         functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
     for given in (jac, variational.df_dp, variational.noise):

@@ -312,17 +312,18 @@ class Contexts:
 
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    dtype: Any = np.float64,
+    dtype: Any = np.float64, changing: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Return one context."""
+    """Return one context; of `changing` numbers in the last of `args` functions get copies."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
-    rest = check, [None], of_time, with_input, np.dtype(dtype).num
-    return function, args, frame.point_shape, frame.dtype.num, shape, *rest
+    rest = check, [None, None], of_time, with_input, np.dtype(dtype).num
+    shape_of_changing = args[-1].shape if changing else None
+    return function, args, frame.point_shape, frame.dtype.num, shape, *rest, shape_of_changing
 
 
 @dataclass(frozen=True, eq=False)
