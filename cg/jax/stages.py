@@ -313,7 +313,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) 
         """Add the last flow, which leads to the end of the step."""
         before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
         reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(last)
-        if rules.composed is not None:  # as in fortran/steps/flow_interpolant.f90
+        if rules.composed is not None:  # as in fortran/steps/interpolant.f90
             back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
             left = rules.composed(jnp.concatenate([back, path]))
             reached = rules.flow(left, reached)

@@ -1,16 +1,33 @@
 ! The order conditions as a least-squares problem in a method's weights x: one residual
 ! f_i = Phi(t_i) - 1/gamma(t_i) for each ordered tree t_i (Owren and Marthinsen, Runge-Kutta methods
 ! adapted to manifolds and based on rigid frames, BIT 39, 1999), and its derivatives.
+!
+! The Jacobian of the elementary weights is computed by the reverse mode over trees. The
+! adjoint of the weight of a word t at the end of a segment is carried on to what that weight
+! is made of: to the weights of shorter words at the end of the segment before, and to those of
+! the letters of t at the stages that the segment's flows use. Z(p, m) is the derivative of the
+! weight of a segment by the letter of point p at place m of the word t. It sums over all subwords
+! that the flow to p may take around place m, with i letters before it and j after:
+!
+!     Z(p, m) = sum_ij i! j! / (i + j + 1)! left_p(..) E_p(i letters) E_p(j letters) right_p(..),
+!
+! left_p and right_p being the weights of what the points before and after p take of the word. In
+! the forward direction every weight would carry derivatives by all unknowns, most of them zero
+! (A. Griewank, A. Walther, Evaluating Derivatives, SIAM, 2008).
+!
+! The rows of results are the last, and what they need is single words, one for each condition:
+! there Z runs over the whole path from the start, so that no adjoints of long words are kept.
 module conditions_m
   use kinds, only: wp
-  use tree_tables, only: density, node_count
-  use least_squares_m, only: least_squares_t
-  use weights_m, only: weights_t
-  use gradient_m, only: weights_jacobian, abscissa
-  use shared_numbers, only: middle_abscissa, second_result
+  use linalg_m, only: least_squares_t
+  use shared_numbers, only: first_result, middle_abscissa, second_result
+  use tree_tables, only: child, child_start, density, node_count, prefix, tree_start
+  use weights_m, only: split_word, weights_t
   implicit none
   private
-  public :: order_conditions_t
+  public :: order_conditions_t, weights_jacobian
+
+  integer, parameter, public :: abscissa = 2  ! the tree whose weight at a stage is c
 
   type, extends(least_squares_t) :: order_conditions_t
     type(weights_t) :: weights
@@ -24,6 +41,242 @@ module conditions_m
   end type order_conditions_t
 
 contains
+
+  ! Derivatives by all unknowns, after weights%evaluate; a row of zeros where the list of trees has
+  ! a zero.
+  subroutine weights_jacobian(weights, trees, owner, jac)
+    class(weights_t), intent(in) :: weights
+    integer, intent(in) :: trees(:)       ! (conditions)
+    integer, intent(in) :: owner(:)       ! (conditions) a result, or a stage with an assumption
+    real(wp), intent(out) :: jac(:, :)    ! (conditions, unknowns)
+    real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
+    real(wp), allocatable :: adjoint(:, :, :)  ! (conditions, stage_trees, inner segments)
+    integer :: s, k, t, c0, unknowns
+    integer :: first_for(weights%order)   ! first condition that weights with so many nodes enter
+
+    first_for = [(first_condition(trees, owner, s), s=1, weights%order)]
+    associate (pattern => weights%pattern)
+      unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
+      allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)
+      allocate (adjoint(size(trees), weights%stage_trees, pattern%inner), source=0.0_wp)
+      jac = 0.0_wp
+      call seed(weights, weights%result_path, trees, owner == first_result, jac, adjoint)
+      call seed(weights, weights%second_path, trees, owner == second_result, jac, adjoint)
+      call seed_assumptions(weights, trees, owner, jac, adjoint)
+      if (unknowns == 0) return
+      call sweep(weights, first_for, direct, adjoint)
+      do t = 2, weights%stage_trees
+        c0 = first_for(node_count(t))
+        do k = 1, unknowns
+          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
+        end do
+      end do
+    end associate
+  end subroutine weights_jacobian
+
+  ! Products of the flows after a point, up to the end of the chain that it is in, and of all.
+  subroutine later_points(weights, start, e, right, whole)
+    class(weights_t), intent(in) :: weights
+    integer, intent(in) :: start(:)                    ! (chains + 1) first points of chains
+    real(wp), intent(in), contiguous :: e(:, :)        ! (points, stage_trees), others may follow
+    real(wp), intent(out), contiguous :: right(:, :)   ! (points, stage_trees)
+    real(wp), intent(out), contiguous :: whole(:, :)   ! (chains, stage_trees)
+    real(wp) :: change(size(right, 1)), total
+    integer :: t, i, r, p, n
+
+    n = size(right, 1)
+    right(:, 1) = 1.0_wp
+    whole(:, 1) = 1.0_wp
+    do t = 2, weights%stage_trees
+      change = e(1:n, t)
+      do i = weights%split_start(t), weights%split_start(t + 1) - 1
+        change = change + e(1:n, weights%head(i))*right(:, weights%tail(i))
+      end do
+      do r = 1, size(start) - 1
+        total = 0.0_wp
+        do p = start(r + 1) - 1, start(r), -1
+          right(p, t) = total
+          total = total + change(p)
+        end do
+        whole(r, t) = total
+      end do
+    end do
+  end subroutine later_points
+
+  ! The conditions on a result: derivatives by the weights on its path, and how it depends on the
+  ! weights of the stages.
+  subroutine seed(weights, path, trees, mine, jac, adjoint)
+    class(weights_t), intent(in) :: weights
+    integer, intent(in) :: path(:)                 ! points on the way to the result
+    integer, intent(in) :: trees(:)                ! (conditions)
+    logical, intent(in) :: mine(:)                 ! (conditions)
+    real(wp), intent(inout) :: jac(:, :)           ! (conditions, unknowns)
+    real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
+    real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
+    real(wp) :: whole(1, weights%stage_trees), z(size(path), weights%order)
+    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
+
+    n = size(path)
+    if (n == 0 .or. .not. any(mine)) return
+    place = 0
+    place(path) = [(i, i=1, n)]
+    e = weights%e(path, :)
+    left = weights%left(path, :)
+    allocate (right(n, weights%stage_trees))
+    call later_points(weights, [1, n + 1], e, right, whole)
+    do c = 1, size(trees)
+      if (trees(c) == 0 .or. .not. mine(c)) cycle
+      call by_letter(weights%order, e, left, right, trees(c), n, z)
+      do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
+        u = child(child_start(trees(c)) + m - 1)
+        do k = 1, weights%pattern%unknowns
+          i = place(weights%pattern%point(k))
+          if (i == 0) cycle
+          associate (at => weights%pattern%at(k))
+            jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
+            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
+          end associate
+        end do
+      end do
+    end do
+  end subroutine seed
+
+  ! The same for simplifying assumptions on stages
+  subroutine seed_assumptions(weights, trees, owner, jac, adjoint)
+    class(weights_t), intent(in) :: weights
+    integer, intent(in) :: trees(:), owner(:)      ! (conditions)
+    real(wp), intent(inout) :: jac(:, :)           ! (conditions, unknowns)
+    real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
+    integer :: c, r, k, begin
+
+    do c = 1, size(trees)
+      if (owner(c) <= 0) cycle
+      r = weights%pattern%stage_segment(owner(c))
+      if (trees(c) == middle_abscissa) then
+        begin = weights%pattern%weight_start(weights%result_path(1))
+        adjoint(c, abscissa, r) = 1.0_wp
+        jac(c, begin:begin + owner(c) - 2) = -1.0_wp
+        jac(c, begin + owner(c) - 1) = -0.5_wp
+      else
+        k = node_count(trees(c)) - 1
+        adjoint(c, trees(c), r) = 1.0_wp
+        adjoint(c, abscissa, r) = adjoint(c, abscissa, r) &
+          - real(k, wp)*weights%chi(r, abscissa)**(k - 1)/real(density(trees(c)), wp)
+      end if
+    end do
+  end subroutine seed_assumptions
+
+  ! From trees with many nodes to those with few: children and words before others have fewer nodes,
+  ! so this order serves explicit and implicit methods alike.
+  subroutine sweep(weights, first_for, direct, adjoint)
+    class(weights_t), intent(in) :: weights
+    integer, intent(in) :: first_for(:)            ! (order)
+    real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
+    real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
+    integer :: t, m, u, c0, k, inner
+    real(wp), allocatable :: z(:, :)               ! (inner points, order)
+    real(wp), allocatable :: right(:, :)           ! (inner points, stage_trees)
+    real(wp), allocatable :: whole(:, :)           ! (inner segments, stage_trees)
+
+    associate (pattern => weights%pattern)
+      inner = pattern%segment_start(pattern%inner + 1) - 1
+      allocate (z(inner, weights%order), right(inner, weights%stage_trees))
+      allocate (whole(pattern%inner, weights%stage_trees))
+      call later_points(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
+      do t = weights%stage_trees, 2, -1
+        c0 = first_for(node_count(t))
+        call to_origins(weights, whole, t, c0, adjoint)
+        call by_letter(weights%order, weights%e, weights%left, right, t, inner, z)
+        do m = 1, child_start(t + 1) - child_start(t)
+          u = child(child_start(t) + m - 1)
+          do k = 1, size(direct, 2)
+            associate (at => pattern%at(k), p => pattern%point(k), s => pattern%segment(k))
+              direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
+              if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
+                + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
+            end associate
+          end do
+        end do
+      end do
+    end associate
+  end subroutine sweep
+
+  ! A segment that doesn't begin at the start multiplies the weights of the one before by its own.
+  subroutine to_origins(weights, whole, t, c0, adjoint)
+    class(weights_t), intent(in) :: weights
+    real(wp), intent(in) :: whole(:, :)            ! (inner segments, stage_trees)
+    integer, intent(in) :: t, c0
+    real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
+    integer :: s, i
+
+    do s = weights%pattern%inner, 1, -1
+      associate (origin => weights%pattern%origin(s))
+        if (origin == 0) cycle
+        adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
+        do i = weights%split_start(t), weights%split_start(t + 1) - 1
+          adjoint(c0:, weights%head(i), origin) = adjoint(c0:, weights%head(i), origin) &
+            + whole(s, weights%tail(i))*adjoint(c0:, t, s)
+        end do
+      end associate
+    end do
+  end subroutine to_origins
+
+  ! A stage's weight with k nodes enters weights of results with more than k nodes, and assumptions
+  ! with at least k. All conditions before the first such one are skipped.
+  pure integer function first_condition(trees, owner, nodes) result(c0)
+    integer, intent(in) :: trees(:), owner(:)  ! (conditions)
+    integer, intent(in) :: nodes
+
+    do c0 = 1, size(trees)
+      if (trees(c0) >= tree_start(nodes + merge(0, 1, owner(c0) > 0))) exit
+    end do
+  end function first_condition
+
+  ! Computes Z(p, m), the derivatives by the letter at each place m of a word, for the first
+  ! `points` points.
+  subroutine by_letter(order, e, left, right, t, points, z)
+    integer, intent(in) :: order
+    real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
+    integer, intent(in) :: t, points                     ! t: the word
+    real(wp), intent(inout), contiguous :: z(:, :)   ! (points, order), columns 1..children set
+    integer :: children, m, p, q, before, after, n, head(0:order), tail(0:order)
+    real(wp) :: earlier(points)
+
+    n = points
+    call split_word(t, children, head, tail)
+    do m = 1, children
+      z(:, m) = 0.0_wp
+      do p = 0, m - 1
+        before = leading(tail(m - 1 - p), p)
+        earlier = left(1:n, head(m - 1 - p))*e(1:n, before)
+        do q = 0, children - m
+          after = leading(tail(m), q)
+          z(:, m) = z(:, m) + share(p, q)*earlier*e(1:n, after)*right(1:n, tail(m + q))
+        end do
+      end do
+    end do
+  end subroutine by_letter
+
+  ! The word of the first k children.
+  pure integer function leading(word, k) result(cut)
+    integer, intent(in) :: word, k
+
+    cut = word
+    do while (child_start(cut + 1) - child_start(cut) > k)
+      cut = prefix(cut)
+    end do
+  end function leading
+
+  ! p! q! / (p + q + 1)!: what a letter between p and q others has of their exponential.
+  pure real(wp) function share(p, q)
+    integer, intent(in) :: p, q
+    integer :: i
+
+    share = 1.0_wp/real(p + 1, wp)
+    do i = 1, q
+      share = share*real(i, wp)/real(p + 1 + i, wp)
+    end do
+  end function share
 
   ! The owner of a condition is a result, zero for the first and -1 for the second. A positive one,
   ! k, asks stage k to be right at its own abscissa, Phi_k(t) = c_k^(|t| - 1) / gamma(t), a
@@ -86,4 +339,5 @@ contains
     call weights_jacobian(self%weights, self%trees, self%owner, jac)
     if (.not. all(abs(jac) <= huge(jac))) flag = -1
   end subroutine jacobian
+
 end module conditions_m

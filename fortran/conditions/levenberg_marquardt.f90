@@ -6,8 +6,7 @@
 ! The paper's searches ran with it; in real(8) its steps repeat MINPACK's bit for bit.
 module levenberg_marquardt_m
   use kinds, only: wp
-  use least_squares_m, only: least_squares_t, stop_requested
-  use linalg_m, only: enorm, lmpar, qrfac, reflect
+  use linalg_m, only: enorm, least_squares_t, lmpar, qrfac, reflect, stop_requested
   use shared_numbers
   implicit none
   private

@@ -10,9 +10,9 @@
 module minimum_norm_m
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
-  use lapack_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
+  use vectors_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
-  use least_squares_m, only: stop_requested
+  use linalg_m, only: stop_requested
   implicit none
   private
   public :: minimise_norm

@@ -4,9 +4,8 @@
 ! blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients, &
-                     skew_matrix
-  use blocks_m, only: block_t
+  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, &
+       skew_coefficients, skew_matrix
   use frames_m, only: frame_t
   use shared_numbers
   use orthogonal_m, only: largest_own, multiply_real => multiply

@@ -2,14 +2,12 @@
 ! fields, without isotropy. Frame.coefficients has the formulas. What no field has is dropped.
 module derivatives_m
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients
-  use blocks_m, only: block_t
+  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, skew_coefficients
   use frames_m, only: frame_t
-  use isospectral_m, only: isospectral_coefficients
+  use stiefel_m, only: isospectral_coefficients, stiefel_coefficients
   use orthogonal_m, only: multiply
   use rotations_m, only: get_quaternion, set_quaternion
   use shared_numbers
-  use stiefel_m, only: stiefel_coefficients
   use unitary_m, only: multiply_unitary => multiply
   use vectors_m, only: cross
   implicit none

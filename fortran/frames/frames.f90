@@ -6,13 +6,11 @@ module frames_m
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use joints_m, only: linkage_t
-  use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: make_linear_action, move_linearly, spectral_bound
-  use linear_polynomial_m, only: move_polynomially
+  use stiefel_m, only: move_isospectral, move_stiefel, restore_isospectral, restore_stiefel
+  use linear_action_m, only: make_linear_action, move_linearly, move_polynomially, spectral_bound
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
-  use stiefel_m, only: move_stiefel, restore_stiefel
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
@@ -128,7 +126,7 @@ contains
         case (linear_action_block)
           angle = spectral_bound(block%action, v(block%v1:block%v2))
           if (fields) angle = 2 * dot_product(abs(v(block%v1:block%v2)), block%action%norm)
-        case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
+        case (so_block, isospectral_block)             ! su_block and u_block: see blocks_m
           if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select
         turning = max(turning, angle)

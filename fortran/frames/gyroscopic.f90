@@ -6,14 +6,27 @@
 ! turns M by the angle |a| t about a, and the body by the opposite one. Where the two flows don't
 ! commute, nine leapfrog steps of W. Kahan and R.-C. Li, "Composition constants for raising the orders
 ! of unconventional schemes", Math. Comp. 66 (1997), have order six, and are symplectic.
+!
+! Derivatives of free motion: what a drift does to tangents (xi, eta), coordinates of a change of the
+! configuration and a change of the momentum,
+!
+!   xi' = J^-1 eta + [omega, xi].
+!
+! Where the velocity omega is constant, eta is too, and the series of the solution ends at rounding
+! after some terms for each piece of the motion. Of a rigid body the velocity changes; the derivatives
+! by the momentum are differences of the exact motion, of order eight.
 module gyroscopic_m
-  use kinds, only: wp
+  use algebra_m, only: bracket
   use blocks_m, only: body_t, find_velocities
-  use frames_m, only: frame_t, apply_flows
+  use frames_m, only: apply_flows, frame_t
+  use kinds, only: wp
+  use rigid_body_m, only: turn_freely
   use rotations_m, only: exponential, rotate_vector
+  use shared_numbers, only: euclidean_block
+  use vectors_m, only: cross
   implicit none
   private
-  public :: move_linearly, rotor_momentum, substeps, turn_with_rotor
+  public :: carry_tangents, move_linearly, rotor_momentum, substeps, turn_with_rotor
 
   ! half of the nine parts
   real(wp), parameter :: part(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
@@ -79,5 +92,103 @@ contains
       end do
     end do
   end subroutine move_linearly
+
+  ! Moves tangents along the drift that starts at a point.
+  subroutine carry_tangents(frame, time, momentum, x)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: time
+    real(wp), intent(in) :: momentum(frame%forces)
+    ! tangents are rows; columns are coordinates, then momenta
+    real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
+    real(wp), dimension(frame%dimension) :: u, xi, moved, term
+    real(wp) :: part                         ! of the motion, a piece
+    integer :: i, j, k, piece, pieces
+    integer, parameter :: terms = 18         ! 1 / 18! is rounding
+
+    u = 0.0_wp
+    do i = 1, size(frame%bodies)
+      associate (block => frame%blocks(i), v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) cycle
+        call find_velocities(frame%bodies(i), block%dimension, momentum(v:last), u(v:last))
+        u(v:last) = time * u(v:last)
+      end associate
+    end do
+    pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%v1:frame%blocks(i)%v2)), &
+                                         i = 1, size(frame%bodies))])))
+    part = 1.0_wp / real(pieces, wp)
+    u = part * u
+    do j = 1, size(x, 1)
+      xi = 0.0_wp
+      moved = 0.0_wp                         ! J^-1 eta times a piece
+      do i = 1, size(frame%bodies)
+        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
+                   m => frame%forces)
+          if (body%turns) cycle
+          xi(v:last) = x(j, v:last)
+          call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
+          moved(v:last) = time * part * moved(v:last)
+        end associate
+      end do
+      do piece = 1, pieces
+        call bracket(frame, u, xi, term)
+        term = term + moved
+        xi = xi + term
+        do k = 2, merge(terms, 1, any(abs(u) > 0))
+          call bracket(frame, u, term / real(k, wp), term)
+          xi = xi + term
+        end do
+      end do
+      do i = 1, size(frame%bodies)
+        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+          if (.not. frame%bodies(i)%turns) x(j, v:last) = xi(v:last)
+        end associate
+      end do
+    end do
+    do i = 1, size(frame%bodies)
+      associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, m => frame%forces)
+        if (frame%bodies(i)%turns) call carry_of_body(frame%bodies(i), time, momentum(v:last), &
+                                                      x(:, v:last), x(:, m + v:m + last))
+      end associate
+    end do
+  end subroutine carry_tangents
+
+  ! Moves tangents of a rigid body, whose coordinates turn with it.
+  subroutine carry_of_body(body, time, momentum, xi, eta)
+    type(body_t), intent(in) :: body
+    real(wp), intent(in) :: time, momentum(3)
+    real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
+    real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
+    real(wp), parameter :: part = 0.02_wp              ! of a turn by one, error below rounding
+    real(wp) :: q(4), other(4), change(4), moved(3), step, after(3)
+    real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
+    integer :: i, j, k, side
+
+    after = momentum
+    call turn_freely(body%top, time, after, q)
+    step = part / (abs(time) * maxval(body%top%inverse))
+    do j = 1, 3
+      change = 0.0_wp
+      by_momentum(:, j) = 0.0_wp
+      do k = 1, 4
+        do side = -1, 1, 2
+          moved = momentum
+          moved(j) = moved(j) + real(side * k, wp) * step
+          call turn_freely(body%top, time, moved, other)
+          other = sign(1.0_wp, dot_product(q, other)) * other - q
+          change = change + real(side, wp) * weight(k) / step * other
+          by_momentum(:, j) = by_momentum(:, j) &
+                              + real(side, wp) * weight(k) / step * (moved - after)
+        end do
+      end do
+      turned(:, j) = 2 * (q(4) * change(:3) - change(4) * q(:3) - cross(q(:3), change(:3)))
+    end do
+    q(:3) = -q(:3)
+    do i = 1, size(xi, 1)
+      moved = xi(i, :)
+      call rotate_vector(q, moved)
+      xi(i, :) = moved + matmul(turned, eta(i, :))
+      eta(i, :) = matmul(by_momentum, eta(i, :))
+    end do
+  end subroutine carry_of_body
 
 end module gyroscopic_m

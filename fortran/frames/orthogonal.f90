@@ -7,8 +7,8 @@
 ! factorisation. A step of Newton and Schulz, y (3 - y^T y) / 2, removes rounding off the group.
 module orthogonal_m
   use kinds, only: wp
-  use bases_m, only: skew_matrix
-  use lapack_m, only: dgemm
+  use blocks_m, only: skew_matrix
+  use vectors_m, only: dgemm
   implicit none
   private
   public :: move_orthogonal, multiply, multiply_symmetric, to_orthogonal

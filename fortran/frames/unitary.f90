@@ -7,11 +7,10 @@
 ! "Functions of Matrices", SIAM, 2008, sections 8.3 and 10.3).
 module unitary_m
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex
-  use lapack_m, only: zgemm
+  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex
+  use vectors_m, only: nan, zgemm
   use orthogonal_m, only: largest_own
   use shared_numbers, only: so_block, su_block
-  use vectors_m, only: nan
   implicit none
   private
   public :: move_unitary, multiply, restore_unitary, unitary_difference

@@ -6,7 +6,7 @@ subroutine call_field(function_address, data_address, data_stride, table_address
                       t, members, n, m, y, f, done, flag)
   !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use vector_field_m, only: evaluate, field_at, vector_field_t
+  use inputs_m, only: evaluate, field_at, vector_field_t
   use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
@@ -38,7 +38,7 @@ end subroutine call_field
 subroutine function_addresses(python_field, python_member, variational)
   use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
   use variational_m, only: variational_field
-  use vector_field_m, only: call_python_field, call_python_member
+  use inputs_m, only: call_python_field, call_python_member
   implicit none
   integer(c_intptr_t), intent(out) :: python_field, python_member, variational
 
@@ -130,7 +130,7 @@ end subroutine linear_products
 subroutine equal_steps(start, stop, h, steps, last)
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
-  use time_grid_m, only: grid_t, make_grid
+  use inputs_m, only: grid_t, make_grid
   implicit none
   real(wp), intent(in) :: start, stop, h
   integer(int64), intent(out) :: steps

@@ -80,7 +80,7 @@ end subroutine joints_errors
 ! Closes the joints of points.
 subroutine joints_close(address, n, points, y, status)
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use constrained_motion_m, only: close_joints
+  use free_motion_m, only: close_joints
   use frames_m, only: frame_t
   use kinds, only: wp
   implicit none
@@ -100,7 +100,7 @@ end subroutine joints_close
 ! Adds the forces of joints to coefficients at points; they are the multipliers times derivatives.
 subroutine joints_forces(address, n, points, y, m, f, rows, multipliers, status)
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use constrained_motion_m, only: add_constraint_forces
+  use free_motion_m, only: add_constraint_forces
   use frames_m, only: frame_t
   use kinds, only: wp
   implicit none

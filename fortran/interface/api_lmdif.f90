@@ -2,7 +2,7 @@
 ! It is never `threadsafe`, since the function needs the interpreter's lock.
 module lmdif_callback_m
   use, intrinsic :: iso_fortran_env, only: real64
-  use least_squares_m, only: least_squares_t
+  use linalg_m, only: least_squares_t
   implicit none
   private
   public :: callback_t, evaluate_i

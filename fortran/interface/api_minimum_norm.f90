@@ -3,7 +3,7 @@
 
 subroutine set_lapack(addresses)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use lapack_m, only: set_addresses
+  use vectors_m, only: set_addresses
   implicit none
   integer(c_intptr_t), intent(in) :: addresses(11)
 

@@ -281,8 +281,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use, intrinsic :: iso_c_binding, only: c_null_ptr
   use callback_m, only: callback_t
   use frames_m, only: frame_t
-  use flow_interpolant_m, only: interpolant_t, reserve_interpolant
-  use interpolant_m, only: evaluate_inner, evaluate_interpolant
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use linear_action_m, only: inner_points_t
   use method_m, only: kind_polynomial
   use run_m, only: c_intptr_t, plan_at, plan_t, wp

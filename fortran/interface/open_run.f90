@@ -4,14 +4,14 @@ module open_run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use events_m, only: observer_t
-  use error_norm_m, only: tolerances_t
+  use coordinates_m, only: tolerances_t
   use free_motion_m, only: make_bodies
   use heat_bath_m, only: bath_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
   use shared_numbers
   use trajectory_m, only: start
-  use vector_field_m, only: field_at
+  use inputs_m, only: field_at
   implicit none
   private
   public :: open_run, set_inputs, set_output

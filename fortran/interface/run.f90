@@ -10,16 +10,16 @@ module run_m
   use derivatives_m, only: coefficients_of
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use flow_interpolant_m, only: scheme_t
+  use interpolant_m, only: scheme_t
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
-  use output_m, only: store_point, store_step, output_t
+  use output_m, only: output_t, store_point, store_step
   use accepted_step_m, only: fail_to_observe
   use shared_numbers
   use trajectory_m, only: problem_t, set_start, store_values, trajectory_t
-  use vector_field_m, only: vector_field_t
+  use inputs_m, only: vector_field_t
   implicit none
   private
   public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wake, wp

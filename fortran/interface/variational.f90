@@ -10,16 +10,15 @@
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
-  use constrained_motion_m, only: add_constraint_forces
+  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use coordinates_m, only: sizes
   use derivatives_m, only: coefficients_of
-  use free_motion_m, only: add_free_motion, take_forces
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, products_failed, &
                             raised, raised_in_python, variation_t
-  use vector_field_m, only: field_at, rhs_i
+  use inputs_m, only: field_at, rhs_i
   use vectors_m, only: finite, nan
   implicit none
   private

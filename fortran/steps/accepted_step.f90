@@ -8,9 +8,8 @@ module accepted_step_m
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
   use method_m, only: kind_polynomial
-  use output_m, only: store_interpolant, store_point, store_step, output_t
-  use simultaneous_events_m, only: store_zeros
-  use step_events_m, only: crosses, find_zeros, rotates_far
+  use output_m, only: output_t, store_interpolant, store_point, store_step
+  use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
   use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t

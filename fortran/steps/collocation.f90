@@ -4,8 +4,7 @@ module collocation_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use controller_m, only: max_iterations
-  use coordinates_m, only: sizes
-  use error_norm_m, only: norm, scales, tangent
+  use coordinates_m, only: norm, scales, sizes, tangent
   use frames_m, only: apply_flows
   use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request

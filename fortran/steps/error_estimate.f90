@@ -30,8 +30,7 @@
 ! else e2, unless they are small compared with their variation.
 module error_estimate_m
   use kinds, only: wp
-  use coordinates_m, only: difference
-  use error_norm_m, only: norm, remove_isotropy, scales, tangent
+  use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
   use method_m, only: kind_collocation, kind_polynomial, method_t
   use newton_m, only: filtered

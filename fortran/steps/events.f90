@@ -6,10 +6,9 @@ module events_m
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
-  use inputs_m, only: inputs_t
+  use inputs_m, only: evaluate, inputs_t, vector_field_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, jump_operation
-  use vector_field_m, only: evaluate, vector_field_t
   implicit none
   private
   public :: events_t, observer_t

@@ -14,7 +14,7 @@
 module implicit_m
   use kinds, only: wp
   use coordinates_m, only: sizes
-  use lapack_m, only: dgetrf, dgetrs
+  use vectors_m, only: dgetrf, dgetrs
   use method_m, only: method_t
   use paths_m, only: follow_paths
   use phases_m

@@ -1,11 +1,32 @@
-! Inputs of compiled functions: values at a time of piecewise polynomials, which are written behind
-! the parameters of a member.
+! What steps ask for at a time. Right-hand sides are functions in C,
+!   int rhs(double t, const double *y, double *f, void *user_data)
+! which give the coefficients f of the field sum_i f_i(t, y) E_i(y) at one point. Inputs of compiled
+! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
+! equal steps are those of a grid, whose last step may be shorter.
 module inputs_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_funptr, c_int, &
+       c_int64_t, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
+  use vectors_m, only: nan
   implicit none
   private
-  public :: inputs_t, last_before, longest_step
+  public :: call_python_field, call_python_member, evaluate, field_at, grid_t, inputs_t, &
+            last_before, longest_step, make_grid, rhs_i, vector_field_t
+
+  type :: grid_t
+    real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
+    real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
+    integer(int64) :: steps = 0
+  end type grid_t
+
+  interface
+    ! x y + z, rounded once
+    pure real(c_double) function fma(x, y, z) bind(c)
+      import :: c_double
+      real(c_double), value, intent(in) :: x, y, z
+    end function fma
+  end interface
 
   type :: inputs_t
     ! of each curve: powers, pieces, width, first place in the data of a member, addresses of the
@@ -16,7 +37,77 @@ module inputs_m
     procedure :: write => write_inputs
   end type inputs_t
 
+  abstract interface
+    function rhs_i(t, y, f, user_data) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      real(c_double), intent(inout) :: f(*)
+      type(c_ptr), value, intent(in) :: user_data
+      integer(c_int) :: code
+    end function rhs_i
+  end interface
+
+  ! in python_field.c: functions of Python, whose data are the user data or a member's
+  procedure(rhs_i), bind(c) :: call_python_field, call_python_member
+
+  type :: vector_field_t
+    procedure(rhs_i), pointer, nopass :: rhs => null()
+    integer :: member = 1                    ! that the point belongs to
+    integer(c_intptr_t) :: data_address = 0  ! 0 for none
+    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
+    type(inputs_t) :: inputs                 ! written into the data
+  end type vector_field_t
+
 contains
+
+  ! Makes the grid. If h divides the span up to the rounding of its ends and of h, all steps are
+  ! equal; otherwise the last one is the rest of the span. Each end carries half a unit of its
+  ! rounding, the span from which an end was computed another, and each step half a unit of h.
+  pure subroutine make_grid(start, stop, h, grid)
+    real(wp), intent(in) :: start, stop, h               ! h: positive
+    type(grid_t), intent(out) :: grid
+    real(wp) :: span, error, slack, ratio, count, rest
+
+    grid%start = start
+    grid%stop = stop
+    grid%step = sign(h, stop - start)
+    grid%last = grid%step
+    span = abs(stop - start)
+    if (.not. span > 0) return
+    error = rounded_off(start, stop)
+    ratio = span / h
+    slack = max(unit(max(abs(start), abs(stop))), unit(span)) + ratio * unit(h) / 2
+    if (.not. ratio > 1) then
+      grid%steps = 1
+      if (h - span > slack) grid%last = stop - start
+      return
+    end if
+    count = anint(ratio)
+    rest = fma(-count, h, span) + error
+    if (.not. abs(rest) <= slack) count = aint(ratio) + merge(1.0_wp, 0.0_wp, aint(ratio) < ratio)
+    count = max(count, 1.0_wp)
+    grid%steps = int(count, int64)
+    rest = fma(1 - count, h, span) + error
+    if (abs(rest - h) > slack) grid%last = sign(rest, stop - start)
+  end subroutine make_grid
+
+  ! The rounding error of the span
+  pure real(wp) function rounded_off(start, stop)
+    real(wp), intent(in) :: start, stop
+    real(wp) :: difference, part
+
+    difference = stop - start
+    part = difference - stop
+    rounded_off = sign(1.0_wp, difference) * ((stop - (difference - part)) - (start + part))
+  end function rounded_off
+
+  ! The distance to the next number
+  pure real(wp) function unit(x)
+    real(wp), intent(in) :: x
+
+    unit = nearest(x, 1.0_wp) - x
+  end function unit
 
   ! Writes the values at a time into the data of a member.
   subroutine write_inputs(self, t, member, data)
@@ -85,5 +176,31 @@ contains
       i = next
     end do
   end function longest_step
+
+  ! The function at an address
+  function field_at(address) result(rhs)
+    integer(c_intptr_t), intent(in) :: address
+    procedure(rhs_i), pointer :: rhs
+    type(c_funptr) :: pointer
+
+    pointer = transfer(address, pointer)
+    call c_f_procpointer(pointer, rhs)
+  end function field_at
+
+  ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
+  ! array descriptors take as long as a short loop.
+  subroutine evaluate(self, n, m, t, y, f, flag)
+    type(vector_field_t), intent(in) :: self
+    integer, intent(in) :: n, m                    ! point_size, dimension
+    real(wp), intent(in) :: t, y(n)
+    real(wp), intent(out) :: f(m)
+    integer, intent(out) :: flag                   ! nonzero stops the integration
+    integer(c_intptr_t) :: data
+
+    f = nan
+    data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
+    if (associated(self%inputs%table)) call self%inputs%write(t, self%member, data)
+    flag = self%rhs(t, y, f, transfer(data, c_null_ptr))
+  end subroutine evaluate
 
 end module inputs_m

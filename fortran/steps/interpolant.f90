@@ -1,33 +1,257 @@
-! The solution within one step, on the manifold and as accurate as the step, in one of two forms:
-! by flows (flow_interpolant.f90), or on a Lie algebra, where the coordinates of y = exp(u) y0 are a
-! polynomial,
+! The solution within one step, on the manifold and as accurate as the step, in one of two forms,
+! whose coefficients cg/construction/methods/interpolant.py derives: by flows, or on a Lie algebra.
+!
+! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at nodes
+! 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
+! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
+! One more flow moves z(1) to y1:
+!
+!   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
+!
+! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
+! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
+! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
+! with n nodes leads, or of splitting methods those at n + 2. For linear equations with flows along
+! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
+! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
+!
+! Where the fields don't span all directions there may be no such v. That of the nearest tangent
+! removes the leading error of P too, whose direction is a combination of fields; what is left of
+! y1 - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may
+! be far from the error of P, and matters where isotropy turns much within the step, as near singular
+! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
+!
+! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
+! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
+!
+! On a Lie algebra the coordinates of y = exp(u) y0 are a polynomial,
 !
 !   u(theta) = h sum_d phi_d(theta) sum_j basis_jd k_j,
 !   phi_d = theta, theta (1 - theta), theta^2 (1 - theta), theta^2 (1 - theta)^2, ...,
 !
 ! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
 ! the mean u(1) / h, then that at the end, and those at further nodes, each evaluated where the ones
-! before it lead. One flow reaches a point. cg/construction/methods/interpolant.py derives the
-! coefficients of both forms.
+! before it lead. One flow reaches a point.
 module interpolant_m
-  use kinds, only: wp
   use algebra_m, only: dexpinv
-  use constrained_motion_m, only: without_opening
-  use flow_interpolant_m, only: add_flow_node, begin_flows, difference_nearby, follow_flows, &
-                                interpolant_t, next_count
-  use frames_m, only: apply_flows
+  use coordinates_m, only: difference
+  use frames_m, only: apply_flows, frame_t
+  use free_motion_m, only: make_tangential, move_by_impulses, without_opening
+  use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use shared_numbers, only: nearby_operation
+  use shared_numbers, only: nearby_operation, nearest_operation
   use vectors_m, only: combine
   implicit none
   private
-  public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, &
-            flows_of_evaluation, make_cubic, next_node
+  public :: add_flow_node, add_node, begin_flows, begin_interpolant, difference_nearby, &
+            evaluate_inner, evaluate_interpolant, flows_of_evaluation, follow_flows, &
+            interpolant_t, make_cubic, next_count, next_node, reserve_interpolant, scheme_t, &
+            set_ends
+
+  ! The coefficients of the interpolants of a method
+  type :: scheme_t
+    integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
+    logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
+    ! on a Lie algebra
+    logical :: flat = .false.                ! whether the stages of a flat method are used
+    integer :: final = 0                     ! the derivative at the end
+    integer :: series = 0                    ! order up to which dexp^-1 is needed
+    real(wp), allocatable :: theta(:)        ! (extra) further nodes
+    real(wp), allocatable :: row(:, :)       ! (derivatives, extra) what leads there
+    real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
+    ! elsewhere
+    integer :: nodes = 2
+    real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
+    real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
+    real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
+    real(wp), allocatable :: weight(:, :)    ! (stages, flows)
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, after the kicks of a splitting method
+  end type scheme_t
+
+  type :: interpolant_t
+    type(frame_t), pointer :: frame => null()
+    type(scheme_t), pointer :: scheme => null()
+    logical :: on_algebra = .false., complete = .false.
+    logical :: noisy = .false.               ! whether noise is in the middle of the step
+    integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
+    integer :: node = 0                      ! the next one, of the interpolant with more nodes
+    integer :: nexp = 0                      ! flows that it took and that aren't counted yet
+    real(wp) :: t0 = 0.0_wp, h = 0.0_wp
+    real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
+    ! (dimension times flows) those of the step, of a frame in Python if they are kept
+    real(wp), allocatable :: path(:)
+    ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
+    real(wp), allocatable :: u(:), y(:), weight(:)
+    real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
+    ! (dimension, columns) those of h phi_d; or coefficients at nodes, and of the last flow
+    real(wp), allocatable :: field(:, :)
+    ! (dimension, derivatives) or (dimension, nodes) coefficients at the nodes of the next one
+    real(wp), allocatable :: next(:, :)
+  end type interpolant_t
 
   integer, parameter :: iterations = 20
   real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! its square is below rounding
 
 contains
+
+  ! Allocates the memory of an interpolant once, and gives it its frame and scheme.
+  subroutine reserve_interpolant(frame, scheme, self, memory)
+    type(frame_t), target, intent(in) :: frame
+    type(scheme_t), target, intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: self
+    integer, intent(out) :: memory           ! nonzero if there isn't enough
+
+    memory = 0
+    if (allocated(self%y0)) return
+    self%frame => frame
+    self%scheme => scheme
+    allocate (self%path(0), self%y0(frame%point_size), self%y1(frame%point_size), &
+              self%u(frame%dimension), self%y(frame%point_size), &
+              self%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
+              self%field(frame%dimension, scheme%columns), &
+              self%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
+              self%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
+  end subroutine reserve_interpolant
+
+  ! Gives an interpolant the ends of its step.
+  pure subroutine set_ends(self, t0, h, y0, y1, first, last)
+    type(interpolant_t), intent(inout) :: self
+    real(wp), intent(in) :: t0, h
+    real(wp), contiguous, intent(in) :: y0(:), y1(:)         ! (point_size)
+    real(wp), contiguous, intent(in) :: first(:), last(:)    ! (dimension) coefficients at the ends
+
+    self%t0 = t0
+    self%h = h
+    self%y0(:) = y0
+    self%y1(:) = y1
+    self%field(:, 1) = first
+    self%field(:, 2) = last
+  end subroutine set_ends
+
+  ! Starts an interpolant by flows.
+  subroutine begin_flows(self)
+    type(interpolant_t), intent(inout) :: self
+
+    self%known = 2
+    call add_last_flow(self)
+  end subroutine begin_flows
+
+  ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position
+  ! alone, whose error is smaller by a power of the step, so that two nodes are added at a time.
+  pure integer function next_count(self)
+    type(interpolant_t), intent(in) :: self
+
+    next_count = self%known + 1
+    if (.not. allocated(self%scheme%drift)) return
+    if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
+  end function next_count
+
+  ! Stores the coefficients at a node. After the last one the interpolant has more nodes.
+  subroutine add_flow_node(f, self)
+    real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
+    type(interpolant_t), intent(inout) :: self
+    integer :: n
+
+    n = next_count(self)
+    self%next(:, self%node) = f
+    self%node = self%node + 1
+    if (self%node < n) return
+    self%field(:, n) = self%field(:, self%known)
+    self%field(:, 2:n - 1) = self%next(:, 2:n - 1)
+    self%known = n
+    call add_last_flow(self)
+  end subroutine add_flow_node
+
+  ! Computes the last flow, which reaches the end of the step.
+  subroutine add_last_flow(self)
+    type(interpolant_t), intent(inout) :: self
+    real(wp), dimension(self%frame%point_size) :: reached, aim
+    real(wp) :: v(self%frame%dimension)
+
+    self%field(:, self%known + 1) = 0.0_wp
+    reached = self%y0
+    aim = self%y1
+    call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
+    if (self%noisy) call follow_flows(self, 0.5_wp, aim)
+    if (size(self%path) > 0) then
+      associate (back => -self%v(:, size(self%v, 2) - 1:1:-1))
+        call self%frame%callback%apply(nearest_operation, &
+                                       [reached, reshape(back, [size(back)]), self%path], aim, v)
+      end associate
+    else
+      call difference_nearby(self%frame, reached, aim, nearest_operation, v)
+    end if
+    if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
+    if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
+    self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
+    self%node = 2
+    self%complete = self%known == self%scheme%nodes
+  end subroutine add_last_flow
+
+  ! Computes a difference of nearby points on any frame, by an operation where it isn't known here.
+  subroutine difference_nearby(frame, x, y, operation, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: x(:), y(:)
+    integer, intent(in) :: operation         ! nearby_operation or nearest_operation
+    real(wp), contiguous, intent(out) :: v(:)
+
+    call difference(frame, x, y, v)
+    if (.not. all(abs(v) <= huge(v)) .and. associated(frame%callback)) then
+      call frame%callback%apply(operation, x, y, v)
+    end if
+  end subroutine difference_nearby
+
+  ! Moves the start of the step to the point at a fraction of it.
+  subroutine follow_flows(self, theta, y)
+    type(interpolant_t), intent(inout) :: self
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(inout) :: y(:)
+    real(wp) :: basis(self%known, size(self%scheme%c)), begin, w
+    integer :: i
+
+    begin = merge(1.0_wp, 0.0_wp, self%noisy .and. theta >= 0.5_wp)
+    if (begin > 0) y = self%y1
+    associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)
+      call lagrange(self%scheme, n, begin, theta - begin, self%h, basis)
+      do i = 1, last - 1
+        call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), self%field, &
+                     v(:, i))
+      end do
+      w = 0.0_wp
+      do i = n + 1, 0, -1
+        w = w * theta + self%scheme%blend(i, n)
+      end do
+      if (self%noisy) w = theta - begin
+      v(:, last) = w * self%field(:, n + 1)
+      if (allocated(self%scheme%drift)) then
+        call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
+        call apply_flows(self%frame, 1, v(:, last), y)
+        call make_tangential(self%frame, y, y(self%frame%before + 1:))
+      else
+        call apply_flows(self%frame, last, v, y)
+      end if
+    end associate
+  end subroutine follow_flows
+
+  ! Lagrange's polynomials at the abscissae of the stages of a part of the step, times its size
+  pure subroutine lagrange(scheme, n, begin, length, h, basis)
+    type(scheme_t), intent(in) :: scheme
+    integer, intent(in) :: n
+    real(wp), intent(in) :: begin, length, h
+    real(wp), intent(out) :: basis(:, :)                     ! (n, stages)
+    integer :: i, j, k
+
+    do k = 1, size(scheme%c)
+      do j = 1, n
+        basis(j, k) = length * h
+        do i = 1, n
+          if (i == j) cycle
+          basis(j, k) = basis(j, k) * ((begin + length * scheme%c(k) - scheme%node(i, n)) &
+                                       / (scheme%node(j, n) - scheme%node(i, n)))
+        end do
+      end do
+    end do
+  end subroutine lagrange
 
   ! Starts an interpolant from the ends and the stages of its step.
   subroutine begin_interpolant(unique_flows, stages, self, exists)

@@ -12,7 +12,7 @@ module newton_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use frames_m, only: frame_t
-  use lapack_m, only: dgetrf, dgetrs, zgetrf, zgetrs
+  use vectors_m, only: dgetrf, dgetrs, zgetrf, zgetrs
   use shared_numbers, only: factor_operation, solve_operation
   implicit none
   private

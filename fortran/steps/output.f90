@@ -3,7 +3,7 @@
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
-  use flow_interpolant_m, only: interpolant_t
+  use interpolant_m, only: interpolant_t
   use events_m, only: observer_t
   use shared_numbers, only: record_t
   implicit none

@@ -1,24 +1,165 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by flows
 ! of the frame. On a path the flow of the lowest stage comes first. How a path is followed depends on
 ! the kind of the method.
+!
+! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
+! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
+! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
+!
+! RATTLE: kicks and drifts of mechanical systems with joints. Before each drift, impulses along the
+! derivatives G of the constraints at its start are added to the kick, such that the joints are
+! closed at its end,
+!
+!   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
+!
+! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor
+! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
+! that continue those of the two steps before. Between the drifts of a
+! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
+! free motion of the bodies.
+!
+! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
+! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
 module paths_m
-  use kinds, only: wp
-  use algebra_m, only: bracket
+  use, intrinsic :: iso_fortran_env, only: int64
+  use algebra_m, only: bracket, dexpinv
   use blocks_m, only: combine_flows
   use frames_m, only: apply_flows, restore
-  use free_motion_m, only: move_by_kicks
+  use free_motion_m, only: constraints_at, drift, is_closed, move_by_kicks, remove_opening
   use heat_bath_m, only: exchange_heat
-  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_splitting, middle_path
-  use rattle_m, only: move_with_joints
-  use shared_numbers, only: finished
-  use trajectory_m, only: trajectory_t
+  use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
+  use kinds, only: wp
+  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_registers, &
+       kind_splitting, middle_path
+  use phases_m
+  use requests_m, only: reject_stage, request
+  use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use iso_fortran_env, only: int64
   implicit none
   private
-  public :: add_brackets, combine_coordinates, follow_paths
+  public :: add_brackets, combine_coordinates, follow_paths, move_with_joints, request_explicit, &
+            start_explicit, store_explicit
 
 contains
+
+  ! Follows a path: a kick, then a drift, or at the end of a step none.
+  subroutine move_with_joints(x, path, y)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: path
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
+    real(wp) :: time
+    integer :: flow, k
+
+    flow = x%method%path_first(path)
+    time = x%h * x%method%drift(flow)
+    call find_constraints(x, y)
+    if (x%status /= finished) return
+    associate (m => x%frame%forces, flows => x%method%flows)
+      associate (momenta => y(size(y) - m + 1:))
+        do k = flows%first(flow), flows%first(flow + 1) - 1
+          momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
+        end do
+        if (x%problem%bath%present .and. path == middle_path(x%method)) then
+          call drift_closed(x, time / 2, path, y)
+          if (x%status /= finished) return
+          call remove_opening(x%frame, x%joints%here, momenta)
+          call exchange_heat(x%problem%bath, x%frame, x%member, x%t, x%h, y)
+          call remove_opening(x%frame, x%joints%here, momenta)
+          call drift_closed(x, time / 2, path, y)
+        else if (abs(time) > 0) then
+          call drift_closed(x, time, path, y)
+        else
+          call remove_opening(x%frame, x%joints%here, momenta)
+        end if
+      end associate
+    end associate
+  end subroutine move_with_joints
+
+  ! Finds the constraints at a point, unless they are known.
+  subroutine find_constraints(x, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), contiguous, intent(in) :: y(:)
+    integer :: status
+
+    associate (n => x%frame%linkage%before)
+      if (x%joints%here%known) then
+        if (all(abs(x%joints%place - y(:n)) <= 0)) return
+      end if
+      x%joints%place = y(:n)
+      call constraints_at(x%frame, y, 1, x%joints%here, status)
+    end associate
+    if (status /= finished) call fail(x, status, x%t)
+  end subroutine find_constraints
+
+  ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
+  subroutine drift_closed(x, time, path, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: time
+    integer, intent(in) :: path
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
+    integer, parameter :: iterations = 50
+    real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
+    real(wp) :: change(size(lambda), iterations)       ! of lambda
+    logical :: failed
+    integer :: i
+
+    call copy(size(y), y, start)
+    last = huge(last)
+    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead)
+      associate (impulse => x%joints%impulse(:size(lambda), :, path))
+        lambda = 2 * impulse(:, 1) - impulse(:, 2)
+        do i = 1, iterations
+          if (i > 1) call copy(size(y), start, y)
+          call constraint_impulse(linkage, here, .false., lambda, &
+                                  y(linkage%before + 1:linkage%after))
+          call drift(x%frame, time, y)
+          x%counts%nexp = x%counts%nexp + 1
+          call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
+          if (failed) exit
+          if (linkage%own > 0) then
+            ahead%scale(linkage%rows + 1:) = here%scale(linkage%rows + 1:)
+            ahead%least(linkage%rows + 1:) = here%least(linkage%rows + 1:)
+          end if
+          if (is_closed(ahead, last)) exit
+          if (.not. last < huge(last)) exit
+          call solve_constraints(linkage, here, ahead%g)
+          change(:, i) = -ahead%g / time
+          call correct_change(i, change)
+          lambda = lambda + change(:, i)
+        end do
+        impulse(:, 2) = impulse(:, 1)
+        if (.not. any(abs(impulse(:, 1)) > 0)) impulse(:, 2) = lambda
+        impulse(:, 1) = lambda
+      end associate
+      if (failed) then
+        call fail(x, raised, x%t)
+      else if (i > iterations .or. .not. last < huge(last)) then
+        call fail(x, joints_not_solved, x%t)
+      else
+        call restore(x%frame, y)
+        call find_constraints(x, y)
+      end if
+    end associate
+  end subroutine drift_closed
+
+  ! Makes the last change that of Broyden's method from that by the first matrix, where changes
+  ! become smaller.
+  pure subroutine correct_change(i, change)
+    integer, intent(in) :: i
+    real(wp), intent(inout) :: change(:, :)
+    real(wp) :: along
+    integer :: j
+
+    associate (now => change(:, i))
+      do j = 1, i - 1
+        along = dot_product(change(:, j), now) / max(sum(change(:, j)**2), tiny(along))
+        if (j < i - 1) now = now + along * change(:, j + 1)
+        if (j == i - 1 .and. along < 0.5_wp) now = now / (1 - along)
+      end do
+    end associate
+  end subroutine correct_change
 
   ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results only,
   ! since it doesn't accumulate in stages.
@@ -109,5 +250,78 @@ contains
       call bracket(x%frame, u, v, x%f(:, size(x%method%c) + j))
     end do
   end subroutine add_brackets
+
+  ! Takes the coefficients at the start for those of the first stage.
+  subroutine start_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%f(:, 1) = x%slope
+    if (x%method%kind == kind_registers) then
+      x%y(:, 1) = x%y(:, 0)
+      call move_along_register(x)
+    end if
+    x%stage = 2
+  end subroutine start_explicit
+
+  ! Moves to the point of a stage and requests the coefficients there. Functions of time need no
+  ! points.
+  subroutine request_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+    integer :: path
+
+    associate (t => x%t + x%method%c(x%stage) * x%h)
+      if (x%method%kind == kind_registers) then
+        path = merge(0, 1, x%problem%of_time)
+        call request(x, t, x%y(:, path), phase_stage_received, x%request%received)
+      else
+        path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
+        call follow_paths(x, path)
+        if (x%status /= finished) return
+        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
+                     x%method%goes_on(path))
+      end if
+    end associate
+  end subroutine request_explicit
+
+  ! Stores the coefficients at a stage.
+  subroutine store_explicit(x)
+    type(trajectory_t), intent(inout) :: x
+    logical :: exists
+
+    if (x%method%kind == kind_registers) then
+      x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%received
+      call move_along_register(x)
+    else
+      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
+      if (x%stage == x%method%final_stage .or. &
+          (x%problem%of_time .and. .not. abs(x%method%c(x%stage) - 1) > 0)) then
+        x%end_slope(:) = x%f(:, x%stage)
+        x%end_known = .true.
+      end if
+    end if
+    if (x%method%kind == kind_algebra .and. x%method%stage_path(x%stage) > 0) then
+      if (x%path_of_u /= x%method%stage_path(x%stage)) &
+        call combine_coordinates(x, x%method%stage_path(x%stage))
+      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
+      call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
+      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
+      if (.not. exists) then
+        call reject_stage(x, step_too_long, x%t)
+        return
+      end if
+    end if
+    x%stage = x%stage + 1
+    x%phase = phase_next_stage
+  end subroutine store_explicit
+
+  ! Moves the point along h b Z.
+  subroutine move_along_register(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%u = (x%h * x%method%b(x%stage)) * x%f(:, 1)
+    call apply_flows(x%frame, 1, x%u, x%y(:, 1))
+    call restore(x%frame, x%y(:, 1))
+    x%counts%nexp = x%counts%nexp + 1
+  end subroutine move_along_register
 
 end module paths_m

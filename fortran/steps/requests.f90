@@ -5,15 +5,14 @@
 ! again when they are known, and finds them on the tape of the trajectory.
 module requests_m
   use kinds, only: wp
-  use constrained_motion_m, only: add_constraint_forces
+  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
-  use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers
   use method_m, only: kind_splitting
   use phases_m
   use trajectory_m, only: fail, forget_values, trajectory_t
-  use vector_field_m, only: evaluate
+  use inputs_m, only: evaluate
   use vectors_m, only: copy, finite
   implicit none
   private

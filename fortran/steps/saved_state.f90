@@ -1,7 +1,7 @@
 ! The state of a trajectory between steps, as arrays.
 module saved_state_m
   use kinds, only: wp
-  use time_grid_m, only: grid_t
+  use inputs_m, only: grid_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: integers_of_state, reals_of_state, terminal_event
   use trajectory_m, only: continue_trajectory, trajectory_t

@@ -1,18 +1,17 @@
 ! One step: its stages, its results and whether it is accepted. What a stage needs is in one file for
-! each kind of stages: explicit.f90, implicit.f90, collocation.f90. For paths see paths.f90, for the
-! error error_estimate.f90.
+! each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90. For
+! the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
-  use constrained_motion_m, only: without_opening
+  use free_motion_m, only: without_opening
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use explicit_m, only: request_explicit, start_explicit, store_explicit
+  use paths_m, only: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, store_implicit
   use method_m, only: kind_collocation, kind_implicit, kind_registers
-  use paths_m, only: add_brackets, follow_paths
   use requests_m, only: reject_stage, request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t

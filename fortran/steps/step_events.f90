@@ -1,22 +1,43 @@
-! Events within a step.
-! An event is a zero of a function along the solution. The signs of the function are compared at the
+! Events within a step. An event is a zero of a function along the solution. The signs of the function are compared at the
 ! ends of parts of the step, and where a parabola through three of these values comes near to zero,
 ! since a function may change sign twice within a part. A step has at least four parts, and more if
 ! it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
-! each function there and at the ends differ by less than their distance from zero. Brent's method
-! finds the zeros.
+! each function there and at the ends differ by less than their distance from zero.
+!
+! A zero between two points where the function has opposite signs is found by Brent's method: steps
+! of interpolation where they converge, bisection where they don't (R. P. Brent, "Algorithms for
+! Minimization without Derivatives", 1973, chapter 4). Zeros are put in the order of their times;
+! those at the same time happen together.
 module step_events_m
-  use kinds, only: wp
+  use, intrinsic :: iso_fortran_env, only: int64
+  use controller_m, only: smallest_size
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
+  use kinds, only: wp
   use method_m, only: kind_splitting
-  use root_m, only: event_function_t, find_root, values_at
-  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, raised, &
-                            resting_contact, step_too_long_for_events
+  use output_m, only: output_t, store_event
+  use requests_m, only: evaluate_events, recalls
+  use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
+       raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
+  use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: crosses, find_zeros, rotates_far
+  public :: crosses, event_function_t, find_root, find_zeros, rotates_far, store_zeros, values_at
+
+  type :: event_function_t
+    type(trajectory_t), pointer :: trajectory => null()
+    integer :: event = 0
+    real(wp), allocatable :: y(:)            ! (point_size)
+    logical :: detects = .false.             ! whether any number serves as the zero of an interval
+    logical :: stopped = .false.             ! whether there was no value
+  contains
+    procedure :: value
+  end type event_function_t
+
+  real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
+  ! Bisection takes 53; near zeros of high multiplicity each may follow some useless interpolations.
+  integer, parameter :: max_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
@@ -25,7 +46,103 @@ module step_events_m
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
 
+  ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
+  ! where rounding of the function decides its sign
+  real(wp), parameter :: together = 32 * epsilon(1.0_wp), near = sqrt(epsilon(1.0_wp))
+
 contains
+
+  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step.
+  subroutine values_at(x, event, theta, y, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) for the point there
+    real(wp), intent(inout) :: values(:)               ! (1) or (events)
+
+    if (recalls(x, event, time_at(x, theta), values)) return
+    call point_at(x, theta, y)
+    call evaluate_events(x, event, time_at(x, theta), y, values)
+  end subroutine values_at
+
+  ! Evaluates the function at a fraction of the step.
+  subroutine value(self, theta, found)
+    class(event_function_t), intent(inout) :: self
+    real(wp), intent(in) :: theta
+    real(wp), intent(out) :: found
+    real(wp) :: values(1)
+
+    values = 0.0_wp
+    call values_at(self%trajectory, self%event, theta, self%y, values)
+    found = values(1)
+    self%stopped = self%trajectory%status /= finished
+  end subroutine value
+
+  ! Finds a zero of g between low and high.
+  subroutine find_root(g, low, high, at_low, at_high, zero)
+    type(event_function_t), intent(inout) :: g
+    real(wp), intent(in) :: low, high              ! the ends
+    real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
+    real(wp), intent(out) :: zero
+    ! the best estimate, the one before, and one on the other side of the zero
+    real(wp) :: a, b, c, fa, fb, fc
+    real(wp) :: middle, enough, step, last_step, p, q, r, s
+    logical :: converges
+    integer :: i
+
+    a = low
+    fa = at_low
+    b = high
+    fb = at_high
+    c = a
+    fc = fa
+    step = b - a
+    last_step = step
+    do i = 1, max_iterations
+      if (fb * sign(1.0_wp, fc) > 0) then
+        c = a
+        fc = fa
+        step = b - a
+        last_step = step
+      end if
+      if (abs(fc) < abs(fb)) then
+        a = b
+        fa = fb
+        b = c
+        fb = fc
+        c = a
+        fc = fa
+      end if
+      enough = tolerance * (abs(b) + 1) / 2
+      middle = (c - b) / 2
+      if (abs(middle) <= enough .or. .not. abs(fb) > 0) exit
+      converges = .false.
+      if (abs(last_step) >= enough .and. abs(fa) > abs(fb)) then
+        s = fb / fa
+        if (abs(a - c) > 0) then               ! inverse quadratic interpolation
+          q = fa / fc
+          r = fb / fc
+          p = s * (2 * middle * q * (q - r) - (b - a) * (r - 1))
+          q = (q - 1) * (r - 1) * (s - 1)
+        else                                   ! the secant
+          p = 2 * middle * s
+          q = 1 - s
+        end if
+        if (p > 0) q = -q
+        p = abs(p)
+        converges = 2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))
+      end if
+      last_step = merge(step, middle, converges)
+      step = middle
+      if (converges) step = p / q
+      a = b
+      fa = fb
+      b = b + merge(step, sign(enough, middle), abs(step) > enough)
+      call g%value(b, fb)
+      if (g%stopped) exit
+    end do
+    zero = b
+  end subroutine find_root
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
   ! at the end of the interval before, or it is the initial point. A change by more than half a period
@@ -343,5 +460,111 @@ contains
                         32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
+
+  ! Stores zeros in the order of their times, up to the first one that ends the step. The status
+  ! tells whether a function has failed, or there is no room for an event.
+  subroutine store_zeros(x, output, until, ended, after)
+    type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
+    type(output_t), intent(inout) :: output
+    real(wp), intent(out) :: until                     ! fraction of the step that is kept
+    logical, intent(out) :: ended                      ! whether an event ends the step there
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
+    logical :: happen(size(x%events%zeros))
+    real(wp) :: y(size(after))
+    integer :: k
+
+    until = 1.0_wp
+    ended = .false.
+    associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
+      do while (any(zeros%at < 2))
+        k = minloc(zeros%at, 1)
+        happen = zeros%at <= zeros(k)%at + together
+        ended = any(happen .and. (events%jumps(zeros%event) &
+                                  .or. state%count(zeros%event) + 1 >= events%limit(zeros%event)))
+        call point_at(x, zeros(k)%at, y)
+        happen = .false.
+        happen(k) = .true.
+        if (ended) then
+          until = zeros(k)%at
+          x%events%value_after(pack(zeros%event, zeros%at < 2)) = 0.0_wp
+          call find_together(x, until, y, happen)
+          if (x%status /= finished) return
+        end if
+        if (output%record%events + count(happen, kind=int64) > output%record%event_capacity) &
+          x%status = buffer_full
+        if (x%status /= finished) return
+        call store_together(x, zeros(k)%at, y, happen, output, after)
+        if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
+        if (x%status /= finished .or. ended) return
+        zeros(k)%at = 2.0_wp
+      end do
+    end associate
+  end subroutine store_zeros
+
+  ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
+  ! are accurate, or where rounding has changed the sign already.
+  subroutine find_together(x, until, y, happen)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: until                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(inout) :: happen(:)                ! (zeros)
+    real(wp) :: value(1)
+    integer :: k
+
+    associate (zeros => x%events%zeros, t => time_at(x, until))
+      do k = 1, size(happen)
+        if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
+        happen(k) = zeros(k)%at <= until + together
+        if (happen(k)) cycle
+        call evaluate_events(x, zeros(k)%event, t, y, value)
+        if (x%status /= finished) return
+        happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
+                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
+        ! its zero is yet to come, and isn't another event
+        if (happen(k)) x%events%value_after(zeros(k)%event) = value(1)
+      end do
+    end associate
+    call forget_values(x)
+  end subroutine find_together
+
+  ! Stores events that happen together. Those without a jump come first, at the point before all
+  ! jumps; then each jump starts from the point that the one before has left.
+  subroutine store_together(x, theta, y, happen, output, after)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: theta                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(in) :: happen(:)                   ! (zeros)
+    type(output_t), intent(inout) :: output
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
+    logical :: jumps(size(happen)), failed
+    real(wp) :: before(size(y))
+    integer :: i, k
+
+    after = y
+    associate (events => x%problem%events, zeros => x%events%zeros, t => time_at(x, theta))
+      do k = 1, size(happen)
+        associate (of => zeros(k)%event)
+          if (happen(k)) x%events%count(of) = x%events%count(of) + 1
+          jumps(k) = happen(k) .and. events%jumps(of) .and. (x%problem%goes_on &
+                     .or. x%events%count(of) < events%limit(of))
+          if (.not. happen(k)) cycle
+          x%events%time(of) = t
+          if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
+        end associate
+      end do
+      do k = 1, size(happen)
+        if (.not. jumps(k)) cycle
+        before = after
+        call events%jump(x%member, zeros(k)%event, t, before, after, failed)
+        if (failed) then
+          call fail(x, raised, x%t_end)
+          where ([(any(happen .and. zeros%event == i, 1), i=1, events%count)]) &
+            x%events%count = x%events%count - 1
+          return
+        end if
+        call store_event(output, x%member, zeros(k)%event, t, before, after)
+      end do
+    end associate
+  end subroutine store_together
 
 end module step_events_m

@@ -15,11 +15,10 @@
 module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, smallest_size, tried_size
-  use error_norm_m, only: norm, point_sizes, scales, tangent
+  use coordinates_m, only: norm, point_sizes, scales, tangent
   use free_motion_m, only: add_free_motion
   use frames_m, only: apply_flows, restore, turning
-  use time_grid_m, only: make_grid
-  use inputs_m, only: longest_step
+  use inputs_m, only: longest_step, make_grid
   use requests_m, only: evaluate_at_start, request
   use method_m, only: kind_splitting
   use phases_m

@@ -2,17 +2,17 @@
 ! loop call x.
 module trajectory_m
   use kinds, only: wp
-  use error_norm_m, only: tolerances_t
+  use coordinates_m, only: tolerances_t
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
   use heat_bath_m, only: bath_t
-  use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
+  use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use joints_m, only: constraints_t
-  use method_m, only: kind_algebra, kind_collocation, kind_implicit, kind_registers, kind_splitting, method_t
+  use method_m, only: kind_algebra, kind_collocation, kind_implicit, kind_registers, &
+       kind_splitting, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
-  use time_grid_m, only: grid_t
-  use vector_field_m, only: vector_field_t
+  use inputs_m, only: grid_t, vector_field_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: counters_t, paused, proposed_for_point
   implicit none

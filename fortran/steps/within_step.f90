@@ -2,11 +2,10 @@
 ! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
-  use constrained_motion_m, only: add_constraint_forces
+  use free_motion_m, only: add_constraint_forces
   use blocks_m, only: combine_flows
-  use flow_interpolant_m, only: reserve_interpolant, set_ends
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-                           flows_of_evaluation, make_cubic, next_node
+       flows_of_evaluation, make_cubic, next_node, reserve_interpolant, set_ends
   use requests_m, only: reject_stage, request
   use method_m, only: kind_registers, kind_splitting
   use phases_m

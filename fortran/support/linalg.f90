@@ -1,17 +1,35 @@
-! The linear algebra of MINPACK's lmdif: a pivoted QR factorisation a P = Q R, and the damped
-! steps x that minimise |a x - b|**2 + par |D x|**2, by Givens rotations that eliminate the rows of
-! sqrt(par) D from R. More, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74 (1980).
+! Least-squares problems of m residuals of n unknowns, and the linear algebra of MINPACK's lmdif: a
+! pivoted QR factorisation a P = Q R, and the damped steps x that minimise |a x - b|**2 + par |D
+! x|**2, by Givens rotations that eliminate the rows of sqrt(par) D from R. More, Garbow, Hillstrom,
+! User Guide for MINPACK-1, ANL-80-74 (1980).
 !
 ! LAPACK isn't called, because it has no real(16), and because sums run in MINPACK's order: in
 ! real(8) a solve repeats MINPACK's bit for bit.
 !
-! What takes long in real(16) can be ended by a flag; its results are then of no use.
+! What takes long in real(16) reads a flag, by which another thread may end it; its results are then
+! of no use.
 module linalg_m
   use kinds, only: wp
-  use least_squares_m, only: stop_requested
   implicit none
   private
-  public :: enorm, qrfac, lmpar, reflect
+  public :: enorm, least_squares_t, lmpar, qrfac, reflect, stop_requested
+
+  type, abstract :: least_squares_t
+    integer, pointer :: stop_flag => null()  ! another thread ends the solve by setting it
+  contains
+    procedure(residual_i), deferred :: residual
+  end type least_squares_t
+
+  abstract interface
+    ! f(x). A negative `flag` on return stops the solver, whose `info` it becomes.
+    subroutine residual_i(self, x, f, flag)
+      import :: least_squares_t, wp
+      class(least_squares_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)       ! (n)
+      real(wp), intent(out) :: f(:)      ! (m)
+      integer, intent(inout) :: flag
+    end subroutine residual_i
+  end interface
 
   ! Squares of numbers between these two neither underflow nor overflow in any
   ! kind with at least the exponent range of single precision. They are
@@ -20,6 +38,15 @@ module linalg_m
   real(wp), parameter :: rgiant = 1.304e19_wp
 
 contains
+
+  ! Whether another thread has set the flag since the call began; false without a flag
+  logical function stop_requested(stop_flag)
+    ! volatile, which excludes intent(in): every call reads the memory afresh
+    integer, intent(inout), volatile, optional :: stop_flag
+
+    stop_requested = .false.
+    if (present(stop_flag)) stop_requested = stop_flag /= 0
+  end function stop_requested
 
   ! Euclidean norm that neither overflows nor underflows on the way: small,
   ! ordinary and large components are summed apart, the outer two scaled.

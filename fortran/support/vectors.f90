@@ -1,13 +1,94 @@
-! Vectors of real numbers
+! Vectors of real numbers, and the routines of BLAS and LAPACK that are called, by their addresses.
+! SciPy provides the library, so that nothing has to be linked and wheels stay small.
+! See cg/support/capsules.py.
 module vectors_m
+  use, intrinsic :: iso_c_binding, only: c_char, c_f_procpointer, c_int, c_intptr_t, c_null_funptr
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, cross, finite
+  public :: combine, copy, cross, finite, set_addresses
 
   ! ieee_value would save and restore the floating-point state, as ieee_is_finite would
   real(wp), parameter, public :: nan = transfer(int(z'7FF8000000000000', int64), 1.0_wp)
+
+  ! Numbers and matrices without a type are real or complex.
+  abstract interface
+    subroutine syrk_i(uplo, trans, n, k, alpha, a, lda, beta, c, ldc) bind(c)
+      import
+      character(kind=c_char), intent(in) :: uplo, trans
+      integer(c_int), intent(in) :: n, k, lda, ldc
+      type(*), intent(in) :: alpha, beta, a(lda, *)          ! (lda, k)
+      type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
+    end subroutine syrk_i
+
+    subroutine potrf_i(uplo, n, a, lda, info) bind(c)
+      import
+      character(kind=c_char), intent(in) :: uplo
+      integer(c_int), intent(in) :: n, lda
+      type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
+      integer(c_int), intent(out) :: info
+    end subroutine potrf_i
+
+    subroutine potrs_i(uplo, n, nrhs, a, lda, b, ldb, info) bind(c)
+      import
+      character(kind=c_char), intent(in) :: uplo
+      integer(c_int), intent(in) :: n, nrhs, lda, ldb
+      type(*), intent(in) :: a(lda, *)                       ! (lda, n)
+      type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
+      integer(c_int), intent(out) :: info
+    end subroutine potrs_i
+
+    subroutine geqrf_i(m, n, a, lda, tau, work, lwork, info) bind(c)
+      import
+      integer(c_int), intent(in) :: m, n, lda, lwork
+      type(*), intent(inout) :: a(lda, *), tau(*), work(*)   ! (lda, n), (min(m, n)), (lwork)
+      integer(c_int), intent(out) :: info
+    end subroutine geqrf_i
+
+    subroutine getrf_i(m, n, a, lda, pivot, info) bind(c)
+      import
+      integer(c_int), intent(in) :: m, n, lda
+      type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
+      integer(c_int), intent(inout) :: pivot(*)                     ! (min(m, n))
+      integer(c_int), intent(out) :: info
+    end subroutine getrf_i
+
+    subroutine getrs_i(trans, n, nrhs, a, lda, pivot, b, ldb, info) bind(c)
+      import
+      character(kind=c_char), intent(in) :: trans
+      integer(c_int), intent(in) :: n, nrhs, lda, ldb, pivot(*)     ! (n)
+      type(*), intent(in) :: a(lda, *)                       ! (lda, n)
+      type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
+      integer(c_int), intent(out) :: info
+    end subroutine getrs_i
+
+    subroutine gemm_i(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc) bind(c)
+      import
+      character(kind=c_char), intent(in) :: transa, transb
+      integer(c_int), intent(in) :: m, n, k, lda, ldb, ldc
+      type(*), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)   ! (lda, k), (ldb, n)
+      type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
+    end subroutine gemm_i
+
+    subroutine syevd_i(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info) bind(c)
+      import
+      character(kind=c_char), intent(in) :: jobz, uplo
+      integer(c_int), intent(in) :: n, lda, lwork, liwork
+      type(*), intent(inout) :: a(lda, *), w(*), work(*)     ! (lda, n), (n), (lwork)
+      integer(c_int), intent(inout) :: iwork(*)                     ! (liwork)
+      integer(c_int), intent(out) :: info
+    end subroutine syevd_i
+  end interface
+
+  procedure(syrk_i), pointer, protected, public :: dsyrk => null()
+  procedure(potrf_i), pointer, protected, public :: dpotrf => null()
+  procedure(potrs_i), pointer, protected, public :: dpotrs => null()
+  procedure(geqrf_i), pointer, protected, public :: dgeqrf => null()
+  procedure(getrf_i), pointer, protected, public :: dgetrf => null(), zgetrf => null()
+  procedure(getrs_i), pointer, protected, public :: dgetrs => null(), zgetrs => null()
+  procedure(gemm_i), pointer, protected, public :: dgemm => null(), zgemm => null()
+  procedure(syevd_i), pointer, protected, public :: dsyevd => null()
 
 contains
 
@@ -60,5 +141,22 @@ contains
 
     cross = [u(2) * v(3) - u(3) * v(2), u(3) * v(1) - u(1) * v(3), u(1) * v(2) - u(2) * v(1)]
   end function cross
+
+  ! Sets the addresses of the routines.
+  subroutine set_addresses(addresses)
+    integer(c_intptr_t), intent(in) :: addresses(11)  ! in the order of the pointers
+
+    call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
+    call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
+    call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
+    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgeqrf)
+    call c_f_procpointer(transfer(addresses(5), c_null_funptr), dgetrf)
+    call c_f_procpointer(transfer(addresses(6), c_null_funptr), zgetrf)
+    call c_f_procpointer(transfer(addresses(7), c_null_funptr), dgetrs)
+    call c_f_procpointer(transfer(addresses(8), c_null_funptr), zgetrs)
+    call c_f_procpointer(transfer(addresses(9), c_null_funptr), dgemm)
+    call c_f_procpointer(transfer(addresses(10), c_null_funptr), zgemm)
+    call c_f_procpointer(transfer(addresses(11), c_null_funptr), dsyevd)
+  end subroutine set_addresses
 
 end module vectors_m

@@ -9,10 +9,9 @@ from cg.construction.trees import forest, fortran_tables
 from cg.support.shared_numbers import fortran_module
 
 MODULES = (
-    "conditions/least_squares", "support/linalg",
-    "conditions/levenberg_marquardt", "conditions/weights",
-    "conditions/gradient", "conditions/conditions",
-)  # fmt: skip
+    "support/linalg",
+    *(f"conditions/{name}" for name in ("levenberg_marquardt", "weights", "conditions")),
+)
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="gfortran is not installed")

@@ -1,7 +1,7 @@
 """Calls of compiled elementary weights and residuals, with checks of memory before.
 
-The bounds of allocated memory follow the declarations in ``fortran/conditions/weights.f90``,
-``gradient.f90`` and ``conditions.f90``. Change them together.
+The bounds of allocated memory follow the declarations in ``fortran/conditions/weights.f90`` and
+``conditions.f90``. Change them together.
 """
 
 from typing import Any

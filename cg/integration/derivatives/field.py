@@ -63,7 +63,7 @@ class VariationalField:
     noise: Derivative | Array | None = None  # spectral density of noise
     chosen: Array | None = None  # directions in initial coordinates and parameters, columns
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
-    # drifts are in fortran/frames/tangent_motion.f90
+    # drifts are in fortran/frames/gyroscopic.f90
     kicks: bool = False
 
     @property
