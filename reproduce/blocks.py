@@ -1,10 +1,16 @@
-"""The parts of a section of the report: text, tables and charts."""
+"""Items, the parts of the report: their input; text, tables and charts of their sections."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+
+from cg.support.parallel import available_cores
 
 Data = Mapping[str, Any]
 """The data of an item, which JSON can represent."""
@@ -67,3 +73,75 @@ def number(value: float | int | None, digits: int = 3) -> str:
 def places(value: float | None, count: int = 3) -> str:
     """Return a number with a fixed number of decimals, or – for None."""
     return "–" if value is None else f"{value:.{count}f}".replace("-", "−")
+
+
+Progress = Callable[[int, int], None]
+"""Function of the numbers of finished and of all parts of an item."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings that determine the numbers of a run.
+
+    `seed` is that of all random starts; `full` searches extensively.
+    """
+
+    seed: int = 0
+    full: bool = False
+
+
+@dataclass(frozen=True)
+class Context:
+    """Settings, resources and earlier results.
+
+    `checkpoints` is the folder for files from which a killed run continues, `workers` a number of
+    threads or processes. `results` has by name the data of the items that this one needs.
+    """
+
+    settings: Settings
+    checkpoints: Path
+    workers: int = field(default_factory=available_cores)
+    progress: Progress = lambda done, total: None
+    results: Mapping[str, Data] = field(default_factory=dict)
+
+    def report_work(self, done: float, total: float) -> None:
+        """Report progress in percent of the work, where parts take times that differ much."""
+        self.progress(int(100 * done / total), 100)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One part of the report, with its name for ``--only``.
+
+    Items are computed in ascending order of `turn`, and shown in that of `place`. `compute` returns
+    plain data for a `Context`. `present` returns the blocks of a section for these data, without
+    further computation. `needs` are the items whose data `compute` reads from ``context.results``.
+    """
+
+    name: str
+    title: str
+    turn: int
+    place: int
+    compute: Callable[[Context], Data]
+    present: Callable[[Data], Sequence[Block]]
+    needs: Sequence[str] = ()
+
+
+def quartiles(values: Sequence[float]) -> list[float] | None:
+    """Return minimum, quartiles and maximum, or None if there are no values.
+
+    The results are values of the sample: f spans many powers of ten, so interpolation between
+    neighbours would be meaningless.
+    """
+    if not values:
+        return None
+    five: list[float] = np.quantile(values, (0, 0.25, 0.5, 0.75, 1), method="nearest").tolist()
+    return five
+
+
+def median(values: Sequence[float]) -> float:
+    """Return the median, as defined by `quartiles`; ValueError if there are no values."""
+    five = quartiles(values)
+    if five is None:
+        raise ValueError("values must not be empty")
+    return five[2]

@@ -18,10 +18,9 @@ from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.convergence import final_errors, observed_order
 from cg.support.arrays import Array
 
-from .blocks import Data
+from .blocks import Data, median
 from .coefficients import RANK_THRESHOLD, condition_number, largest_coefficient
 from .sections.table3_2 import PAPER
-from .statistics import median
 
 _POINTS = 5
 _HIGH_ORDER = 10

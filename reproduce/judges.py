@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from . import top
-from .blocks import Data, number, places
-from .statistics import median
+from .blocks import Data, median, number, places
 
 Verdict = tuple[bool | None, str]
 """Passed, failed, or (None) not reproducible; and the evidence or the reason."""

@@ -13,10 +13,9 @@ from cg.command.main import main as run_command
 from cg.construction.runs import StoreError
 from cg.support.parallel import available_cores
 
-from .context import Settings
-from .display import Display
-from .items import ITEMS, select
-from .run import OutputError, check_output, run
+from .blocks import Settings
+from .report import ITEMS, select
+from .run import Display, OutputError, check_output, run
 
 FOLDER = Path("reproduce/out")
 

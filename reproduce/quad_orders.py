@@ -10,7 +10,7 @@ from cg.problems.convergence import observed_order, slopes
 from cg.support.parallel import completed
 
 from . import top
-from .context import Context
+from .blocks import Context
 
 FIT = 4
 """Number of points, those with the smallest steps, to which a slope is fitted."""

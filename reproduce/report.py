@@ -1,15 +1,45 @@
-"""The report: one self-contained page of HTML."""
+"""The report, one self-contained page, of the items in ``ITEMS`` of each module in ``sections``."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from .blocks import Block, Chart, Data, Table, Text
-from .context import Item
-from .items import ITEMS
+from . import sections
+from .blocks import Block, Chart, Data, Item, Table, Text
 from .style import render
+
+
+def _all_items() -> list[Item]:
+    names = [module.name for module in pkgutil.iter_modules(sections.__path__)]
+    modules = [import_module(f"{sections.__name__}.{name}") for name in names]
+    items = [item for module in modules for item in module.ITEMS]
+    return sorted(items, key=lambda item: item.turn)
+
+
+ITEMS = {item.name: item for item in _all_items()}
+"""All items by name in the order of computation: those of the paper and quick ones first."""
+
+
+def select(names: Iterable[str]) -> list[Item]:
+    """Return items and all items that they need, in the order of computation.
+
+    KeyError if there is no item with a given name.
+    """
+    selected: set[str] = set()
+    pending = list(names)
+    while pending:
+        name = pending.pop()
+        if name not in selected:
+            selected.add(name)
+            pending.extend(ITEMS[name].needs)
+    return [item for item in ITEMS.values() if item.name in selected]
+
 
 _TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
 _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}

@@ -11,10 +11,8 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.support.quads import to_decimal
 
-from ..appendix_a import compare, nearest_exact, printed
-from ..blocks import Block, Data, Table, Text, number
-from ..coefficients import labels
-from ..context import Context, Item
+from ..blocks import Block, Context, Data, Item, Table, Text, number
+from ..coefficients import compare, labels, nearest_exact, printed
 
 
 def compute(context: Context) -> Data:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from .. import judges
-from ..blocks import Block, Data, Table, Text
-from ..context import Context, Item
+from ..blocks import Block, Context, Data, Item, Table, Text
 from ..evidence import gather
 
 NEEDS = (

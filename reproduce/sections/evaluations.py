@@ -6,9 +6,7 @@ from dataclasses import replace
 
 from cg.construction.search.start import RandomStart
 
-from ..blocks import Block, Data, Table, Text, number
-from ..context import Context, Item
-from ..statistics import median, quartiles
+from ..blocks import Block, Context, Data, Item, Table, Text, median, number, quartiles
 from .search import PLANS, Plan
 
 _PLAN = PLANS[6]

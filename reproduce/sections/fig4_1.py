@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from .. import top
-from ..blocks import Block, Chart, Data, Table, Text, number
-from ..context import Context, Item
+from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number
 from ..style import LINES, grid, label_panel
 
 STEPS = 10

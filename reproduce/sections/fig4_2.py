@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from cg.problems.convergence import observed_order
 
 from .. import top
-from ..blocks import Block, Chart, Data, Table, Text, number, places
-from ..context import Context, Item
+from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number, places
 from ..style import LINES, PALETTE, grid, label_panel
 
 _STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)

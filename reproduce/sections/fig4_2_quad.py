@@ -9,8 +9,7 @@ from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.tableau import Tableau
 
 from .. import top
-from ..blocks import Block, Chart, Data, Table, Text, number, places
-from ..context import Context, Item
+from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number, places
 from ..quad_orders import FIT, convergence
 from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff

@@ -18,10 +18,8 @@ from cg.construction.search.start import RandomStart
 from cg.support.shared_numbers import Status
 
 from .. import fingerprint
-from ..blocks import Block, Chart, Data, Table, Text, number
+from ..blocks import Block, Chart, Context, Data, Item, Progress, Table, Text, number, quartiles
 from ..coefficients import coefficient_table, largest_coefficient, method_data
-from ..context import Context, Item, Progress
-from ..statistics import quartiles
 from ..style import PALETTE, grid
 
 _SHOWN = 3

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from cg.construction.conditions import count, table_rows, unknowns
 from cg.construction.trees import rooted_trees_through
 
-from ..blocks import Block, Data, Table, Text, number
-from ..context import Context, Item
+from ..blocks import Block, Context, Data, Item, Table, Text, number
 
 PAPER = (
     {"q": 4, "s": 5, "n": 15, "N_CG": 13, "N_RK": 8},

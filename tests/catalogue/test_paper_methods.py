@@ -9,7 +9,7 @@ from refusals import refuses
 
 from cg import conditions
 from cg.construction.catalogue import methods
-from cg.reproduce.appendix_a import compare, nearest_exact, printed
+from cg.reproduce.coefficients import compare, nearest_exact, printed
 
 UNIT = Fraction(1, 10**16)
 REFINED = ["CG4a", "CG5a"]

@@ -3,7 +3,7 @@
 import json
 from html.parser import HTMLParser
 
-from cg.reproduce.context import Context, Settings
+from cg.reproduce.blocks import Context, Settings
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 

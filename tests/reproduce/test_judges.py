@@ -7,8 +7,8 @@ from functools import partial
 import pytest
 from report_pages import context
 
-from cg.reproduce import items
 from cg.reproduce import judges as J
+from cg.reproduce import report
 from cg.reproduce.evidence import gather
 from cg.reproduce.sections import claims
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
@@ -53,7 +53,7 @@ def evidence(tmp_path_factory):
     """Numbers and results of a run as far as it is quick."""
     folder = tmp_path_factory.mktemp("quick")
     names = ("table3.2", "appendix", "fig4.1", "fig4.2")
-    return gather(0), Quick((n, items.ITEMS[n].compute(context(folder))) for n in names)
+    return gather(0), Quick((n, report.ITEMS[n].compute(context(folder))) for n in names)
 
 
 def truncated(off):

@@ -17,12 +17,12 @@ from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.proofs.packed import certificate_names
 from cg.problems import HeavyTop
 from cg.reproduce import catalogue_table, fingerprint, quad_orders
-from cg.reproduce.appendix_a import printed
-from cg.reproduce.context import Context, Settings
-from cg.reproduce.display import Display
-from cg.reproduce.items import ITEMS
+from cg.reproduce.blocks import Context, Settings
+from cg.reproduce.coefficients import printed
 from cg.reproduce.main import main
 from cg.reproduce.quad_steps import end_point
+from cg.reproduce.report import ITEMS
+from cg.reproduce.run import Display
 
 # of every printed digit of Appendix A, row by row: label, an equals sign, the digits
 DIGITS = {
@@ -55,7 +55,7 @@ def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
 
 def test_progress(monkeypatch):
     pytest.importorskip("tqdm")
-    monkeypatch.setattr(cg.reproduce.display, "_DELAY", 0.0)
+    monkeypatch.setattr(cg.reproduce.run, "_DELAY", 0.0)
     stream = io.StringIO()
     items = [ITEMS["table3.2"], ITEMS["search4"]]
     display = Display(stream, items)

@@ -11,13 +11,11 @@ from report_pages import context
 from cg.construction.runs import read_store
 from cg.construction.search.random_search import search
 from cg.construction.search.shapes import start_generator
-from cg.reproduce.blocks import Table
+from cg.reproduce.blocks import Settings, Table, median, quartiles
 from cg.reproduce.coefficients import labels
-from cg.reproduce.context import Settings
 from cg.reproduce.sections import evaluations
 from cg.reproduce.sections import search as section
 from cg.reproduce.sections.search import PLANS
-from cg.reproduce.statistics import median, quartiles
 
 
 def test_plans_match_the_paper():

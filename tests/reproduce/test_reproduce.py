@@ -7,11 +7,10 @@ from refusals import refuses
 from report_pages import check_page, context, read
 
 from cg.construction.catalogue import methods
-from cg.reproduce import items
+from cg.reproduce import report
 from cg.reproduce import run as run_module
-from cg.reproduce.blocks import number
+from cg.reproduce.blocks import Settings, number
 from cg.reproduce.coefficients import fixed, labels, method_data
-from cg.reproduce.context import Settings
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
@@ -21,10 +20,10 @@ from cg.support.quads import to_decimal
 
 
 def test_needed_items_run_first():
-    chosen = [item.name for item in items.select(["claims"])]
+    chosen = [item.name for item in report.select(["claims"])]
     assert chosen[-1] == "claims"
     assert set(NEEDS) < set(chosen)
-    assert [item.name for item in items.select(["fig4.1"])] == ["fig4.1"]
+    assert [item.name for item in report.select(["fig4.1"])] == ["fig4.1"]
 
 
 def test_table_end_to_end(tmp_path, capsys):
@@ -109,7 +108,7 @@ def test_only_accepts_several_items(tmp_path, capsys):
     assert main(["--only", "table3.2,fig9.9,nothing"]) == 2
     message = capsys.readouterr().err
     assert "'fig9.9', 'nothing'" in message
-    assert all(name in message for name in items.ITEMS)
+    assert all(name in message for name in report.ITEMS)
 
 
 def test_finished_items_remain_after_a_later_failure(tmp_path):
@@ -117,16 +116,16 @@ def test_finished_items_remain_after_a_later_failure(tmp_path):
         raise RuntimeError("power cut")
 
     run_module.check_output(tmp_path)
-    broken = replace(items.ITEMS["fig4.1"], compute=fail)
+    broken = replace(report.ITEMS["fig4.1"], compute=fail)
     with pytest.raises(RuntimeError, match="power cut"):
-        run_module.run([items.ITEMS["table3.2"], broken], tmp_path, Settings(), 1)
+        run_module.run([report.ITEMS["table3.2"], broken], tmp_path, Settings(), 1)
     assert list(read(tmp_path)["items"]) == ["table3.2"]
     check_page((tmp_path / "report.html").read_text("utf-8"))
 
 
 def test_rejects_numbers_that_json_cannot_represent(tmp_path):
     run_module.check_output(tmp_path)
-    broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
+    broken = replace(report.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
     refuses(ValueError, "JSON", run_module.run, [broken], tmp_path, Settings(), 1)
 
 
@@ -164,7 +163,7 @@ def test_documented_counts_of_verdicts():
 def test_whole_default_run(tmp_path):
     assert main(["--out", str(tmp_path)]) == 0
     results = read(tmp_path)["items"]
-    assert list(results) == list(items.ITEMS)
+    assert list(results) == list(report.ITEMS)
     assert results["search4"]["distinct"] >= 50
     assert results["search5"]["distinct"] >= 1
     slopes = results["fig4.2quad"]["readings"]["momentum"]["methods"]
@@ -181,7 +180,7 @@ def test_whole_default_run(tmp_path):
     for claim in results["claims"]["claims"]:
         assert bool(claim["interpretation"]) == (claim["verdict"] == "fail")
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
-    assert parsed.tags.count("section") == len(items.ITEMS)
+    assert parsed.tags.count("section") == len(report.ITEMS)
     assert parsed.tags.count("figure") == 8
 
 
@@ -214,4 +213,4 @@ def test_pages_escape_texts_and_write_numbers():
 def test_list(capsys):
     assert main(["--list"]) == 0
     printed = capsys.readouterr().out
-    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
+    assert [line.split()[0] for line in printed.splitlines()] == list(report.ITEMS)

@@ -16,7 +16,7 @@ import pytest
 
 import cg
 from cg.construction.runs import StoreError, read_store
-from reproduce.main import main
+from cg.reproduce.main import main
 
 pytestmark = [
     pytest.mark.slow,
