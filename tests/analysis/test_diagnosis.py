@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from flat_tableaux import CLASSICAL, FEHLBERG_A, FEHLBERG_B
+from coefficients import CLASSICAL, FEHLBERG_A, FEHLBERG_B
 from refusals import refuses
 from slow_cases import slow
 

@@ -7,13 +7,13 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
+from coefficients import CF3, floats, values
+from exact import word_residuals
 from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from point_trees import CF3, floats, values
 from refusals import refuses
 from strategies import dyadics, point_trees, rationals, tableaux
-from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods

@@ -2,7 +2,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from flat_tableaux import CLASSICAL, FEHLBERG, KUTTA
+from coefficients import CLASSICAL, FEHLBERG, KUTTA
 from quotients import derivative
 from refusals import refuses
 from scipy.integrate._ivp import dop853_coefficients

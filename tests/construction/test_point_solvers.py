@@ -5,9 +5,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from coefficients import floats, values
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from point_trees import floats, values
 from strategies import point_trees
 
 import cg

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from compiled_differences import compiled_flows, difference_of
 from compiled_examples import FRAMES as STARTS
-from compiled_examples import ORBITS
-from exact_matrices import doubles, flint_matrix
+from compiled_examples import ORBITS, compiled_flows, difference_of
+from exact import doubles, flint_matrix
 from flint import ctx
 
 from cg import frames as fr

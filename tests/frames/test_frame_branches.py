@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from compiled_differences import difference_of
+from compiled_examples import difference_of
 from slow_cases import cases
 
 from cg.frames import GL, SL, SU, Semidirect, Sp, Sphere, U

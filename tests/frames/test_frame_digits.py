@@ -5,7 +5,7 @@ The references are computed by flint in 120 digits and more.
 
 import numpy as np
 import pytest
-from exact_matrices import doubles, flint_matrix
+from exact import doubles, flint_matrix
 from flint import ctx
 from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
 from refusals import refuses

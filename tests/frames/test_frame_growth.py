@@ -5,7 +5,7 @@ Flows with exponentials in 100 digits are the reference.
 
 import numpy as np
 import pytest
-from exact_matrices import doubles, flint_matrix
+from exact import doubles, flint_matrix
 from flint import arb_mat, ctx
 from refusals import refuses
 

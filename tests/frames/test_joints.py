@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from linkages import (
+from mechanics import (
     BODIES,
     BODY_INERTIA,
     GRAVITY,

@@ -4,7 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
-from circle import CIRCLE, circle, height, solve
+from right_hand_sides import CIRCLE, circle, height, solve
 
 import cg
 from cg.frames import Euclidean

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.integrate
-from circle import height, solve
 from refusals import refuses
+from right_hand_sides import height, solve
 
 import cg
 from cg.frames import SO3, Euclidean, UnitQuaternion

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from linkages import BODIES, GRAVITY, chain, closed_by_ball, double_pendulum, four_bar
+from mechanics import BODIES, GRAVITY, chain, closed_by_ball, double_pendulum, four_bar
 from refusals import refuses
 from scipy.integrate import solve_ivp
 from slow_cases import slow

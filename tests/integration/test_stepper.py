@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
+from right_hand_sides import OPTIONS, turning
 from scipy import LowLevelCallable
-from turning import OPTIONS, turning
 
 import cg
 from cg.frames import SO3, Euclidean

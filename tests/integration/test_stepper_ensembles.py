@@ -7,7 +7,7 @@ import pytest
 from bouncing_ball import fall, height
 from numpy.testing import assert_array_equal
 from refusals import refuses
-from turning import OPTIONS
+from right_hand_sides import OPTIONS
 
 import cg
 from cg.frames import SO3, Euclidean

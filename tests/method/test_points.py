@@ -5,9 +5,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from coefficients import CF3
 from hypothesis import given, settings
 from kinds import FROZEN
-from point_trees import CF3
 from refusals import refuses
 from strategies import point_trees, rationals
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flat_tableaux import CLASSICAL
+from coefficients import CLASSICAL
 from kinds import FROZEN
 
 import cg

@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exact import word_residuals
 from kinds import MAGNUS, SPLITTING
-from word_residuals import word_residuals
 
 import cg
 from cg.construction.catalogue import loads

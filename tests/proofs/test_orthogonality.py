@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exact import word_residuals
 from flint import arb, fmpq
 from refusals import refuses
-from word_residuals import word_residuals
 
 import cg
 from cg.construction.catalogue import find_method

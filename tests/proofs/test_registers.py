@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from word_residuals import word_residuals
+from exact import word_residuals
 
 from cg.construction.conditions import condition_trees, residuals
 from cg.construction.conditions import exact as ws

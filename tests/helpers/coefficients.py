@@ -1,4 +1,6 @@
-"""Classical tableaux of the literature."""
+"""Coefficients of classical tableaux of the literature, and of trees of points."""
+
+import numpy as np
 
 import cg
 
@@ -16,3 +18,16 @@ FEHLBERG_B = (
     ["16/135", "0", "6656/12825", "28561/56430", "-9/50", "2/55"],
 )
 FEHLBERG = cg.Tableau(FEHLBERG_A, FEHLBERG_B[1], b_embedded=FEHLBERG_B[0])
+
+
+CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+
+
+def values(tree):
+    """Return the weights of all points, packed."""
+    return [weight for point in tree.points for weight in point.weights.values()]
+
+
+def floats(tree):
+    """Return the weights of all points as doubles."""
+    return np.array(values(tree), dtype=np.float64)
