@@ -28,13 +28,11 @@ from cg.tables import HasTable, MethodTable
 DEFAULT_MAX_STEPS = 10**6
 """Default limit of the number of adaptive steps, rejected ones included."""
 
+DEFAULT_RTOL, DEFAULT_ATOL = np.array(1e-3), np.array(1e-6)
+_NUMBERS = {float, int}
+_MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
-
-RTOL, _ATOL = np.array(1e-3), np.array(1e-6)
-_PLAIN = {float, int}
-_BOOLS = {bool, np.bool_}
-_MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
 def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
@@ -46,12 +44,12 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
     return np.append(times[(times != start) & (times != stop)], stop)
 
 
-def check_times(given: Any, name: str, where: str, start: float, stop: float) -> Array:
+def check_times(value: Any, name: str, where: str, start: float, stop: float) -> Array:
     """Return times after checking that they are sorted and lie between two times.
 
-    Those that are beyond by a few roundings are moved to the end.
+    Times that are beyond an end by a few roundings are moved to it.
     """
-    times = real_array(given, name)
+    times = real_array(value, name)
     if times.ndim != 1:
         raise ValueError(f"{name} must have one axis, got shape {times.shape}")
     low, high = min(start, stop), max(start, stop)
@@ -59,9 +57,9 @@ def check_times(given: Any, name: str, where: str, start: float, stop: float) ->
     if outside is not None:
         first, last, got = apart(low, high, times[outside])
         raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
-    sorted_ = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
-    if not sorted_.all():
-        place = int(np.argmin(sorted_))
+    increases = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
+    if not increases.all():
+        place = int(np.argmin(increases))
         before, got = apart(*times[place : place + 2])
         raise ValueError(
             f"{name} must be strictly sorted in the direction of integration, got {got} after "
@@ -95,14 +93,13 @@ def check_joined(frame: Product, y0: Any) -> None:
     """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
     if len(y0) != len(frame.factors):
         return
-    shapes = [factor.point_shape for factor in frame.factors]
     pairs = zip(frame.factors, y0, strict=True)
     try:
-        part_shapes = [np.shape(factor.read_points(part)) for factor, part in pairs]
-        parts = part_shapes == shapes
+        shapes = [np.shape(factor.read_points(point)) for factor, point in pairs]
     except ValueError:  # a ragged list
-        parts = False
-    if parts and any(shapes) and np.shape(y0[0]) != frame.point_shape:
+        return
+    are_points = shapes == [factor.point_shape for factor in frame.factors]
+    if are_points and any(shapes) and np.shape(y0[0]) != frame.point_shape:
         raise ValueError(
             f"y0 must be one flat vector of {frame.point_shape[0]} numbers, got {len(y0)} parts: "
             "join them by frame.join(*y0)"
@@ -139,33 +136,32 @@ def as_float(number: Any) -> float:
 def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
     many = isinstance(rtol, list | tuple | np.ndarray)
-    given = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
-    value = _check_tolerances(given, "rtol", rtol)
-    if value.min() < _MIN_RTOL:
-        which = f"rtol = {value:g}" if value.ndim == 0 else "At least one element of rtol"
+    numbers = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
+    tolerances = _check_tolerances(numbers, "rtol", rtol)
+    if tolerances.min() < _MIN_RTOL:
+        which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
         warnings.warn(
             f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=5
         )
-    return np.maximum(value, _MIN_RTOL)
+    return np.maximum(tolerances, _MIN_RTOL)
 
 
 def check_atol(atol: ArrayLike | None) -> Array:
     """Return the absolute tolerances or the default; ValueError if one is negative."""
-    return _ATOL if atol is None else _check_tolerances(atol, "atol", atol)
+    return DEFAULT_ATOL if atol is None else _check_tolerances(atol, "atol", atol)
 
 
-def _check_tolerances(value: ArrayLike, name: str, given: Any) -> Array:
-    numbers = real_array(value, name)
-    if not numbers.size or not ((numbers >= 0.0) & (numbers < math.inf)).all():
-        raise ValueError(f"{name} must be finite and not negative, got {short(given)}")
-    return numbers
+def _check_tolerances(numbers: ArrayLike, name: str, value: Any) -> Array:
+    """Return numbers after checking them; ``value`` is the argument that they were made of."""
+    tolerances = real_array(numbers, name)
+    if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
+        raise ValueError(f"{name} must be finite and not negative, got {short(value)}")
+    return tolerances
 
 
-def check_max_steps(max_steps: Any) -> int:
-    """Return the largest number of steps or the default."""
-    if max_steps is None:
-        return DEFAULT_MAX_STEPS
-    return min(check_integer("max_steps", max_steps, 1), 2**62)  # fits compiled counters
+def check_count(name: str, value: Any) -> int:
+    """Return a number of steps, positive and such that it fits counters of compiled code."""
+    return min(check_integer(name, value, 1), 2**62)
 
 
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
@@ -292,14 +288,14 @@ def _worst(frame: Frame, points: Points) -> int:
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return initial and final time; ValueError unless they are finite, or the end is infinite."""
     try:
-        if type(t_span) is tuple and _PLAIN.issuperset(map(type, t_span)):
+        if type(t_span) is tuple and _NUMBERS.issuperset(map(type, t_span)):
             start, stop = map(float, t_span)
         elif isinstance(t_span, Mapping):
             raise ValueError("not a sequence")
         else:
             times = real_array(t_span, "t_span")
             # NumPy would convert a bool among numbers
-            if times.shape != (2,) or not _BOOLS.isdisjoint(map(type, t_span)):
+            if times.shape != (2,) or not {bool, np.bool_}.isdisjoint(map(type, t_span)):
                 raise ValueError("not two numbers")
             start, stop = times.tolist()
     except (ValueError, OverflowError) as error:
@@ -464,11 +460,11 @@ class Control(NamedTuple):
     """
 
     h: float | None  # size of equal steps, None for adaptive steps
-    rtol: Array = np.array([1e-3])  # as many as atol
-    atol: Array = np.array([1e-6])
+    rtol: Array = DEFAULT_RTOL  # of the shape of atol
+    atol: Array = DEFAULT_ATOL
     max_step: float = math.inf
     first_step: float | None = None
-    max_steps: int = 10**6  # rejected ones included
+    max_steps: int = DEFAULT_MAX_STEPS
 
     @property
     def tolerance(self) -> float | None:

@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.arguments import Options, complete_options, expand_options
+from cg.integration.arguments import Options, check_count, complete_options, expand_options
 from cg.integration.ensemble import solve_one
 from cg.integration.output.results import Solution
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
-from cg.support.checks import check_integer
 
 
 @expand_options()
@@ -409,5 +408,5 @@ def integrate(
     given = complete_options(integrate, rest, options)
     if given["h"] is None:
         raise TypeError("h must be a real number, got None")
-    every = min(check_integer("save_every", save_every, 1), 2**62)
+    every = check_count("save_every", save_every)
     return solve_one(make_problem(f, t_span, y0, frame, given, every=every), given)

@@ -17,13 +17,14 @@ from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.frames.product import Power, Product
 from cg.integration.arguments import (
-    RTOL,
+    DEFAULT_MAX_STEPS,
+    DEFAULT_RTOL,
     Control,
     EnsembleOptions,
     check_algebra,
     check_args,
     check_atol,
-    check_max_steps,
+    check_count,
     check_points,
     check_rtol,
     check_span,
@@ -49,7 +50,7 @@ from cg.integration.plan.plan import (
     has_brackets,
     plan_of,
 )
-from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
@@ -59,13 +60,11 @@ from cg.integration.rhs.inputs import (
     check_own_inputs,
     stops_and_limits,
 )
-from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, apart
 from cg.support.checks import check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
-Rhs = CompiledRhs | PythonRhs
-FORWARD, ADJOINT = "forward", "adjoint"  # values of ``derivatives``
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
 _FLAGS = "linear", "vectorized", "common_steps", "dense_output", "control_derivatives"
 
@@ -127,13 +126,13 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, part: slice) -> tuple[Any, ...]:
+    def data(self, members: slice) -> tuple[Any, ...]:
         """Return place, points, parameters, inputs and inertia of members, for `select`."""
-        numbers, inputs = self.rhs.parameters, self.rhs.inputs
-        numbers = None if numbers is None else numbers[part]
-        inputs = self.own_inputs[part.start] if self.own_inputs else inputs and inputs.part(part)
-        inertia = self.inertia and self.inertia.part(part)
-        return part.start, self.points[part], numbers, inputs, inertia
+        first, numbers, inputs = members.start, self.rhs.parameters, self.rhs.inputs
+        numbers = None if numbers is None else numbers[members]
+        inputs = self.own_inputs[first] if self.own_inputs else inputs and inputs.part(members)
+        inertia = self.inertia and self.inertia.part(members)
+        return first, self.points[members], numbers, inputs, inertia
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
@@ -157,19 +156,17 @@ class Problem:
     ) -> Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs, plan = self.rhs.with_data(self.rhs.args, parameters, inputs, first), self.plan
-        events = self.events
+        events, stops, limits = self.events, self.stops, self.limits
         if inertia is not None and inertia.apart:
-            frame = inertia.frame(0, plan.frame)
-            plan, rhs, inertia = plan_of(frame, plan.method), rhs.on_frame(frame), None
-            events = events and events.on_frame(frame)
-        one = replace(
-            self, plan=plan, points=points, rhs=rhs, events=events, first=first, inertia=inertia
-        )
-        if self.shared_stops is None:
-            return one
-        tolerance = self.control.tolerance
-        stops, limits = stops_and_limits(inputs, self.shared_stops, self.t0, tolerance)
-        return replace(one, stops=stops, limits=limits, own_inputs=())
+            plan, inertia = inertia.plan(0, plan), None
+            rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
+        if self.shared_stops is not None:
+            tolerance = self.control.tolerance
+            stops, limits = stops_and_limits(inputs, self.shared_stops, self.t0, tolerance)
+        return replace(
+            self, plan=plan, points=points, rhs=rhs, events=events, first=first, inertia=inertia,
+            stops=stops, limits=limits, own_inputs=(),
+        )  # fmt: skip
 
 
 def _make_rhs(
@@ -245,7 +242,9 @@ def _make_control(
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, rtol, atol, largest, first, check_max_steps(options["max_steps"]))
+    max_steps = options["max_steps"]
+    max_steps = DEFAULT_MAX_STEPS if max_steps is None else check_count("max_steps", max_steps)
+    return Control(None, rtol, atol, largest, first, max_steps)
 
 
 def _warn(method: MethodTable, pair: bool = True) -> None:
@@ -315,26 +314,16 @@ def _has_joints(frame: Frame) -> bool:
     return isinstance(frame, Product) and any(map(_has_joints, frame.factors))
 
 
-def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
-    """Return the events after checking that compiled ones get their data."""
-    in_python = isinstance(rhs, PythonRhs)
-    has_inputs, has_parameters = rhs.inputs is not None, rhs.parameters is not None
-    table = EventTable(events, frame, has_inputs, in_python, has_parameters)
-    if in_python and (has_inputs or has_parameters):
-        table.check_data()
-    return table
-
-
-def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Points, Array | None]:
-    """Return a point and its parameters for each member of the inputs."""
-    curves = inputs if isinstance(inputs, tuple) else (inputs,)
-    count = next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
+def _count_members(inputs: Any) -> int:
+    """Return how many members inputs are for that haven't been checked yet, by default one."""
     if isinstance(inputs, list):
-        count = max(len(inputs), 1)
-    return _repeat(points, numbers, count)
+        return max(len(inputs), 1)
+    curves = inputs if isinstance(inputs, tuple) else (inputs,)
+    return next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
 
 
 def _repeat(points: Points, numbers: Array | None, count: int) -> tuple[Points, Array | None]:
+    """Return a point and its parameters for each of some members."""
     points = np.repeat(points, count, axis=0)
     if numbers is not None:
         numbers = np.repeat(numbers, count, axis=0)
@@ -370,7 +359,7 @@ def _needs_brackets(options: EnsembleOptions) -> bool:
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     check_frame(frame)
-    rtol, least = RTOL, None
+    rtol, least = DEFAULT_RTOL, None
     if options["h"] is None:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
@@ -396,12 +385,12 @@ def _check_flags(options: Any, many: bool) -> None:
         raise ValueError(f"jac must be None with linear=True, got {options['jac']!r}")
     refused: tuple[str, ...] = _OF_DERIVATIVES
     if derivatives is not None:
-        allowed = ([] if linear else [FORWARD]) + ([] if many else [ADJOINT])
+        allowed = ["forward"] * (not linear) + ["adjoint"] * (not many)
         if not isinstance(derivatives, str) or derivatives not in allowed:
             names = " or ".join(map(repr, [None, *allowed]))
             where = " with linear=True" * linear + " for an ensemble" * many
             raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
-        refused = _OF_DERIVATIVES[1:] if derivatives == ADJOINT else ()
+        refused = _OF_DERIVATIVES[1:] if derivatives == "adjoint" else ()
     for name in refused:
         value: Any = options[name]
         if value is not None and value is not False:
@@ -420,7 +409,7 @@ def _read_members(
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     if many and len(points) == 1 and inputs is not None:
-        points, numbers = _broadcast(points, numbers, inputs)
+        points, numbers = _repeat(points, numbers, _count_members(inputs))
     if options["inertia"] is not None:
         inertia = read_member_inertia(options["inertia"], frame, options, len(points))
         if len(points) == 1:
@@ -437,11 +426,11 @@ def _read_jointed_members(
     members = len(inertia.columns)
     points = []
     for k, y in enumerate(np.broadcast_to(given, (members, *plan.point_shape))):
-        frame = inertia.frame(k, plan.frame)
-        points.append(check_points(plan_of(frame, plan.method), y, None, False)[0][0])
-        frame.check_rank(points[-1], "y0")
-    own = plan_of(inertia.frame(0, plan.frame), plan.method)
-    _, numbers = check_points(own, np.array([points[0]] * members), options["parameters"], True)
+        own: Any = inertia.plan(k, plan)
+        points.append(check_points(own, y, None, False)[0][0])
+        own.frame.check_rank(points[-1], "y0")
+    first = inertia.plan(0, plan)
+    _, numbers = check_points(first, np.array([points[0]] * members), options["parameters"], True)
     return np.array(points), numbers, inertia
 
 
@@ -509,7 +498,8 @@ def make_problem(
     shared = stops if own else None
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
-        events = _make_events(events, frame, rhs)
+        has_data = rhs.inputs is not None, rhs.parameters is not None
+        events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
         if options["common_steps"] and events.has_jumps:
             raise ValueError("events must have no jumps with common_steps, which all members share")
     if math.isinf(stop) and not (events and events.has_terminal):

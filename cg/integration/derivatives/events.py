@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.derivatives.field import VariationalField, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
@@ -52,8 +53,7 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, field: VariationalField, edges: Array) -> None:
-        self.table, self.field, self.inputs = table, field, table.inputs
-        self.edges = edges
+        self.table, self.field, self.edges = table, field, edges
         self.frame, self.width = table.frame, table.width
         self.events, self.compiled = table.events, table.compiled
         self.rows = table.rows.copy()
@@ -79,11 +79,14 @@ class VariationalEvents(EventTable):
         """Return the values of a vectorized function at points with derivatives."""
         return self.table.values(index, t, self.field.split(y)[0], arguments)
 
-    def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
+    def jump(
+        self, index: int, t: float, y: Points, arguments: tuple[Any, ...],
+        tolerance: float = MEMBERSHIP_TOLERANCE,
+    ) -> Points:  # fmt: skip
         """Return the point after a jump with its derivatives."""
         field = self.field
         before, x = field.split(y)
-        after = self.table.jump(index, t, before, arguments)
+        after = self.table.jump(index, t, before, arguments, tolerance)
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
             raise ValueError(
@@ -95,7 +98,7 @@ class VariationalEvents(EventTable):
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             # a point nearby may open the joints of a phase space
-            moved = self.table.jump_within(math.inf, index, time, point, extra)
+            moved = self.table.jump(index, time, point, extra, math.inf)
             return self.frame.local_coordinates(after, moved)
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)

@@ -19,9 +19,9 @@ from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.mechanics import refuse_friction_along
 from cg.integration.output.results import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
-from cg.integration.problem import ADJOINT, Problem, Rhs
+from cg.integration.problem import Problem
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.python import PythonRhs, derivative_of
+from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.tables import Kind
 
@@ -110,7 +110,7 @@ def with_derivatives(problem: Problem, options: Options) -> Problem:
     if problem.of_time:
         return with_linear_adjoint(problem, options["df_dp"])
     joint = _add_derivatives(problem, options)
-    if options["derivatives"] == ADJOINT:
+    if options["derivatives"] == "adjoint":
         return with_adjoint(problem, partial(_equation_along, joint))
     return joint
 
@@ -121,7 +121,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     For the adjoint equation the values of inputs are parameters as well.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
-    controlled, by_inputs = options["control_derivatives"], options["derivatives"] == ADJOINT
+    controlled, by_inputs = options["control_derivatives"], options["derivatives"] == "adjoint"
     _check_problem(problem, by_inputs or options["noise"] is not None)
     noise = noise_of(options["noise"], problem)
     field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)

@@ -15,12 +15,10 @@ from cg.integration.plan.plan import Dexpinv, Plan, dexpinv_of
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import Derivative, PythonRhs, derivative_of, when
+from cg.integration.rhs.python import Derivative, PythonRhs, Rhs, derivative_of, when
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
 from cg.tables import Kind, MethodTable
-
-Rhs = CompiledRhs | PythonRhs
 
 
 def _constant(matrix: Any, t: Any, *_: Any) -> Any:
@@ -141,7 +139,7 @@ class Callbacks:
     def __init__(
         self,
         plan: Plan,
-        rhs: CompiledRhs | PythonRhs | None = None,
+        rhs: Rhs | None = None,
         events: EventTable | None = None,
         jacobian: Jacobian | None = None,
     ) -> None:

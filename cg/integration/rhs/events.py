@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput, members_with_data
-from cg.integration.rhs.python import Contexts, PythonRhs, read_finite, read_value
+from cg.integration.rhs.python import Contexts, PythonRhs, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.checks import check_flag
@@ -114,8 +114,9 @@ class Event:
             direction = math.nan
         if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
-        period = self.period
-        if period is not None and not (_is_real(period) and 0.0 < period < math.inf):
+        period: Any = self.period
+        is_real = isinstance(period, int | float | np.integer | np.floating) and period is not True
+        if period is not None and not (is_real and 0.0 < period < math.inf):
             raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
         flag = check_flag(f"{name}.vectorized", self.vectorized)
         if flag and compiled_event(self.function) is not None:
@@ -123,15 +124,15 @@ class Event:
         return limit, (direction > 0.0) - (direction < 0.0)
 
 
-def _is_real(number: object) -> bool:
-    return isinstance(number, int | float | np.integer | np.floating) and number is not True
+_DEFAULTS = {field.name: field.default for field in fields(Event)[1:]}
 
 
 class EventTable:
     """The events of one integration, after checking.
 
     With ``inputs`` functions in Python get those of a `Reader`, and with ``parameters`` a row of
-    these. If ``f`` is ``in_python``, compiled functions don't get its data.
+    these. If ``f`` is ``in_python``, compiled functions don't get its data, and have to have data
+    of their own in place of inputs and parameters.
 
     ``rows`` is the table that compiled code reads, with the entries of `EVENT`.
     """
@@ -141,20 +142,17 @@ class EventTable:
         events: Any,
         frame: Frame,
         inputs: bool = False,
-        in_python: bool = False,
         parameters: bool = False,
+        in_python: bool = False,
     ) -> None:
-        self.given, self.inputs, self.in_python = events, inputs, in_python
-        self.parameters = parameters
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
-            given: Sequence[Any] = (events,)
-        elif isinstance(events, Sequence) and not isinstance(events, str):
-            given = events
-        else:
+            events = (events,)
+        elif not isinstance(events, Sequence) or isinstance(events, str):
             raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
-        self.frame = frame
+        self._arguments = events, inputs, parameters, in_python
+        self.frame, self.parameters = frame, parameters
         self.width = math.prod(frame.point_shape) * frame.dtype.itemsize // 8
-        self.events = [_as_event(event) for event in given]
+        self.events = [_as_event(event) for event in events]
         self.compiled = [compiled_event(event.function) for event in self.events]
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
@@ -169,18 +167,24 @@ class EventTable:
                 "vectorized": event.vectorized,
             }
             rows.append(tuple(entries[name] for name in EVENT))
+        for i, source in enumerate(self.compiled if in_python and (inputs or parameters) else ()):
+            if source is not None and not source.user_data:
+                raise ValueError(
+                    f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
+                    f"got {self.events[i].function!r}, which is compiled and has no user_data"
+                )
         if inputs:
             self.events = [_with_input(event) for event in self.events]
         self.rows: NDArray[np.void] = np.array(rows, dtype=_ROW)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (
-            self.given, self.frame, self.inputs, self.in_python, self.parameters
-        )  # fmt: skip
+        events, *flags = self._arguments
+        return EventTable, (events, self.frame, *flags)
 
     def on_frame(self, frame: Frame) -> EventTable:
         """Return the events on another frame of the same points."""
-        return EventTable(self.given, frame, self.inputs, self.in_python, self.parameters)
+        events, *flags = self._arguments
+        return EventTable(events, frame, *flags)
 
     def __len__(self) -> int:
         return len(self.events)
@@ -199,15 +203,6 @@ class EventTable:
     def has_vectorized(self) -> bool:
         """Whether a function takes many members at a time."""
         return bool(self.rows["vectorized"].any())
-
-    def check_data(self) -> None:
-        """Raise ValueError if compiled functions have no data, for inputs or parameters."""
-        for i, source in enumerate(self.compiled):
-            if source is not None and not source.user_data:
-                raise ValueError(
-                    f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
-                    f"got {self.events[i].function!r}, which is compiled and has no user_data"
-                )
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of an event's function in Python, after checking it."""
@@ -243,13 +238,10 @@ class EventTable:
         period = self.events[index].period
         return value if period is None else math.remainder(value, period)
 
-    def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
-        """Return the point after a jump, after checking it."""
-        return self.jump_within(MEMBERSHIP_TOLERANCE, index, t, y, arguments)
-
-    def jump_within(
-        self, tolerance: float, index: int, t: float, y: Points, arguments: tuple[Any, ...]
-    ) -> Points:
+    def jump(
+        self, index: int, t: float, y: Points, arguments: tuple[Any, ...],
+        tolerance: float = MEMBERSHIP_TOLERANCE,
+    ) -> Points:  # fmt: skip
         """Return the point after a jump, after checking that it is near the manifold."""
         y.flags.writeable = False
         jump = self.events[index].jump
@@ -274,13 +266,9 @@ def _with_input(event: Event) -> Event:
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    defaults = {"terminal": False, "direction": 0, "jump": None, "period": None}
-    defaults["vectorized"] = False
-    given = {name: getattr(event, name, value) for name, value in defaults.items()}
-    return filled(Event, {"function": event, **given})  # checked later, with its index in messages
-
-
-STORED = "all", "observed"
+    attributes = {name: getattr(event, name, default) for name, default in _DEFAULTS.items()}
+    # checked later, with its index in messages
+    return filled(Event, {"function": event, **attributes})
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +284,7 @@ class Observer:
         """Return a value as an array, after checking it."""
         return read_finite(value, "observe", self.shape, t)
 
-    def fields(self, rhs: CompiledRhs | PythonRhs) -> tuple[dict[str, int], Any]:
+    def fields(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""
         if isinstance(self.function, list):
             data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)
@@ -320,16 +308,16 @@ class Observer:
 
 
 def observer_of(
-    observe: Any, store: Any, frame: Frame, rhs: CompiledRhs | PythonRhs, t: float, y: Points
+    observe: Any, store: Any, frame: Frame, rhs: Rhs, t: float, y: Points
 ) -> Observer | None:
     """Return what is evaluated at output times, after calling it at the initial point."""
-    if not isinstance(store, str) or store not in STORED:
-        raise ValueError(f"store must be {' or '.join(map(repr, STORED))}, got {store!r}")
+    if not isinstance(store, str) or store not in ("all", "observed"):
+        raise ValueError(f"store must be 'all' or 'observed', got {store!r}")
+    keeps_points = store == "all"
     if observe is None:
-        if store != "all":
+        if not keeps_points:
             raise ValueError(f"observe must be given with store={store!r}, got None")
         return None
-    keeps_points = store == "all"
     if compiled_event(observe) is not None:
         return Observer([observe], frame, (), keeps_points)
     if isinstance(observe, Sequence) and observe and all(map(compiled_event, observe)):
@@ -341,9 +329,7 @@ def observer_of(
         )
     if rhs.inputs is not None:
         observe = WithInput(observe)
-    visible = y.copy()
-    visible.flags.writeable = False
-    shape = np.shape(observe(t, visible, *rhs.arguments(0)))
+    shape = np.shape(observe(t, read_only(y.copy()), *rhs.arguments(0)))
     observer = Observer(observe, frame, shape, keeps_points)
     if not observer.count:
         raise ValueError(f"observe must return at least one number, got shape {shape}")

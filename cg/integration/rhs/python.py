@@ -279,6 +279,9 @@ class PythonRhs:
         return call_field(self, *self.addresses()[:2], self.frame, times, y)
 
 
+Rhs = CompiledRhs | PythonRhs
+
+
 class Contexts:
     """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
 

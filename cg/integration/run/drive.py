@@ -11,8 +11,7 @@ import numpy as np
 
 from cg.frames.base import Frame
 from cg.integration.plan.plan import has_brackets
-from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.python import Rhs
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points
 from cg.support.parallel import raise_if_stopped
@@ -101,9 +100,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
         return None
 
 
-def is_discontinuous(
-    frame: Frame, rhs: CompiledRhs | PythonRhs, member: int, t: float, y: Points, h: float
-) -> bool:
+def is_discontinuous(frame: Frame, rhs: Rhs, member: int, t: float, y: Points, h: float) -> bool:
     """Return whether the right-hand side jumps near a point, along the flow of its coefficients."""
     slope = rhs.at_member(member, t, y)
 
@@ -127,13 +124,7 @@ def is_discontinuous(
 
 
 def is_stiff(
-    frame: Frame,
-    method: MethodTable,
-    rhs: CompiledRhs | PythonRhs,
-    member: int,
-    t: float,
-    y: Points,
-    h: float,
+    frame: Frame, method: MethodTable, rhs: Rhs, member: int, t: float, y: Points, h: float
 ) -> bool:
     """Return whether the stability of an explicit method limits its steps at a point.
 

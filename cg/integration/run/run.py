@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from cg.integration.output.results import Steps
 from cg.integration.plan.callbacks import Callbacks
-from cg.integration.problem import Problem, Rhs
+from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StatePlace, StateSize, Stop
