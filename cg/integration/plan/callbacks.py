@@ -15,7 +15,7 @@ from cg.integration.plan.plan import Dexpinv, Plan, dexpinv_of
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import Derivative, PythonRhs, Rhs, derivative_of, when
+from cg.integration.rhs.python import Derivative, Rhs, derivative_of, read_only, when
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
 from cg.tables import Kind, MethodTable
@@ -42,16 +42,15 @@ class Jacobian:
 
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
         """Return the matrix at a point, after checking it."""
-        arguments, numbers = rhs.arguments(member), rhs.parameters
         if rhs.vectorized:
-            arguments = rhs.arguments(np.array([member]))
-            return self.derivative(np.array([t]), y[None], arguments)[0]
+            row = self.derivative(np.array([t]), y[None], rhs.arguments(np.array([member])))
+            return row[0]
+        arguments = rhs.arguments(member)
         if not self.sparse:
-            data = data_at(t, arguments, numbers is not None)
+            data = data_at(t, arguments, rhs.parameters is not None)
             own = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
             return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
-        y.flags.writeable = False
-        value, shape = self.derivative.function(t, y, *arguments), self.derivative.shape
+        value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
         if not hasattr(value, "tocsc"):
@@ -71,7 +70,7 @@ class Jacobian:
             return np.asarray(matrix.T)
         from scipy.sparse import csc_array
 
-        # the derivative of dexp⁻¹ along u is -[u, f] / 2
+        # stages are coordinates u with u' = dexp⁻¹_u f, whose derivative by u is -[u, f] / 2
         brackets = self.derivative.frame.bracket(-0.5 * np.eye(len(slope)), slope).T
         while len(self.kept) >= self.lanes and member not in self.kept:
             del self.kept[next(iter(self.kept))]
@@ -84,14 +83,12 @@ class Jacobian:
         from scipy.sparse.linalg import splu
 
         matrix = self.kept.pop(member)[0]
+        self.kept[member] = [matrix]  # as the latest one
         identity: Any = eye_array(matrix.shape[0], format="csc")
         try:
-            factors = [splu(shift * identity - matrix) for shift in shifts]
+            self.kept[member] += [splu(shift * identity - matrix) for shift in shifts]
         except RuntimeError:  # a singular matrix
             return np.ones(1)
-        finally:
-            self.kept[member] = [matrix]
-        self.kept[member] += factors
         return np.zeros(1)
 
     def solve(self, member: int, b: Array) -> Array:
@@ -110,10 +107,11 @@ def jacobian_of(
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     if method.kind is not Kind.COLLOCATION:
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
-    constant = isinstance(jac, np.ndarray | list | tuple) or hasattr(jac, "tocsc")
+    is_sparse = hasattr(jac, "tocsc")
+    constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     if constant:
-        dense = jac.toarray() if rhs.vectorized and hasattr(jac, "tocsc") else jac
-        jac = partial(_constant, dense if hasattr(dense, "tocsc") else np.asarray(dense))
+        matrix = jac.toarray() if is_sparse and rhs.vectorized else jac
+        jac = partial(_constant, matrix if hasattr(matrix, "tocsc") else np.asarray(matrix))
     shape = frame.dim, frame.dim
     derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.inputs)
     assert derivative is not None
@@ -143,8 +141,9 @@ class Callbacks:
         events: EventTable | None = None,
         jacobian: Jacobian | None = None,
     ) -> None:
-        self.plan, self.frame = plan, plan.frame
-        self.rhs, self.events, self.jacobian = rhs, events, jacobian
+        self.plan, self.frame, self.jacobian = plan, plan.frame, jacobian
+        self.rhs: Any = rhs  # these two aren't asked for where they are None
+        self.events: Any = events
         self.last_error: Exception | None = None
         self.failed_event: tuple[str, float, int | None] | None = None
 
@@ -163,14 +162,16 @@ class Callbacks:
     def _point(self, y: Array) -> Points:
         return y.view(self.frame.dtype).reshape(self.frame.point_shape)
 
+    def _points(self, y: Array) -> Points:
+        return y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
+
     def _flow(self, v: Array, y: Array) -> Points:
         point = self._point(y)
         try:
             for coefficients in v.reshape(-1, self.frame.dim):
                 point = self.frame.flow(coefficients, point)
             return point
-        except FlowOverflowError as error:
-            # an adaptive step is tried again with a smaller size
+        except FlowOverflowError as error:  # an adaptive step is tried again with a smaller size
             self.last_error = error
             return np.full(self.frame.point_shape, np.nan, dtype=self.frame.dtype)
 
@@ -204,7 +205,6 @@ class Callbacks:
 
     def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
         assert self.jacobian is not None
-        assert self.rhs is not None
         t, member = a[:2].tolist()
         return self.jacobian.evaluate(self.rhs, int(member), t, self._point(y.copy()), a[2:])
 
@@ -217,28 +217,21 @@ class Callbacks:
         assert self.jacobian is not None
         return self.jacobian.solve(int(a[0]), b)
 
-    def _evaluate(self, a: Array, y: Array) -> Array:
-        assert isinstance(self.rhs, PythonRhs)
+    def _evaluate(self, a: Array, y: Array) -> Any:
         t, members = a.reshape(2, -1)
-        points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
-        return self.rhs.at_members(t, members.astype(np.intp), points)
+        return self.rhs.at_members(t, members.astype(np.intp), self._points(y))
 
-    def _call_vectorized_event(self, a: Array, y: Array) -> Array:
-        assert self.rhs is not None
-        assert self.events is not None
-        event, count = int(a[0]), len(a) // 2
-        t, members = a[1 : 1 + count], a[1 + count :].astype(np.intp)
-        points = y.view(self.frame.dtype).reshape(count, *self.frame.point_shape)
+    def _call_vectorized_event(self, a: Array, y: Array) -> Any:
+        event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
+        members = members.astype(np.intp)
         try:
-            return self.events.values(event, t, points, self.rhs.arguments(members))
+            return self.events.values(event, t, self._points(y), self.rhs.arguments(members))
         except Exception:
-            first = int(members[0]) if len(t) == 1 else None
-            self.failed_event = f"events[{event}]", float(t[0]), first
+            member = int(members[0]) if len(t) == 1 else None
+            self.failed_event = f"events[{event}]", float(t[0]), member
             raise
 
     def _call_event(self, a: Array, y: Array, is_jump: bool) -> Any:
-        assert self.rhs is not None
-        assert self.events is not None
         t, member, event = a.tolist()
         member, event = int(member), int(event)
         function = self.events.jump if is_jump else self.events.value

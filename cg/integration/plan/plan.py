@@ -38,7 +38,7 @@ Dexpinv = Callable[[Array, Array], Array]
 def describe_blocks(frame: Frame) -> NDArray[np.int32]:
     """Return the blocks of a compiled frame, shape ``(3, blocks)``."""
     blocks = frame.compiled_blocks() or ()
-    if any(needs_lapack(block) for block in blocks):
+    if any(map(needs_lapack, blocks)):
         provide_lapack()
     return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T
 
@@ -60,9 +60,9 @@ def turning_coefficients(frame: Frame) -> Array:
         return np.concatenate([turning_coefficients(factor) for factor in frame.factors])
     if isinstance(frame, Power):
         return np.tile(turning_coefficients(frame.factor), frame.n)
-    inner: Any = None
-    if isinstance(frame, Semidirect | CoadjointOrbit):
-        inner = frame.group if isinstance(frame, Semidirect) else frame.algebra
+    inner: Any = frame.group if isinstance(frame, Semidirect) else None
+    if isinstance(frame, CoadjointOrbit):
+        inner = frame.algebra
     if isinstance(inner, Frame):
         return np.pad(turning_coefficients(inner), (0, frame.dim - inner.dim))
     return np.full(frame.dim, float(not isinstance(frame, Euclidean)))
@@ -112,7 +112,7 @@ class Plan:
         import cg._core_r64 as core
 
         self.core, self.frame, self.method = core, frame, method
-        self.given = frame._given or frame  # that of the user, `frame` if f returns coefficients
+        self.given = frame._given or frame  # that of the user, another one if f returns derivatives
         along = method.polynomial if isinstance(frame, LinearAction) else None
         self.table = table = method if along is None else along
         self.compiled = is_compiled(frame)
@@ -143,21 +143,18 @@ class Plan:
             self._linkage = linkage_of(space)  # whose functions compiled code calls
             core.plan_set_joints(self.address, self._linkage.address)
         weakref.finalize(self, core.plan_close, self.address)
-        self._make_interpolants()
+        output = table.output
+        padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty
+        core.plan_set_scheme(
+            self.address, output.columns, table.on_algebra, output.final, output.series,
+            np.append(output.theta, 0.0), padded.T, output.basis.T, table.is_polynomial,
+            np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
+            output.flow_weights.T,
+        )  # fmt: skip
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a method is sent by its name, so that each process has one instance with its cached data
         return plan_of, (self.frame, self.method)
-
-    def _make_interpolants(self) -> None:
-        output = self.table.output
-        padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty
-        self.core.plan_set_scheme(
-            self.address, output.columns, self.table.on_algebra, output.final, output.series,
-            np.append(output.theta, 0.0), padded.T, output.basis.T, self.table.is_polynomial,
-            np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
-            output.flow_weights.T,
-        )  # fmt: skip
 
     @property
     def impulses(self) -> int:

@@ -157,6 +157,11 @@ class EventTable:
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
             limit, sign = event._check(f"events[{i}]")
+            if in_python and (inputs or parameters) and source and not source.user_data:
+                raise ValueError(
+                    f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
+                    f"got {event.function!r}, which is compiled and has no user_data"
+                )
             entries = {
                 "function": 0 if source is None else source.address,
                 "data": 0 if source is None else source.user_data or -in_python,
@@ -167,12 +172,6 @@ class EventTable:
                 "vectorized": event.vectorized,
             }
             rows.append(tuple(entries[name] for name in EVENT))
-        for i, source in enumerate(self.compiled if in_python and (inputs or parameters) else ()):
-            if source is not None and not source.user_data:
-                raise ValueError(
-                    f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
-                    f"got {self.events[i].function!r}, which is compiled and has no user_data"
-                )
         if inputs:
             self.events = [_with_input(event) for event in self.events]
         self.rows: NDArray[np.void] = np.array(rows, dtype=_ROW)
@@ -284,7 +283,7 @@ class Observer:
         """Return a value as an array, after checking it."""
         return read_finite(value, "observe", self.shape, t)
 
-    def fields(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
+    def entries(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""
         if isinstance(self.function, list):
             data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)

@@ -1,10 +1,11 @@
-"""Advancing a run to its end, with interrupts and progress; stiff equations and discontinuities."""
+"""Advancing a run to its end, with interrupts, progress, and warnings where it takes many steps."""
 
 from __future__ import annotations
 
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,12 +43,12 @@ _ROUNDING = 1e-6
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
 
-    It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later. The
-    warning goes to `warn` if that is given, in workers.
+    It looks after 10,000, 20,000, 40,000, ... steps of a member, and where it finds a reason once
+    more 1000 steps later. The warning goes to `warn` if that is given, in workers.
     """
 
     def __init__(self, run: Run, warn: Callable[[str], None] | None = None) -> None:
-        self._run, self._warn = run, warn
+        self._run, self._warn = run, warn or partial(warnings.warn, stacklevel=6)
         self._taken = 0  # steps of all members
         self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
@@ -68,11 +69,7 @@ class StepCheck:
             return
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
-            text = f"the integration takes many steps, since {difficulty}"
-            if self._warn is None:
-                warnings.warn(text, stacklevel=6)
-            else:
-                self._warn(text)
+            self._warn(f"the integration takes many steps, since {difficulty}")
             self._next = 2**62
         elif difficulty and self._last is None:
             self._next = int(active[member]) + _CONFIRMED
@@ -108,7 +105,7 @@ def is_discontinuous(frame: Frame, rhs: Rhs, member: int, t: float, y: Points, h
         return rhs.at_member(member, t + x * h, frame.flow(x * h * slope, y))
 
     x = np.linspace(-32.0, 32.0, 129).tolist()
-    values = [value(each) for each in x]
+    values = list(map(value, x))
     changes = np.linalg.norm(np.diff(values, axis=0), axis=1)
     k = int(changes.argmax())
     low, high, at_low, at_high = x[k], x[k + 1], values[k], values[k + 1]
@@ -155,10 +152,10 @@ def drive(
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
     budget, record, check = StepBudget(), run.record, None
     while True:
-        given = budget.start()
+        steps = budget.start()
         if check is not None:
-            given = min(given, check.steps_left())
-        record.budget = given
+            steps = min(steps, check.steps_left())
+        record.budget = steps
         run.call()
         raise_if_stopped()
         if watch is not None:
@@ -167,8 +164,8 @@ def drive(
         if record.ended == run.members:
             return
         check = check or StepCheck(run, warn)
-        budget.stop(max(given - record.budget, 1))
-        check.update(given - record.budget)
+        budget.stop(max(steps - record.budget, 1))
+        check.update(steps - record.budget)
 
 
 class StepBudget:

@@ -51,13 +51,12 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:
 def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
     """Return the exception for an integration that failed at time ``t``."""
     where, name = f"at t = {t:.17g}", run.rhs.failed_name
-    error: Exception = MemoryError(
-        "there is not enough memory for the stages, or the events, of one step"
-    )
+    error: Exception
     match stop:
         case Stop.STAGES_NOT_SOLVED:
-            slow = run.plan.table.kind is not Kind.COLLOCATION and flag in STAGE_SOLVERS.values()
-            residual = math.nan if run.plan.table.kind is Kind.COLLOCATION else run.record.residual
+            collocates = run.plan.table.kind is Kind.COLLOCATION
+            slow = not collocates and flag in STAGE_SOLVERS.values()
+            residual = math.nan if collocates else run.record.residual
             reason = "it is too slow" if slow else "it diverges"
             error = ConvergenceError(reason, flag, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:
@@ -87,6 +86,10 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             )
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
+        case _:
+            error = MemoryError(
+                "there is not enough memory for the stages, or the events, of one step"
+            )
     return error
 
 
@@ -131,8 +134,8 @@ def find_mistakes(run: Run) -> list[str]:
     plan, h, texts = run.plan, run.control.h, []
     if not run.problem.many:
         *_, steps, rejected = run.counts[0].tolist()
-        many = rejected >= _REJECTIONS and 2 * rejected > steps
-        if many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
+        are_many = rejected >= _REJECTIONS and 2 * rejected > steps
+        if are_many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
             texts.append(
                 f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
                 "jumps at known times, name them as breakpoints"

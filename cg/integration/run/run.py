@@ -30,12 +30,7 @@ _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cy
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
-
-
-_FAILED = {
-    int(FieldFlag.OBSERVER_FAILED): "observe",
-    int(FieldFlag.SIZE_FAILED): "step_function",
-}
+_FAILED = {int(FieldFlag.OBSERVER_FAILED): "observe", int(FieldFlag.SIZE_FAILED): "step_function"}
 
 
 class Record(ctypes.Structure):
@@ -48,10 +43,10 @@ class Run:
     """Trajectories that start at the same time, and their output.
 
     Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
-    observed into ``observed``, shape ``(times, members, count)``; there is room
-    for ``capacity`` steps if their number is known. With ``keep_last`` the interpolant of the last
-    step may be requested. By default one member at a time is integrated, or up to 1024 by a
-    vectorized function.
+    observed into ``observed``, shape ``(times, members, count)``. There is room for ``capacity``
+    steps if their number is known. With ``keep_last`` the interpolant of the last step may be
+    requested. By default one member at a time is integrated, or up to 1024 by a vectorized
+    function.
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
     times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
@@ -102,8 +97,8 @@ class Run:
         self._share_inputs()
         if problem.sizes is not None:
             self.record.sized = 1
-            fields, self._sizing = problem.sizes.fields(self.rhs)
-            for name, value in fields.items():
+            entries, self._sizing = problem.sizes.entries(self.rhs)
+            for name, value in entries.items():
                 setattr(self.record, name.replace("observer", "sizer"), value)
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
@@ -120,6 +115,8 @@ class Run:
         in_coordinates = control.h is not None or problem.in_coordinates
         function, data, stride = self.rhs.addresses()
         rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
+        bath = problem.thermostat
+        heat = {} if bath is None else {"heated": 1, "first_member": problem.first, **vars(bath)}
         return Record(
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
             goes_on=keep_last and not problem.many, t0=problem.t0, segments=len(problem.stops),
@@ -131,7 +128,7 @@ class Run:
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=max(problem.every, 1), dense=problem.dense, **_heat(problem),
+            every=max(problem.every, 1), dense=problem.dense, **heat,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -157,9 +154,8 @@ class Run:
         rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
         rows += 2 * plan.columns if within else 0
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
-        self.address = self._reserving(
-            needed, self._core.loop_open, plan.address, ctypes.addressof(record)
-        )
+        addresses = plan.address, ctypes.addressof(record)
+        self.address = self._reserving(needed, self._core.loop_open, *addresses)
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
@@ -177,10 +173,14 @@ class Run:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
         states = self._share("states", np.empty((members, width + 2)))
-        self.counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
+        rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
-        rows = self.counters
-        self.status, self.flag, self.counts = rows[:, 0], rows[:, 1], rows[:, 2:]
+        self.counters, self.status, self.flag, self.counts = (
+            rows,
+            rows[:, 0],
+            rows[:, 1],
+            rows[:, 2:],
+        )
         self.end[...] = doubles
 
     def _share(self, name: str, array: Any) -> Any:
@@ -199,15 +199,15 @@ class Run:
                 self._share(name, array)
         if self.problem.observer is not None:
             self.record.observations = self.problem.observer.count
-            fields, self._observing = self.problem.observer.fields(self.rhs)
-            for name, value in fields.items():
+            entries, self._observing = self.problem.observer.entries(self.rhs)
+            for name, value in entries.items():
                 setattr(self.record, name, value)
 
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
-        inputs, rhs = self.rhs.inputs, self.rhs
-        if inputs is not None and isinstance(rhs, CompiledRhs):
-            self.record.curves = len(self._share("inputs", inputs.table(rhs.parameters)))
+        rhs = self.rhs
+        if rhs.inputs is not None and isinstance(rhs, CompiledRhs):
+            self.record.curves = len(self._share("inputs", rhs.inputs.table(rhs.parameters)))
 
     def share_limits(self, limits: Array) -> None:
         """Share how long steps may be where; compiled code reads it when it opens or restarts."""
@@ -239,7 +239,7 @@ class Run:
             self.allocate_interpolants(self._lanes + spare)
 
     def allocate_interpolants(self, capacity: int) -> None:
-        """Allocate memory for `capacity` interpolants."""
+        """Share arrays for some number of interpolants."""
         plan = self.plan
         self.record.dense_capacity = capacity
         self._share("dense_member", np.empty(capacity, dtype=np.int64))
@@ -259,8 +259,8 @@ class Run:
         if jacobian is not None and jacobian.constant:
             self.counts[:, COUNTS.index("njev")] = 0
         if record.raised:
-            failed = [name for flag, name in _FAILED.items() if (self.flag == flag).any()]
-            name = (*failed, "events")[0]
+            names = [name for flag, name in _FAILED.items() if (self.flag == flag).any()]
+            name = (*names, "events")[0]
             kind = "positive" if name == "step_function" else "finite"
             raise ValueError(
                 f"{name} must return {kind} numbers, got another one at "
@@ -269,8 +269,8 @@ class Run:
         if record.steps:
             self._collect(self._steps, record.steps, *self._step_names)
         if record.interpolants:
-            parts = ("dense_member", "dense_t", "dense_y", "dense_field")
-            self._collect(self._dense, record.interpolants, *parts)
+            names = ["dense_member", "dense_t", "dense_y", "dense_field"]
+            self._collect(self._dense, record.interpolants, *names)
         if record.events:
             self._collect(self._events, record.events, "event_of", "event_t", "event_y")
         if record.ended < self.members and (
@@ -284,31 +284,31 @@ class Run:
 
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
-        raised = np.flatnonzero(self.status == Stop.RAISED)
+        rhs, call, self.callbacks.failed_event = self.rhs, self.callbacks.failed_event, None
+        raised = np.flatnonzero(self.status == Stop.RAISED).tolist()
         unobserved = np.flatnonzero(np.isin(self.flag, list(_FAILED))).tolist()
-        failed, self.callbacks.failed_event = self.callbacks.failed_event, None
-        if failed is None and unobserved:
-            member = unobserved[0]
-            failed = _FAILED[int(self.flag[member])], float(self.failed_at[member]), member
-        if failed is not None:
-            name, t, of = failed
-            first = getattr(self.rhs, "first", None)
-            u = "" if self.rhs.inputs is None else "u, "
-            which = "" if first is None or of is None else f" in member {first + of}"
+        if call is None and unobserved:
+            k = unobserved[0]
+            call = _FAILED[int(self.flag[k])], float(self.failed_at[k]), k
+        if call is not None:
+            name, t, member = call
+            u = "" if rhs.inputs is None else "u, "
+            which = (
+                "" if rhs.first is None or member is None else f" in member {rhs.first + member}"
+            )
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
-        elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
-            member = int(raised[0])
-            error.add_note(self.rhs.note(float(self.failed_at[member]), member))
+        elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
+            error.add_note(rhs.note(float(self.failed_at[raised[0]]), raised[0]))
         if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
             error.add_note("points are read-only: y = y.copy() first")
 
-    def _collect(self, taken: list[list[Array]], count: int, *names: str) -> None:
+    def _collect(self, collected: list[list[Array]], count: int, *names: str) -> None:
         """Collect the used parts of buffers, as copies if the buffers are used again."""
-        parts = [self._buffers[name][:count] for name in names]
+        rows = [self._buffers[name][:count] for name in names]
         goes_on = self.record.keep_last or self.record.ended < self.members
         if goes_on or 2 * count < self._capacity:  # or little is used
-            parts = [part.copy() for part in parts]
-        taken.append(parts)
+            rows = [array.copy() for array in rows]
+        collected.append(rows)
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
@@ -366,13 +366,9 @@ class Run:
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go on from what another run has saved."""
-        reals, integers, points, slopes = saved["trajectories"]
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
-        self._core.loop_state(
-            self.address, True, reals.T, integers.T, points.transpose(2, 1, 0),
-            slopes.transpose(2, 1, 0),
-        )  # fmt: skip
+        self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
         self._buffers["states"][...] = saved["states"]
         self.counters[...] = saved["counters"]
 
@@ -383,10 +379,7 @@ class Run:
         integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
-        self._core.loop_state(
-            self.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
-            slopes.transpose(2, 1, 0),
-        )  # fmt: skip
+        self._core.loop_state(self.address, False, reals.T, integers.T, points.T, slopes.T)
         return reals, integers, points, slopes
 
     def last_stages(self) -> Array:
@@ -414,8 +407,8 @@ class Run:
         if not self._events:
             empty = plan.points(np.empty((0, plan.width)), (0, 2))
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        of, t, y = _joined(self._events)
-        return of - 1, t, plan.points(y, (len(t), 2))
+        places, t, y = _joined(self._events)
+        return places - 1, t, plan.points(y, (len(t), 2))
 
     def take_events(self) -> tuple[NDArray[np.int64], Array, Points]:
         """Return all events, and forget them."""
@@ -424,15 +417,8 @@ class Run:
         return events
 
 
-def _heat(problem: Problem) -> dict[str, Any]:
-    """Return the entries of a record for the heat bath of a problem."""
-    if (bath := problem.thermostat) is None:
-        return {}
-    return {"heated": 1, **vars(bath), "first_member": problem.first}
-
-
-def _joined(parts: list[list[Any]]) -> list[Any]:
-    """Return arrays that were collected in parts."""
-    return (
-        parts[0] if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts, strict=True)]
-    )
+def _joined(collected: list[list[Any]]) -> list[Any]:
+    """Return arrays that were collected in several calls."""
+    if len(collected) == 1:
+        return collected[0]
+    return [np.concatenate(arrays) for arrays in zip(*collected, strict=True)]
