@@ -491,7 +491,8 @@ class Stepper:
         stops = self._breakpoints
         if inputs is None:
             return stops
-        end, sign = inputs.reach(t, self.direction), self.direction
+        sign, (first, last) = self.direction, inputs.span
+        end = max(t, last) if sign > 0.0 else min(t, first)
         if sign * end < sign * stops[-1]:
             stops = np.append(stops[sign * stops < sign * end], end)
         return inputs.add_stops(stops, t, self._problem.control.tolerance)

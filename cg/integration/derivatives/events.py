@@ -221,5 +221,5 @@ class VariationalEvents(EventTable):
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
             return behind, before
-        first, last = reader.span
+        first, last = reader.inputs.span
         return min(behind, max(t - first, 0.0)), min(before, max(last - t, 0.0))

@@ -45,12 +45,14 @@ class Inputs:
     @property
     def scales(self) -> Array:
         """The largest absolute value of each input at any time."""
-        sizes = [np.abs(curve.values) for curve in self.curves]
-        rows = [
-            size.reshape(-1, math.prod(curve.shape)).max(axis=0)
-            for size, curve in zip(sizes, self.curves, strict=True)
-        ]
-        return np.concatenate(rows)
+        tables = [curve.values.reshape(-1, math.prod(curve.shape)) for curve in self.curves]
+        return np.concatenate([np.abs(values).max(axis=0) for values in tables])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times between which all inputs are known."""
+        first = max(float(curve.times[0]) for curve in self.curves)
+        return first, min(curve.end for curve in self.curves)
 
     def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
         """Return sums over times of derivatives by all inputs, shape (times, width), by values."""
@@ -100,19 +102,18 @@ class Inputs:
 
     def limits(self, tolerance: float | None) -> Array:
         """Return times and how long steps may be from each on, shape (n, 2)."""
-        none = np.empty((0, 2))
         if tolerance is None:
-            return none
-        parts = [curve.longest_steps(tolerance) for curve in self.curves]
-        first, *others = [part for part in parts if len(part)] or [none]
+            return np.empty((0, 2))
+        tables = [curve.longest_steps(tolerance) for curve in self.curves]
+        limits, *others = [table for table in tables if len(table)] or tables[:1]
         for other in others:
-            times = np.union1d(first[:, 0], other[:, 0])
+            times = np.union1d(limits[:, 0], other[:, 0])
             sizes = [
-                part[np.maximum(np.searchsorted(part[:, 0], times, side="right") - 1, 0), 1]
-                for part in (first, other)
+                table[np.maximum(np.searchsorted(table[:, 0], times, side="right") - 1, 0), 1]
+                for table in (limits, other)
             ]
-            first = np.stack([times, np.minimum(*sizes)], axis=1)
-        return first
+            limits = np.stack([times, np.minimum(*sizes)], axis=1)
+        return limits
 
     def add_stops(self, stops: Array, start: float, tolerance: float | None) -> Array:
         """Return the ends of segments from a start, with those at corners.
@@ -127,24 +128,15 @@ class Inputs:
         inside = np.union1d(corners[(corners >= low) & (corners <= high)], stops[:-1])
         return np.append(inside if start <= stop else inside[::-1], stop)
 
-    def reach(self, t: float, direction: float) -> float:
-        """Return the time to which all curves lead from a time."""
-        if direction > 0:
-            return max(t, min(curve.end for curve in self.curves))
-        return min(t, max(float(curve.times[0]) for curve in self.curves))
-
     def check_like(self, before: Inputs) -> None:
         """Raise ValueError unless functions get values of the same shapes as before."""
-        if self.together != before.together or self._layout != before._layout:
+        pair = before, self
+        layouts = [(x.together, [(c.members, c.shape) for c in x.curves]) for x in pair]
+        if layouts[0] != layouts[1]:
             old, new = (
-                str(x.curves) if x.together else f"{x.curves[0]}, not in a tuple"
-                for x in (before, self)
+                str(x.curves) if x.together else f"{x.curves[0]}, not in a tuple" for x in pair
             )
             raise ValueError(f"inputs must be like {old}, got {new}")
-
-    @property
-    def _layout(self) -> list[tuple[Any, ...]]:
-        return [(curve.members, curve.shape) for curve in self.curves]
 
     def check_span(self, start: float, stop: float, name: str) -> None:
         """Raise ValueError unless all curves cover a span."""
@@ -161,17 +153,17 @@ def check_own_inputs(
             f"inputs must be cg.Samples, a tuple of them, or a list of {members} such for the "
             f"members, got a list of {len(inputs)}"
         )
-    found: list[Inputs] = []
-    for member, given in enumerate(inputs):
+    own_inputs: list[Inputs] = []
+    for member, samples in enumerate(inputs):
         try:
-            one = check_inputs(given, start, stop, None, None if member else method, name)
-            if one is None:
-                raise TypeError(f"inputs must be cg.Samples, got {given!r}")
-            one.check_like(found[0] if found else one)
+            own = check_inputs(samples, start, stop, None, None if member else method, name)
+            if own is None:
+                raise TypeError(f"inputs must be cg.Samples, got {samples!r}")
+            own.check_like(own_inputs[0] if own_inputs else own)
         except (TypeError, ValueError) as error:
             raise type(error)(f"inputs[{member}]: {error}") from None
-        found.append(one)
-    return tuple(found)
+        own_inputs.append(own)
+    return tuple(own_inputs)
 
 
 def stops_and_limits(
@@ -187,18 +179,12 @@ class Reader:
     """The inputs of a member, or of a vectorized function's members, as a function of time."""
 
     def __init__(self, inputs: Inputs, member: Any) -> None:
-        self._inputs, self._member = inputs, member
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """The times between which all inputs are known."""
-        curves = self._inputs.curves
-        return max(float(c.times[0]) for c in curves), min(c.end for c in curves)
+        self.inputs, self._member = inputs, member
 
     def at_times(self) -> Callable[[float], Any]:
         """Return the inputs of one member as a function that takes little time."""
-        first, *others = [curve.reader(self._member) for curve in self._inputs.curves]
-        if self._inputs.together:
+        first, *others = [curve.reader(self._member) for curve in self.inputs.curves]
+        if self.inputs.together:
             return lambda t: (first(t), *[read(t) for read in others])
         return first
 
@@ -206,21 +192,17 @@ class Reader:
         """Return what functions get after time and point, or rows for an array of times."""
         if isinstance(t, float):
             return self.at_times()(t)
-        members = self._members(t)
-        values = tuple(curve.at(t, members) for curve in self._inputs.curves)
-        return values if self._inputs.together else values[0]
-
-    def _members(self, t: Array) -> Any:
-        """Return the member of each time; several times of one member follow each other."""
         members = np.atleast_1d(self._member)
-        return np.repeat(members, len(t) // len(members))
+        members = np.repeat(members, len(t) // len(members))  # times of one follow each other
+        values = tuple(curve.at(t, members) for curve in self.inputs.curves)
+        return values if self.inputs.together else values[0]
 
     def __getitem__(self, which: Any) -> Reader:
-        return Reader(self._inputs, self._member[which])
+        return Reader(self.inputs, self._member[which])
 
     def numbers(self, t: float) -> Array:
         """Return all values at a time one after the other, as compiled functions get them."""
-        values = [curve.reader(self._member)(t) for curve in self._inputs.curves]
+        values = [curve.reader(self._member)(t) for curve in self.inputs.curves]
         return np.concatenate([np.ravel(value) for value in values])
 
 
@@ -234,12 +216,12 @@ class DataReader(Reader):
     def at_times(self) -> Callable[[float], Any]:
         """Return the function that reads them."""
         reads, first = [], 0
-        for curve in self._inputs.curves:
+        for curve in self.inputs.curves:
             stop = first + math.prod(curve.shape)
-            part = self._data[first:stop].reshape(curve.shape)
-            reads.append(part.copy if curve.shape else part.item)
+            values = self._data[first:stop].reshape(curve.shape)
+            reads.append(values.copy if curve.shape else values.item)
             first = stop
-        if self._inputs.together:
+        if self.inputs.together:
             return lambda t: tuple([read() for read in reads])
         return lambda t: reads[0]()
 

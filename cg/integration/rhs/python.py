@@ -83,17 +83,10 @@ def read_finite(
     A single number may have any shape if ``number``.
     """
     array = read_value(value, name, shape, t, number=number)
-    if not is_finite(array):
+    # the terms of a finite sum are finite, and a sum takes a fraction of the time
+    if not (math.isfinite(array.sum()) or np.isfinite(array).all()):
         raise ValueError(f"{name} must return finite numbers, got {short(value)} at {when(t)}")
     return array
-
-
-def is_finite(array: Array) -> bool:
-    """Return whether all numbers are finite.
-
-    A finite sum means that all terms are finite, and takes a fraction of the time.
-    """
-    return math.isfinite(array.sum()) or bool(np.isfinite(array).all())
 
 
 class Check:
@@ -167,8 +160,8 @@ class PythonRhs:
         self._contexts = Contexts(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
-        return PythonRhs, (*state, self.inputs)
+        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
+        return PythonRhs, (self.f, self.frame, *data)
 
     def with_data(
         self,
@@ -182,8 +175,8 @@ class PythonRhs:
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        rest = self.args, self.parameters, self.vectorized, self.first, self.inputs
-        return PythonRhs(self.f, frame, *rest)
+        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
+        return PythonRhs(self.f, frame, *data)
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
@@ -257,10 +250,7 @@ class PythonRhs:
         if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row
-        visible = y.view()
-        visible.flags.writeable = False
-        value = self.f(t, visible, *self.arguments(member))
-        return self.check(value, t)
+        return self.check(self.f(t, read_only(y), *self.arguments(member)), t)
 
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
