@@ -1,9 +1,9 @@
-"""What only splitting methods and phase spaces take.
+"""What splitting methods and phase spaces alone take, and what they can't integrate.
 
-Heat baths, inertia of each member of an ensemble, variable steps, and a look at whether forces
-depend on the momentum, which splitting methods can't integrate. Each look calls ``f`` twice at one
-position; these calls aren't part of the integration, and its counts leave them out. So a finite
-number of members and points is looked at.
+They take heat baths, an inertia for each member of an ensemble, and variable steps. Splitting
+methods can't integrate forces that depend on the momentum, as friction does. Whether forces do is
+seen by two calls of ``f`` at one position, which aren't part of the integration: its counts leave
+them out, and only a sample of the members and points is looked at.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from cg.tables import Kind, MethodTable
 
 _MOST, _LEAST = 32, 4  # members or points that are looked at
 _SHARE = 40  # evaluations of an integration for each call of a look at its points
-_FORCES_ROUNDING = 1e-12  # relative, of equal forces
+_FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
+_SIZES_ROUNDING = 1e-10  # and of sizes of steps
 
 
 def _sample(count: int, most: int = _MOST) -> NDArray[np.intp]:
@@ -45,12 +46,11 @@ def refuse_friction(plan: Any, rhs: Any, t: float, points: Points, ahead: bool =
     if plan.method.kind is not Kind.SPLITTING:
         return
     members = _sample(len(points))
-    first = 0 if ahead else 1
-    if first:
-        _check(plan.frame, rhs, np.array([t]), members[:1], points[:1], False)
-    if len(members) > first:
-        rest = members[first:]
-        _check(plan.frame, rhs, np.full(len(rest), t), rest, points[rest], True)
+    if not ahead:
+        _compare_forces(plan.frame, rhs, np.array([t]), members[:1], points[:1], False)
+        members = members[1:]
+    if len(members):
+        _compare_forces(plan.frame, rhs, np.full(len(members), t), members, points[members], True)
 
 
 def refuse_friction_along(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> None:
@@ -65,32 +65,28 @@ def refuse_friction_along(plan: Any, rhs: Any, times: Array, points: Points, nfe
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end
     k, members = k[reached], members[reached]
     if len(k):
-        _check(plan.frame, rhs, times[k], members, points[k, members], True)
+        _compare_forces(plan.frame, rhs, times[k], members, points[k, members], True)
 
 
-def _check(
+def _compare_forces(
     frame: PhaseSpace, rhs: Any, t: Array, members: NDArray[np.intp], y: Points, lenient: bool
 ) -> None:
     """Compare forces at points with those of other momenta; ``lenient`` ignores exceptions."""
-    q, momentum = frame.split(y)
-    shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
-    other = frame.join(q, momentum + shift * (1.0 + np.abs(momentum)))
     try:
-        one, another = (_forces(rhs, t, members, points) for points in (y, other))
+        forces, others = (_forces(rhs, t, members, points) for points in (y, _shifted(frame, y)))
     except Exception as error:
         if lenient:
             return
         if isinstance(rhs, PythonRhs) and not rhs.vectorized:
             error.add_note(rhs.note(float(t[0])))
         raise
-    scale = np.abs(one).max(axis=-1, keepdims=True, initial=0.0)
-    differs = ~(np.abs(one - another) <= _FORCES_ROUNDING * scale)
+    scale = np.abs(forces).max(axis=-1, keepdims=True, initial=0.0)
+    differ = ~(np.abs(forces - others) <= _FORCES_ROUNDING * scale)
     if lenient:
-        differs &= ~(np.isnan(one) & np.isnan(another))
-    if differs.any():
-        k = int(np.flatnonzero(differs.any(axis=-1))[0])
-        first = getattr(rhs, "first", None)
-        which = "" if first is None else f" in member {first + members[k]}"
+        differ &= ~(np.isnan(forces) & np.isnan(others))
+    if differ.any():
+        k = int(np.flatnonzero(differ.any(axis=-1))[0])
+        which = "" if rhs.first is None else f" in member {rhs.first + members[k]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t[k]:.17g}{which}; "
@@ -98,9 +94,16 @@ def _check(
         )
 
 
+def _shifted(frame: PhaseSpace, y: Points) -> Points:
+    """Return points with the same positions and other momenta, all of whose components differ."""
+    position, momentum = frame.split(y)
+    shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim)) * (1.0 + np.abs(momentum))
+    return frame.join(position, momentum + shift)
+
+
 def _forces(rhs: Any, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return what ``f`` returns for several members, in one call if it is vectorized."""
-    if isinstance(rhs, PythonRhs) and rhs.vectorized:
+    if rhs.vectorized:
         return np.array(rhs.at_members(t.copy(), members, y.copy()))
     each = zip(members.tolist(), t.tolist(), y, strict=True)
     return np.array([rhs.answer(member, time, point) for member, time, point in each])
@@ -216,7 +219,7 @@ class MemberInertia(NamedTuple):
 
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
-    given: Sequence[Any]  # as the caller gave them
+    entries: Sequence[Any]  # of the argument
     # whether members are integrated one by one, on frames of their own: those with joints, whose
     # bodies are all of the frame's inertia, and those with derivatives
     apart: bool
@@ -224,13 +227,13 @@ class MemberInertia(NamedTuple):
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
         rows = self.columns[members].copy(), self.numbers[members].copy()
-        return MemberInertia(*rows, self.given[members], self.apart)
+        return MemberInertia(*rows, self.entries[members], self.apart)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
         """Return the phase space of a member."""
         assert isinstance(frame, PhaseSpace)
         return PhaseSpace(
-            frame.configuration, self.given[member], gyroscopic=frame.gyroscopic,
+            frame.configuration, self.entries[member], gyroscopic=frame.gyroscopic,
             joints=frame.joints, constraints=frame.constraints,
         )  # fmt: skip
 
@@ -250,23 +253,20 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     if apart and options["common_steps"]:
         what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
         raise ValueError(f"common_steps must be False with inertia and {what}")
-    each = value if isinstance(value, list | tuple) else list(np.asarray(value))
-    if not each or members not in (1, len(each)):
+    entries = value if isinstance(value, list | tuple) else list(np.asarray(value))
+    if not entries or members not in (1, len(entries)):
         raise ValueError(
-            f"inertia must have {members} entries, one for each member, got {len(each)}"
+            f"inertia must have {members} entries, one for each member, got {len(entries)}"
         )
     columns, rows = [], []
-    for k, own in enumerate(each):
-        _, bodies = read_inertia(frame.configuration, own, f"inertia[{k}]", frame.gyroscopic)
+    for k, entry in enumerate(entries):
+        _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
         columns.append([body.columns for body in bodies])
         rows.append(numbers_of(bodies))
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers, each, apart)
-
-
-_VALUES_ROUNDING = 1e-10  # of values that should be equal
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, apart)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,25 +299,24 @@ def sizes_of(
         if options[name]:
             raise ValueError(f"step_function must be None with {name}, got {short(function)}")
     try:
-        given = observer_of(function, "all", plan.frame, rhs, t, y)
+        observer = observer_of(function, "all", plan.frame, rhs, t, y)
     except TypeError as error:
         raise TypeError(f"{error}".replace("observe", "step_function")) from None
-    assert given is not None
-    sizes = Sizes(given.function, plan.frame, (), True)
-    if not isinstance(given.function, list):
-        frame, data = plan.frame, rhs.arguments(0)
-        assert isinstance(frame, PhaseSpace)
-        momentum = frame.split(y)[1]
-        shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim)) * (1.0 + np.abs(momentum))
-        other = frame.join(frame.split(y)[0], momentum + shift)
-        first = sizes.check(given.function(t, y.copy(), *data), t, y)
+    assert observer is not None
+    sizes = Sizes(observer.function, plan.frame, (), True)
+    if not isinstance(sizes.function, list):
+
+        def size_at(time: float, point: Points) -> Array:
+            return sizes.check(sizes.function(time, point.copy(), *rhs.arguments(0)), time, point)
+
+        assert isinstance(plan.frame, PhaseSpace)
+        size = size_at(t, y)
         later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
-        for what, time, point in (("momentum", t, other), ("time", later, y)):
-            found = sizes.check(given.function(time, point.copy(), *data), time, point)
-            if not abs(found - first) <= _VALUES_ROUNDING * abs(first):
+        for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
+            other = size_at(*place)
+            if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
                 raise ValueError(
                     "step_function must depend on the configuration alone, or steps can't be "
-                    f"reversed, got {first:.17g} and for another {what} {found:.17g} at t = "
-                    f"{t:.17g}"
+                    f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
                 )
     return sizes

@@ -136,7 +136,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     else:
         plan = problem.plan
         if not plan.compiled:  # f gives coefficients there
-            plan = plan_of(plan.given, plan.method)
+            plan = plan_of(plan.user_frame, plan.method)
         joint = compiled_variation(field, plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         absolute = _tolerances(problem, field, controlled, "atol")

@@ -139,7 +139,7 @@ class Results:
             "message": message,
             "success": not failures,
             "table": problem.plan.method,
-            "frame": problem.plan.given,
+            "frame": problem.plan.user_frame,
             "h": problem.control.h,
             "observed": joint.observed,
             "_direction": problem.direction,
@@ -191,7 +191,7 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
     ends = problem.direction, part.reached.item(0), part.status[0], part.counts[0].tolist()
     return filled(Solution, {
         **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
-        "y_after": None, "table": problem.plan.method, "frame": problem.plan.given,
+        "y_after": None, "table": problem.plan.method, "frame": problem.plan.user_frame,
         "h": problem.control.h,
     })  # fmt: skip
 

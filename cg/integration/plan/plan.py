@@ -112,7 +112,7 @@ class Plan:
         import cg._core_r64 as core
 
         self.core, self.frame, self.method = core, frame, method
-        self.given = frame._given or frame  # that of the user, another one if f returns derivatives
+        self.user_frame = frame._given or frame  # another one where f returns derivatives
         along = method.polynomial if isinstance(frame, LinearAction) else None
         self.table = table = method if along is None else along
         self.compiled = is_compiled(frame)

@@ -169,7 +169,7 @@ def dropped_parts(run: Run) -> list[str]:
     if not share or math.isinf(share):
         return []
     return [
-        f"f returns derivatives with a part that the fields of {run.plan.given!r} don't have, "
+        f"f returns derivatives with a part that the fields of {run.plan.user_frame!r} don't have, "
         f"which is dropped: up to {share:.3g} of their length, at t = {record.dropped_at:.17g}"
     ]
 
