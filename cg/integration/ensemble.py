@@ -116,7 +116,7 @@ def solve_ensemble(
     Raises
     ------
     RuntimeError
-        If the workers of all members died.
+        If a worker died.
 
     Warns
     -----
@@ -251,16 +251,15 @@ def _count_steps(problem: Problem) -> int:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
-    # Members of one problem are parts of it. On frames of their own they are parts of the problem
-    # without derivatives, which are then added to each; those of all only collect the results.
-    base = problem
-    of_parts: Options | None = None
+    # Members are parts of the problem. Members on frames of their own are parts of the problem
+    # without derivatives, which are added to each: the problem with those of all collects results.
+    whole, part_options = problem, None
     problem = _with_derivatives(problem, options)
-    if base.inertia is not None and base.inertia.apart and problem is not base:
-        problem, of_parts = replace(problem, inertia=None), options.copy()
-        of_parts["P0"] = None
+    if whole.inertia is not None and whole.inertia.apart and problem is not whole:
+        problem, part_options = replace(problem, inertia=None), options.copy()
+        part_options["P0"] = None
     else:
-        base = problem
+        whole = problem
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
@@ -271,14 +270,15 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     result = Results(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(base, of_parts, *check_executor(executor, workers), result, watch)
+        _distribute(whole, part_options, *check_executor(executor, workers), result, watch)
     else:
-        size = members if problem.common else 1 if base.one_by_one else _MEMBERS_PER_RUN
+        size = members if problem.common else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
-                part = slice(first, min(first + size, members))
-                result.add(part, _integrate(_with_derivatives(base.part(part), of_parts), watch))
-                watch.count_finished(part.stop - first)
+                chunk = slice(first, min(first + size, members))
+                part = _with_derivatives(whole.part(chunk), part_options)
+                result.add(chunk, _integrate(part, watch))
+                watch.count_finished(chunk.stop - first)
     watch.finish()
     solution = result.solution()
     for text in dict.fromkeys(result.joint().warnings):
@@ -289,7 +289,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
 
 
 def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> MemberResults:
-    """Integrate members in this thread; one point takes ``steps`` equal ones, 0 if unknown."""
+    """Integrate members in this thread; ``steps`` is the number of one point's, 0 if unknown."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
     y, observed, capacity = None, None, 0
     if times is not None:
@@ -346,25 +346,21 @@ def _distribute(
     # only the first member, so that little is sent to other processes
     work = partial(_integrate_part, problem.part(slice(0, 1)), options)
     if executor is not None:
-        _check_pickle(work)
-    count, parts = len(problem.points), count_workers(executor, workers)
-    parts *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
-    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // parts)))
-    chunks = (slice(first, min(first + size, count)) for first in range(0, count, size))
-    items = ((chunk, problem.data(chunk)) for chunk in chunks)
+        try:
+            pickle.dumps(work)
+        except Exception as error:
+            raise TypeError(
+                "f, frame and all other arguments must be such that they can be pickled for other "
+                "processes; functions must be those of a module, a compiled one "
+                f"cg.CompiledFunction(path, symbol): {error}"
+            ) from error
+    count, chunks = len(problem.points), count_workers(executor, workers)
+    chunks *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
+    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // chunks)))
+    slices = (slice(first, min(first + size, count)) for first in range(0, count, size))
+    items = ((members, problem.data(members)) for members in slices)
     with closing(completed(work, items, executor, workers)) as results:
         for (members, _), part in results:
             result.add(members, part)
             watch.count_finished(members.stop - members.start)
             watch.update(0.0)
-
-
-def _check_pickle(work: Any) -> None:
-    try:
-        pickle.dumps(work)
-    except Exception as error:
-        raise TypeError(
-            "f, frame and all other arguments must be such that they can be pickled for other "
-            "processes; functions must be those of a module, a compiled one "
-            f"cg.CompiledFunction(path, symbol): {error}"
-        ) from error

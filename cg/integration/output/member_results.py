@@ -29,10 +29,10 @@ class MemberResults(NamedTuple):
     t: Array
     y: Any  # points, shape (times, members, *point_shape), or None
     observed: Any  # shape (times, members, *shape), or None
-    reached: Array  # their last times
+    reached: Array  # the last time of each member
     status: Any
     counts: Any  # shape (members, 6)
-    messages: dict[int, str]  # by member, of those whose status isn't 0
+    messages: dict[int, str]  # by member, where the status isn't 0
     steps: Steps | None
     events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
     warnings: list[str]
@@ -54,10 +54,13 @@ class Results:
             _check_out(out, (len(problem.t_eval), *shape), kind)
         self._marks: dict[int, tuple[Array, Points]] = {}  # times and points of events, by member
         self._outputs: dict[int, DenseOutput] = {}
-        self._events: dict[int, list[tuple[Array, Points]]] = {}
+        # by event and member, the times, and the points before and after
+        count = 0 if problem.events is None else len(problem.events)
+        self._times: list[Any] = [[None] * self.members for _ in range(count)]
+        self._points: list[Any] = [[None] * self.members for _ in range(count)]
 
     def joint(self) -> MemberResults:
-        """Return results of all members, those that haven't arrived being failures."""
+        """Return results of all members, with room for those that haven't arrived."""
         if self._all is None:
             problem, members = self.problem, self.members
             t, observer, y, observed = problem.t_eval, problem.observer, self.out, None
@@ -68,9 +71,8 @@ class Results:
                 y = np.empty((len(t), *self._shape), dtype=problem.plan.frame.dtype)
             if observer is not None and observed is None:
                 observed = np.empty((len(t), members, *observer.shape))
-            counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
-            status = np.full(members, -1)
-            reached = np.full(members, problem.t0)
+            counts = np.empty((members, len(COUNTS)), dtype=np.int64)
+            status, reached = np.empty(members, dtype=np.int64), np.empty(members)
             self._all = MemberResults(t, y, observed, reached, status, counts, {}, None, None, [])
         return self._all
 
@@ -102,35 +104,33 @@ class Results:
         """Add the events of some members."""
         assert part.events is not None
         assert self.problem.events is not None
-        of, t, y = part.events
+        places, t, y = part.events
+        members, count = len(part.status), len(self.problem.events)
         if self.problem.dense:
-            order = np.argsort(of[:, 0], kind="stable")
-            bounds = np.searchsorted(of[order, 0], np.arange(len(part.status) + 1)).tolist()
-            for k, (begin, end) in enumerate(pairwise(bounds), first):
-                own = order[begin:end]
-                self._marks[k] = t[own], y[own, 1]
-        count = len(self.problem.events)
-        times, points = (split_events(of, each, len(part.status), count) for each in (t, y))
-        for k in range(len(part.status)):
-            self._events[first + k] = [(times[i][k], points[i][k]) for i in range(count)]
+            after = (_by_key(places[:, 0], values, members) for values in (t, y[:, 1]))
+            self._marks.update(enumerate(zip(*after, strict=True), first))
+        for lists, values in ((self._times, t), (self._points, y)):
+            arrays = split_events(places, values, members, count)
+            for row, own in zip(lists, arrays, strict=True):
+                row[first : first + members] = own
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
         problem, joint = self.problem, self.joint()
-        failures = {}
-        if joint.messages:
-            failures = {k: joint.messages[k] for k in np.flatnonzero(joint.status < 0).tolist()}
+        failed = np.flatnonzero(joint.status < 0).tolist() if joint.messages else []
+        failures = {k: joint.messages[k] for k in failed}
         message = failed_members(failures, self.members) if failures else FINISHED
+        if not failures and len(joint.messages) == self.members:
+            message = TERMINAL_EVENT
         joint.t.flags.writeable = False
         for array in (joint.y, joint.observed):
             if array is not None and array is not self.out:
                 array.flags.writeable = False
-        if not failures and len(joint.messages) == self.members:
-            message = TERMINAL_EVENT
+        outputs = [self._outputs[k] for k in range(self.members)] if problem.dense else []
         fields = {
             "t": joint.t,
             "y": joint.y,
-            "sol": self._output() if problem.dense else None,
+            "sol": EnsembleOutput(outputs) if problem.dense else None,
             "t_end": joint.reached,
             **self._event_lists(),
             "status": joint.status,
@@ -147,38 +147,28 @@ class Results:
         solution = filled(EnsembleSolution, fields)
         return solution if problem.finish is None else problem.finish(problem, solution)
 
-    def _output(self) -> EnsembleOutput:
-        """Return the continuous solution, only initial points of members whose worker died."""
-        problem, nothing = self.problem, Steps.none(self.problem.plan)
-        return EnsembleOutput([
-            self._outputs.get(k) or DenseOutput(nothing, problem.t0, problem.direction, point)
-            for k, point in enumerate(problem.points)
-        ])  # fmt: skip
-
     def _event_lists(self) -> dict[str, Any]:
         if self.problem.events is None:
             return {"t_events": None, "y_events": None, "y_after": None}
-        events = range(len(self.problem.events))
-        nothing = [(np.empty(0), np.empty((0, 2, *self._shape[1:]))) for _ in events]
-        rows = [self._events.get(k, nothing) for k in range(self.members)]
         return {
-            "t_events": [[row[i][0] for row in rows] for i in events],
-            "y_events": [[row[i][1][:, 0] for row in rows] for i in events],
-            "y_after": [[row[i][1][:, 1] for row in rows] for i in events],
+            "t_events": self._times,
+            "y_events": [[points[:, 0] for points in row] for row in self._points],
+            "y_after": [[points[:, 1] for points in row] for row in self._points],
         }
 
 
-def split_events(of: Any, values: Array, members: int, events: int) -> list[list[Array]]:
-    """Return values of events, of each event those of each member.
+def split_events(places: Any, values: Array, members: int, events: int) -> list[list[Array]]:
+    """Return for each event the values of each member; ``places`` are the member and the event."""
+    rows = _by_key(members * places[:, 1] + places[:, 0], values, members * events)
+    return [rows[members * i : members * (i + 1)] for i in range(events)]
 
-    ``of`` are the member and the event of each value.
-    """
-    keys = members * of[:, 1] + of[:, 0]
+
+def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
+    """Return the values with each key from 0 to ``count - 1``, in their order."""
     order = np.argsort(keys, kind="stable")
     values = values[order]
-    bounds = np.searchsorted(keys[order], np.arange(members * events + 1)).tolist()
-    parts = [values[begin:end] for begin, end in pairwise(bounds)]
-    return [parts[members * i : members * (i + 1)] for i in range(events)]
+    bounds = np.searchsorted(keys[order], np.arange(count + 1)).tolist()
+    return [values[begin:end] for begin, end in pairwise(bounds)]
 
 
 def solution_of(problem: Problem, part: MemberResults) -> Solution:

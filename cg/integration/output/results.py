@@ -41,24 +41,21 @@ class Steps:
 
     def of(self, member: int) -> Steps:
         """Return the steps of one member."""
-        first, last = np.searchsorted(self.member, [member, member + 1]).tolist()
-        part = slice(first, last)
-        return Steps(self.plan, self.member[part], self.t[part], self.y[part], self.field[part])
+        rows = slice(*np.searchsorted(self.member, [member, member + 1]).tolist())
+        return Steps(self.plan, self.member[rows], self.t[rows], self.y[rows], self.field[rows])
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
-        import cg._core_r64 as core
-
-        start, size = self.t[which, 0], self.t[which, 1]
-        theta = np.clip((t - start) / size, 0.0, 1.0)
-        rows = np.full((len(t), self.plan.width), math.nan)
-        callbacks = None if self.plan.compiled else Callbacks(self.plan)
-        if len(t) and self.plan.columns:
-            core.plan_interpolate(
-                self.plan.address, 0 if callbacks is None else id(callbacks), which, theta,
+        plan = self.plan
+        theta = np.clip((t - self.t[which, 0]) / self.t[which, 1], 0.0, 1.0)
+        rows = np.full((len(t), plan.width), math.nan)
+        callbacks = None if plan.compiled else Callbacks(plan)
+        if len(t) and plan.columns:
+            plan.core.plan_interpolate(
+                plan.address, 0 if callbacks is None else id(callbacks), which, theta,
                 self.t.T, self.y.T, self.field.T, rows.T,
             )  # fmt: skip
-        return self.plan.points(rows, (len(t),))
+        return plan.points(rows, (len(t),))
 
 
 class DenseOutput(ReadOnly):
@@ -153,13 +150,12 @@ class DenseOutput(ReadOnly):
 
     def with_derivatives(self, derivatives: Any) -> Self:
         """Return the solution, whose points hold derivatives, as functions of time."""
-        made = copy.copy(self)
-        made._derivatives = derivatives
-        return made
+        output = copy.copy(self)
+        output._derivatives = derivatives
+        return output
 
     def _part(self, name: str, t: ArrayLike) -> Any:
-        none = self._derivatives is None
-        return None if none else self._derivatives.split(self._points(t))[name]
+        return self._derivatives and self._derivatives.split(self._points(t))[name]
 
     def _points(self, t: ArrayLike) -> Points:
         times = real_array(t, "t")
@@ -209,8 +205,8 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={times}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        one, derivatives = self._members[member], self._derivatives
-        return one if derivatives is None else one.with_derivatives(derivatives.of(member))
+        output, derivatives = self._members[member], self._derivatives
+        return output if derivatives is None else output.with_derivatives(derivatives.of(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)
@@ -462,7 +458,7 @@ class EnsembleSolution(_Results):
     """
 
     sol: EnsembleOutput | None
-    t_end: Array = field(kw_only=True)  # the last time of each member
+    t_end: Array = field(kw_only=True)
     messages: dict[int, str] = field(kw_only=True)
     _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
@@ -477,27 +473,25 @@ class EnsembleSolution(_Results):
         return len(self.status)
 
     def __getitem__(self, member: int) -> Solution:
-        return filled(Solution, self._fields_of(range(len(self))[member]))
-
-    def _fields_of(self, member: int) -> dict[str, Any]:
-        """Return the fields of the solution of a member."""
-        events = {name: getattr(self, name) for name in _EVENT_FIELDS}
-        for name, lists in events.items():
-            events[name] = None if lists is None else [members[member] for members in lists]
+        member = range(len(self))[member]  # which refuses those beyond, and takes negative ones
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
         ends = self._direction, self.t_end[member], self.status[member], counts
         fields = member_fields(self, member, *ends)
         fields |= {"table": self.table, "frame": self.frame, "h": self.h}
+        for name in _EVENT_FIELDS:
+            lists = getattr(self, name)
+            fields[name] = None if lists is None else [members[member] for members in lists]
         for name in _DERIVATIVES:
             array = getattr(self, name)
             fields[name] = None if array is None else array[: len(fields["t"]), member]
-        return fields | events | {"sol": None if self.sol is None else self.sol[member]}
+        fields["sol"] = None if self.sol is None else self.sol[member]
+        return filled(Solution, fields)
 
 
 def member_fields(
     joint: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
 ) -> dict[str, Any]:
-    """Return fields of the solution of a member up to its last time, of what all have jointly."""
+    """Return fields of the solution of a member up to its last time, from results of all."""
     t, y, observed = joint.t, joint.y, joint.observed
     if len(t) and t[-1] != end:
         t = t[: int((direction * (t - end) <= 0.0).sum())]
