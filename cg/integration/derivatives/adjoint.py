@@ -6,9 +6,9 @@ cost with respect to the point at time t is a covector :math:`\lambda`, which sa
 the start is the gradient with respect to the initial point, and :math:`\int \lambda^H B\,dt` that
 with respect to the parameters.
 
-The intervals of `cg.integration.derivatives.adjoint_equation` are the steps of the integration,
-divided at output times and at those of samples.
-Linear equations have one of their own, without a solution to go along.
+`cg.integration.derivatives.adjoint_equation` solves it on intervals, which are the steps of the
+integration, divided at output times and at those of samples. The matrices of linear equations
+don't depend on the solution, along which other equations are linearised.
 """
 
 from __future__ import annotations
@@ -25,7 +25,11 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.integration.derivatives.adjoint_equation import Equation, Gradient, Intervals, solve
-from cg.integration.derivatives.field import parameter_differences, structure_constants
+from cg.integration.derivatives.field import (
+    count_parameters,
+    parameter_differences,
+    structure_constants,
+)
 from cg.integration.output.results import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
@@ -35,7 +39,8 @@ from cg.integration.rhs.python import Derivative, context_of, derivative_of, whe
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
-_ISOTROPY = 1e-3  # of a cotangent, which may be a difference quotient
+# Largest share of a cotangent along fields that don't move the point; differences have some
+_ISOTROPY = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,30 +99,33 @@ class Adjoint:
         The first call evaluates f and its derivatives at five points of each step, and solves for
         the covectors; others take little time.
         """
-        given = self._read(cotangent)
+        cotangents = self._read(cotangent)
         if self._equation.generators is None:
-            self._check_isotropy(given[..., 0])
-        return self._gradient(given)
+            self._check_isotropy(cotangents[..., 0])
+        return self._gradient(cotangents)
 
-    def _gradient(self, given: Points) -> Gradient:
-        """Return the gradient from the cotangents at all times."""
-        equation = self._equation
+    def _gradient(self, cotangents: Points) -> Gradient:
+        """Return the gradient from the cotangents at all times.
+
+        The covector is zero behind the last time and goes backward from interval to interval by
+        their maps; at each output time the cotangent there is added to it.
+        """
         parts, sign = self._parts, self._output._direction
         starts = sign * np.concatenate([part.start for part in parts])
-        order = np.argsort(starts)
-        steps = np.concatenate([part.maps[:, 0] for part in parts])[order]
-        count = len(starts)
-        covector = np.zeros_like(given[0])
-        ends = np.empty((count, *covector.shape), given.dtype)
-        at = np.searchsorted(starts[order], sign * self._times).tolist()
-        for i in range(count, -1, -1):
-            while at and at[-1] == i:
-                covector = covector + given[len(at) - 1]
-                at.pop()
+        order = np.argsort(starts)  # bisected intervals are behind the others
+        maps = np.concatenate([part.maps[:, 0] for part in parts])[order]
+        covector = np.zeros_like(cotangents[0])
+        ends = np.empty((len(starts), *covector.shape), cotangents.dtype)
+        # the interval behind each output time
+        intervals = np.searchsorted(starts[order], sign * self._times).tolist()
+        for i in range(len(starts), -1, -1):
+            while intervals and intervals[-1] == i:
+                covector = covector + cotangents[len(intervals) - 1]
+                intervals.pop()
             if i:
                 ends[order[i - 1]] = covector
-                covector = steps[i - 1] @ covector
-        return equation.gradient(covector, parts, ends)
+                covector = maps[i - 1] @ covector
+        return self._equation.gradient(covector, parts, ends)
 
     def jacobian(self) -> Gradient:
         """Return the derivatives of the last point by the initial point, parameters and inputs.
@@ -166,27 +174,27 @@ class Adjoint:
             raise ValueError(
                 f"cotangent must have shape {shape} or {(times, *shape)}, got {array.shape}"
             )
-        given = np.zeros((times, *shape), array.dtype)
-        given[... if array.ndim > len(shape) else -1] = array
-        return given.reshape(times, shape[0], -1)
+        cotangents = np.zeros((times, *shape), array.dtype)
+        cotangents[... if array.ndim > len(shape) else -1] = array
+        return cotangents.reshape(times, shape[0], -1)
 
-    def _check_isotropy(self, given: Array) -> None:
+    def _check_isotropy(self, cotangents: Array) -> None:
         """Raise ValueError unless costs are constant along fields that don't move their points."""
         points = self._output(self._times)
 
         def without_isotropy(v: Array) -> Array:
             return self._frame._coefficients(points, self._frame.field(v, points))[0]
 
-        along = without_isotropy(given)
+        along = without_isotropy(cotangents)
         # near singular matrices both are inaccurate, which a second time shows
         error = np.linalg.norm(without_isotropy(along) - along, axis=-1)
-        bound = _ISOTROPY * np.linalg.norm(given, axis=-1) + 1e3 * error
-        wrong = np.linalg.norm(along - given, axis=-1) > bound
+        bound = _ISOTROPY * np.linalg.norm(cotangents, axis=-1) + 1e3 * error
+        wrong = np.linalg.norm(along - cotangents, axis=-1) > bound
         if wrong.any():
             k = int(np.argmax(wrong))
             raise ValueError(
                 "cotangent must be derivatives along the frame's fields, zero along those that "
-                f"don't move the point; derivatives by entries are not; got {given[k]} at t = "
+                f"don't move the point; derivatives by entries are not; got {cotangents[k]} at t = "
                 f"{self._times[k]:.17g}"
             )
 
@@ -228,10 +236,11 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
 
     def finish(_: Problem, joint: EnsembleSolution) -> Any:
         """Return a list of the solution of the only member."""
-        one = joint[0]
-        assert one.sol is not None
-        adjoint = Adjoint(equation_of(one.sol), one.sol, one.t, problem.plan.frame)
-        return [replace(one, sol=one.sol if problem.dense else None, adjoint=adjoint)]
+        solution = joint[0]
+        sol = solution.sol
+        assert sol is not None
+        adjoint = Adjoint(equation_of(sol), sol, solution.t, problem.plan.frame)
+        return [replace(solution, sol=sol if problem.dense else None, adjoint=adjoint)]
 
     return replace(problem, dense=True, finish=finish)
 
@@ -251,23 +260,15 @@ def tolerance_of(problem: Problem) -> float:
 def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     """Return the problem whose solution has gradients, after checking ``df_dp``."""
     frame, rhs = problem.plan.frame, problem.rhs
-    numbers, inputs = rhs.parameters, rhs.inputs
     if not isinstance(frame, LinearAction) and not has_brackets(frame):
         raise ValueError(
             "frame must be a LinearAction or know the bracket of its fields with "
             f"derivatives='adjoint', got {frame!r}"
         )
-    derivative = None
-    if numbers is not None:
-        check_finite(numbers, "parameters")
-    count = (0 if numbers is None else numbers.shape[-1]) + (inputs.width if inputs else 0)
-    if count:
-        if callable(df_dp):
-            df_dp = TimeFunction(df_dp)
-        shape = frame.dim, count
-        derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, inputs)
-    elif df_dp is not None:
-        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
+    shape = frame.dim, count_parameters(rhs, df_dp, True)[0]
+    if callable(df_dp):
+        df_dp = TimeFunction(df_dp)
+    derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.inputs)
     return with_adjoint(problem, partial(_equation, problem, derivative))
 
 
@@ -275,15 +276,15 @@ def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> E
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
     numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
     count = None if numbers is None else numbers.shape[-1]
-    own = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
+    linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
-        at, rest = partial(own, matrices), (matrices, frame.is_skew, sol)
+        at, rest = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
         return Equation(at, frame.point_shape, tolerance, count, inputs, *rest)
     (i, j, k), constants = structure_constants(frame)
     brackets = np.zeros((frame.dim,) * 3)
     brackets[i, k, j] = constants
-    return Equation(partial(own, brackets), (frame.dim,), tolerance, count, inputs)
+    return Equation(partial(linearisation, brackets), (frame.dim,), tolerance, count, inputs)
 
 
 def _linearisation(
@@ -332,10 +333,10 @@ def _differences(rhs: Any, times: Array, point: Points) -> Array:
     row = np.zeros(0) if rhs.parameters is None else rhs.parameters[0]
     count, width = len(row), 0 if inputs is None else inputs.width
 
-    def moved(numbers: Array) -> Array:
+    def coefficients(numbers: Array) -> Array:
         own = numbers[None, :count] if count else None
         curves = inputs.shifted(numbers[count:]) if width else None
         return _coefficients(rhs.with_data(rhs.args, own, curves), times, point)
 
     scales = np.concatenate([np.zeros(count), inputs.scales]) if width else np.zeros(count)
-    return parameter_differences(moved, np.append(row, np.zeros(width)), scales)
+    return parameter_differences(coefficients, np.append(row, np.zeros(width)), scales)

@@ -28,10 +28,10 @@ _TO_LEGENDRE = np.array([(2 * k + 1) * _WEIGHTS * Legendre.basis(k)(_X) for k in
 _INTEGRALS = (
     np.stack([1 - _NODES ** (k + 1) for k in range(_COUNT)], axis=1) / np.arange(1, _COUNT + 1)
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
-_BISECTIONS = 20
-_MIXED = 8
+_BISECTIONS = 20  # of an interval at most
+_MIXED = 8  # combinations of parameters, from which errors of integrals are estimated
 _LARGEST = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
-_MANY = 8  # intervals that aren't resolved, for each of the first ones
+_MANY = 8  # most intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
@@ -77,10 +77,11 @@ class Equation:
         y0, inputs = start.reshape(self.shape), self.inputs
         if self.parameters is None and inputs is None:
             return Gradient(y0, None)
-        last = np.cumsum([len(part.start) for part in parts])
-        each = zip(parts, np.split(ends, last[:-1]), strict=True)
-        own, by_inputs = zip(*(self._integrals(*pair) for pair in each), strict=True)
-        total = None if self.parameters is None else np.sum(own, axis=0)
+        splits = np.cumsum([len(part.start) for part in parts])[:-1]
+        by_parameters, by_inputs = zip(
+            *map(self._integrals, parts, np.split(ends, splits)), strict=True
+        )
+        total = None if self.parameters is None else np.sum(by_parameters, axis=0)
         if inputs is None:
             return Gradient(y0, total)
         times = np.concatenate([part.times.ravel() for part in parts])
@@ -91,16 +92,16 @@ class Equation:
 
         The terms belong to nodes, shape (intervals * nodes, width).
         """
-        paired = part.maps[:, 1:] @ ends[:, None]
+        covectors = part.maps[:, 1:] @ ends[:, None]
         if self.generators is not None:
-            moved = self.generators @ part.points[:, :, None]
-            paired = np.sum(paired[:, :, None].conj() * moved, axis=-2).real.sum(-1)
+            tangents = self.generators @ part.points[:, :, None]
+            covectors = np.sum(covectors[:, :, None].conj() * tangents, axis=-2).real.sum(-1)
         m, k = part.by_parameters.shape[-2:]
         count, b = self.parameters or 0, part.by_parameters.reshape(-1, m, k)
-        weighted = (part.size[:, None] * _WEIGHTS)[..., None] * paired.reshape(*paired.shape[:2], m)
-        weighted = weighted.reshape(-1, m)
-        own = weighted.ravel() @ b[..., :count].reshape(len(b) * m, count)
-        return own, np.einsum("im,imk->ik", weighted, b[..., count:])
+        weights = (part.size[:, None] * _WEIGHTS).reshape(-1, 1)
+        weighted = weights * covectors.reshape(-1, m)
+        by_parameters = weighted.ravel() @ b[..., :count].reshape(len(b) * m, count)
+        return by_parameters, np.einsum("im,imk->ik", weighted, b[..., count:])
 
 
 class Intervals(NamedTuple):
@@ -158,21 +159,20 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
     start, size = edges[:-1], np.diff(edges)
     span = abs(edges[-1] - edges[0])
     parts: list[Intervals] = []
-    each = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
+    chunk_size = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
     for _ in range(_BISECTIONS + 1):
-        again: list[Array] = []
-        for first in range(0, len(start), each):
-            chunk = slice(first, first + each)
-            part, errors = _at(equation, start[chunk], size[chunk], span)
-            good = errors <= equation.tolerance
-            parts.append(part if good.all() else Intervals(*(a[good] for a in part)))
-            again.append(np.stack([start[chunk][~good], size[chunk][~good]]))
-        start, size = np.concatenate(again, axis=1)
+        unresolved: list[Array] = []
+        for first in range(0, len(start), chunk_size):
+            chunk = slice(first, first + chunk_size)
+            part, errors = _solve_once(equation, start[chunk], size[chunk], span)
+            resolved = errors <= equation.tolerance
+            parts.append(part if resolved.all() else Intervals(*(a[resolved] for a in part)))
+            unresolved.append(np.stack([start[chunk][~resolved], size[chunk][~resolved]]))
+        start, size = np.concatenate(unresolved, axis=1)
         if not start.size:
             return parts
-        if start.size > max(_LARGEST, _MANY * len(edges)):
-            break
-        if (np.abs(size) < _SHORT * np.spacing(np.abs(start))).any():
+        too_short = np.abs(size) < _SHORT * np.spacing(np.abs(start))
+        if start.size > max(_LARGEST, _MANY * len(edges)) or too_short.any():
             break
         size = np.tile(size / 2, 2)
         start = np.concatenate([start, start + size[: len(start)]])
@@ -183,10 +183,12 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
     )
 
 
-def _at(equation: Equation, start: Array, size: Array, span: float) -> tuple[Intervals, Array]:
-    """Return intervals with estimates of the errors of all, if there are many like each.
+def _solve_once(
+    equation: Equation, start: Array, size: Array, span: float
+) -> tuple[Intervals, Array]:
+    """Return solved intervals with estimates of the errors, in the whole span, of maps like each.
 
-    Errors of maps add up over the span of all intervals, and integrals are over parts of it.
+    Errors of maps add up over the span. Those of integrals are relative to the largest integrand.
     """
     times = start[:, None] + size[:, None] * _NODES
     matrix, b = equation.at(times.ravel())
@@ -208,11 +210,11 @@ def _at(equation: Equation, start: Array, size: Array, span: float) -> tuple[Int
     mixed = b @ _mixture(b.shape[-1])
     largest = max(np.abs(mixed).max(), np.finfo(float).tiny)
     errors = np.maximum(errors, (_unresolved(mixed) / largest) ** 2)
-    if equation.output is not None:
-        output = equation.output
-        own = maps if equation.skew else _collocate(-matrix.conj().mT, size)[0]
+    if (output := equation.output) is not None:
+        # y' = A y from the end of each interval; a covector satisfies it too if A is skew
+        flows = maps if equation.skew else _collocate(-matrix.conj().mT, size)[0]
         ends = output(np.clip(start + size, output.t_min, output.t_max))
-        points = own[:, 1:] @ ends.reshape(len(start), 1, matrix.shape[-1], -1)
+        points = flows[:, 1:] @ ends.reshape(len(start), 1, matrix.shape[-1], -1)
     return Intervals(start, size, maps, b, points), errors
 
 

@@ -19,10 +19,9 @@ from cg.integration.rhs.inputs import Reader, data_at
 from cg.support.arrays import Array, Points
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
-# weights of the central difference of order four
+# The central difference of order four, and the one to one side
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-# the same to one side
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
@@ -123,8 +122,7 @@ class VariationalEvents(EventTable):
         They aren't finite where the solution touches the event without crossing it.
         """
         derivatives = np.empty((len(times), self.field.directions))
-        for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
-            y, x = self.field.split(point)
+        for row, t, y, x in zip(derivatives, times.tolist(), *self.field.split(z), strict=True):
             row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
         return derivatives
 
@@ -185,12 +183,8 @@ class VariationalEvents(EventTable):
         unit = min(unit, float(np.ptp(self.edges)) or max(abs(t), 1.0))
 
         def values_along(v: Array, time: float = 0.0, steps: Array = _STEPS) -> Array:
-            return np.array(
-                [
-                    function(t + s * _STEP * time, frame.flow(s * _STEP * v, y), arguments)
-                    for s in steps
-                ]
-            )
+            places = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
+            return np.array([function(*place, arguments) for place in places])
 
         by_fields = [
             _WEIGHTS @ values_along(size * e) / (_STEP * size)
@@ -198,8 +192,8 @@ class VariationalEvents(EventTable):
         ]
         by_parameters = np.empty((self.field.count, len(by_fields[0])))
         if self.field.count:
-            for i, (moved, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
-                values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
+            for i, (shifted, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
+                values = [function(t, y, (*arguments[:-1], shifted(s))) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
         steps, weights = _STEPS, _WEIGHTS
         behind, before = self._room(t, arguments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import Check, Derivative, context_of, read_only, when
 from cg.integration.run.messages import DERIVATIVES
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
@@ -106,9 +106,7 @@ class VariationalField:
     check: Check = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        functions, numbers = (self.f, self.jac, self.df_dp), (self.count, self.vectorized)
-        others = self.inputs, self.noise, self.chosen, self.kicks
-        return VariationalField, (self.frame, *functions, *numbers, *others)
+        return VariationalField, tuple(getattr(self, x.name) for x in fields(self) if x.init)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
@@ -119,8 +117,7 @@ class VariationalField:
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, columns)``."""
         y, x = self.product.split(z)
-        n = self.frame.dim
-        return y, x.reshape(*x.shape[:-1], n, self.columns)
+        return y, x.reshape(*x.shape[:-1], self.frame.dim, self.columns)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
@@ -130,24 +127,22 @@ class VariationalField:
         """
         finite = np.isfinite(z).all(axis=-1)
         if not finite.all():
-            return self._at_some(finite, t, z, arguments)
+            return self._where(finite, t, z, arguments)
         y, x = self.split(z)
         coefficients = self.coefficients(t, y, arguments)
         finite = np.isfinite(coefficients).all(axis=-1)
         if not finite.all():
-            return self._at_some(finite, t, z, arguments)
-        (i, j, k), constant = self.structure
+            return self._where(finite, t, z, arguments)
+        (i, j, k), constants = self.structure
         with np.errstate(over="ignore", invalid="ignore"):
             jac = self.differences if self.jac is None else self.jac
             matrix = np.array(jac(t, y, arguments))
-            where: Any = slice(None), k, j
-            np.add.at(matrix, where, constant * coefficients[:, i])
-            slope = matrix @ x
-            m = self.directions
+            entries: Any = slice(None), k, j
+            np.add.at(matrix, entries, constants * coefficients[:, i])
+            slope, m = matrix @ x, self.directions
             if self.count:
                 slope[..., :m] += self.by_parameters(self._parameter_derivative(t, y, arguments))
-            if self.noise is not None:
-                noise = self.noise
+            if (noise := self.noise) is not None:
                 density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
                 slope[..., m:] += x[..., m:] @ matrix.mT + density
         if not np.isfinite(slope[np.isfinite(matrix).all(axis=(-2, -1))]).all():
@@ -156,15 +151,15 @@ class VariationalField:
             )
         return np.concatenate([coefficients, slope.reshape(len(z), -1)], axis=-1)
 
-    def _at_some(self, some: Any, t: Array, z: Array, arguments: tuple[Any, ...]) -> Array:
-        """Return the coefficients of some members, and NaN for the others."""
+    def _where(self, finite: Any, t: Array, z: Array, arguments: tuple[Any, ...]) -> Array:
+        """Return the coefficients of the members that are finite, and NaN for the others."""
         values = np.full((len(z), self.product.dim), np.nan)
-        if some.any():
+        if finite.any():
             if self.count:
-                arguments = (*arguments[:-1], arguments[-1][some])
+                arguments = (*arguments[:-1], arguments[-1][finite])
             if arguments and isinstance(arguments[0], Reader):
-                arguments = (arguments[0][some], *arguments[1:])
-            values[some] = self(t[some], z[some], *arguments)
+                arguments = (arguments[0][finite], *arguments[1:])
+            values[finite] = self(t[finite], z[finite], *arguments)
         return values
 
     def coefficients(
@@ -189,13 +184,11 @@ class VariationalField:
 
     def differences(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return differences of ``f`` along the frame's fields, shape ``(..., n, n)``."""
-        n = self.frame.dim
-        lead = y.shape[: y.ndim - len(self.frame.point_shape)]
+        n, shape = self.frame.dim, self.frame.point_shape
+        lead = y.shape[: y.ndim - len(shape)]
         sizes = DIFFERENCE_STEP * np.maximum(self.frame.coordinate_sizes(y), 1.0)
         v = sizes[..., None, :] * np.concatenate([np.eye(n), -np.eye(n)])
-        start = np.broadcast_to(
-            y.reshape(*lead, 1, *self.frame.point_shape), (*lead, 2 * n, *self.frame.point_shape)
-        )
+        start = np.broadcast_to(y.reshape(*lead, 1, *shape), (*lead, 2 * n, *shape))
         values = self._at_points(t, self.frame.flow(v, start), arguments)
         differences: Array = values[..., :n, :] - values[..., n:, :]
         return np.ascontiguousarray(differences.mT / (2.0 * sizes[..., None, :]))
@@ -233,18 +226,18 @@ def parameter_steps(row: Array, step: float, scales: Any = 0.0) -> list[tuple[An
     Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter or its scale, or
     to one if the square of both vanishes.
     """
-    steps_of = []
+    shifts = []
     sizes = np.maximum(np.abs(row), scales)
     for i in range(row.shape[-1]):
         size = step * np.where(sizes[..., i] > _VANISHING, sizes[..., i], 1.0)
 
-        def moved(steps: float, i: int = i, size: Array = size) -> Array:
-            other = row.copy()
-            other[..., i] += steps * size
-            return other
+        def shifted(steps: float, i: int = i, size: Array = size) -> Array:
+            numbers = row.copy()
+            numbers[..., i] += steps * size
+            return numbers
 
-        steps_of.append((moved, np.asarray(size)))
-    return steps_of
+        shifts.append((shifted, np.asarray(size)))
+    return shifts
 
 
 def parameter_differences(
@@ -252,10 +245,25 @@ def parameter_differences(
 ) -> Array:
     """Return central differences of ``function(row)`` by each parameter, on a last axis."""
     columns = []
-    for moved, size in parameter_steps(row, DIFFERENCE_STEP, scales):
-        ahead, behind = function(moved(1.0)), function(moved(-1.0))
+    for shifted, size in parameter_steps(row, DIFFERENCE_STEP, scales):
+        ahead, behind = function(shifted(1.0)), function(shifted(-1.0))
         columns.append((ahead - behind) / (2.0 * size[..., None]))
     return np.stack(columns, axis=-1)
+
+
+def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
+    """Return the numbers with respect to which there are derivatives, and those of inputs in them.
+
+    ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
+    """
+    numbers, inputs = rhs.parameters, rhs.inputs
+    width = inputs.width if by_inputs and inputs is not None else 0
+    if df_dp is not None and numbers is None and not width:
+        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
+    if numbers is None:
+        return width, width
+    check_finite(numbers, "parameters")
+    return numbers.shape[-1] + width, width
 
 
 @cached_by_value
@@ -338,8 +346,7 @@ def compiled_variation(
     """
     import cg._core_r64 as core
 
-    first, *constants = _first_record(variational, plan)
-    in_python = _set_functions(first, variational)
+    first, in_python, *arrays = _first_record(variational, plan)
     members = members_with_data(inputs, parameters) or 1
     first.inputs = 0 if inputs is None else inputs.width
     own = variational.count - variational.inputs
@@ -362,25 +369,29 @@ def compiled_variation(
     # differences change parameters in place
     changing = variational.df_dp is None and own > 0
     contexts = []
-    for record, given in zip(records, arguments, strict=True):
+    for record, rest in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
             frame = variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            contexts.append(context_of(function, given, frame, shape, check, dtype, changing))
+            contexts.append(context_of(function, rest, frame, shape, check, dtype, changing))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
         None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
         inputs=inputs, variational=variational, plan=plan, args=args, data=rows, records=records,
-        kept=(constants, contexts, scales),
+        kept=(arrays, contexts, scales),
     )  # fmt: skip
 
 
 def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
-    """Return a record without functions, and the arrays whose addresses are in it."""
-    f, (index, constant) = variational.f, variational.structure
-    noise = variational.noise
+    """Return a record, its functions in Python, and the arrays whose addresses are in it.
+
+    It lacks the data of functions in Python, which differ between members.
+    """
+    import cg._core_r64 as core
+
+    f, noise, (index, constant) = variational.f, variational.noise, variational.structure
     # arrays can't be empty
     index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
     constant = np.append(constant, 0.0)
@@ -397,13 +408,6 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
         # a row each, and never empty
         directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
         record.directions, record.by_parameters = chosen.shape[1], directions.ctypes.data
-    return record, index, constant, directions
-
-
-def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
-    """Put functions into a record; return those in Python, whose data it lacks yet."""
-    import cg._core_r64 as core
-
     in_python = []
     for name, function, shape, check in _functions(variational):
         if isinstance(function, CompiledRhs):
@@ -412,14 +416,13 @@ def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
         else:
             setattr(record, name, core.function_addresses()[0])
             in_python.append((f"{name}_data", function, shape, check))
-    return in_python
+    return record, in_python, index, constant, directions
 
 
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
-    functions: list[tuple[str, Any, tuple[int, ...], Any]]
-    functions = [("f", variational.f, frame.rhs_shape, variational.check)]
+    functions: list[Any] = [("f", variational.f, frame.rhs_shape, variational.check)]
     if frame._given is not None and not is_compiled(frame):
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
@@ -432,10 +435,10 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
             return variational.differences(t, y, arguments)
 
         functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
-    for given in (jac, variational.df_dp, variational.noise):
-        if isinstance(given, Derivative):
-            function = given.function
-            if isinstance(given, Noise) and not isinstance(function, CompiledRhs):
-                function = given.checked
-            functions.append((given.name, function, given.shape, given.check))
+    for derivative in (jac, variational.df_dp, variational.noise):
+        if isinstance(derivative, Derivative):
+            function = derivative.function
+            if isinstance(derivative, Noise) and not isinstance(function, CompiledRhs):
+                function = derivative.checked
+            functions.append((derivative.name, function, derivative.shape, derivative.check))
     return functions

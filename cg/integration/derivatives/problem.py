@@ -9,18 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.base import Frame
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import Equation
 from cg.integration.derivatives.events import VariationalEvents
-from cg.integration.derivatives.field import VariationalField, compiled_variation
+from cg.integration.derivatives.field import VariationalField, compiled_variation, count_parameters
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.mechanics import refuse_friction_along
 from cg.integration.output.results import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import Problem
-from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.tables import Kind
@@ -70,38 +68,42 @@ class Derivatives:
         return parts
 
     def finish(
-        self, problem: Problem, table: EventTable | None, joint: EnsembleSolution
+        self, problem: Problem, joint: Problem, solution: EnsembleSolution
     ) -> EnsembleSolution:
-        """Return the solution of a problem with its derivatives, of one whose points hold them."""
-        split, events = self.field.split, {}
+        """Return the solution of a problem with its derivatives.
+
+        ``solution`` is that of the ``joint`` problem, whose points hold the derivatives.
+        """
+        table, split = joint.events, self.field.split
+        fields: Any = self.split(solution.y)
         if isinstance(table, VariationalEvents):
             tables = [table] * len(problem.points)
             if (inertia := problem.inertia) is not None:
                 frames = (inertia.frame(k, self.field.frame) for k in range(len(tables)))
                 tables = [table.on_frame(frame) for frame in frames]
-            assert joint.t_events is not None
-            assert joint.y_events is not None
-            before = zip(joint.t_events, joint.y_events, strict=True)
-            events["dt_events"] = [
+            assert solution.t_events is not None
+            assert solution.y_events is not None
+            fields["dt_events"] = [
                 [
                     tables[member].time_derivatives(index, *at, problem.arguments(member))
                     for member, at in enumerate(zip(times, points, strict=True))
                 ]
-                for index, (times, points) in enumerate(before)
+                for index, (times, points) in enumerate(
+                    zip(solution.t_events, solution.y_events, strict=True)
+                )
             ]
             for name in ("y_events", "y_after"):
-                each = getattr(joint, name)
-                events[name] = [[split(z)[0] for z in members] for members in each]
-        sol = None if joint.sol is None else joint.sol.with_derivatives(self)
-        parts: Any = {**self.split(joint.y), **events}
-        return replace(joint, sol=sol, frame=self.field.frame._given or self.field.frame, **parts)
+                lists = getattr(solution, name)
+                fields[name] = [[split(z)[0] for z in members] for members in lists]
+        sol = None if solution.sol is None else solution.sol.with_derivatives(self)
+        plan, nfev = problem.plan, int(solution.nfev.sum())
+        refuse_friction_along(plan, problem.rhs, solution.t, fields["y"], nfev)
+        return replace(solution, sol=sol, frame=plan.user_frame, **fields)
 
 
+# Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
+# hardly shorter, and are not too long for derivatives where the solution itself is simple
 _LOOSE = 10.0
-"""Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
-hardly shorter, and are not too long for derivatives where the solution itself is simple."""
-
-
 _ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
 
 
@@ -120,69 +122,53 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
 
     For the adjoint equation the values of inputs are parameters as well.
     """
-    frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
-    controlled, by_inputs = options["control_derivatives"], options["derivatives"] == "adjoint"
-    _check_problem(problem, by_inputs or options["noise"] is not None)
-    noise = noise_of(options["noise"], problem)
-    field = _make_field(frame, rhs, options["jac"], options["df_dp"], noise, by_inputs)
+    plan, rhs, control, events = problem.plan, problem.rhs, problem.control, problem.events
+    _check_problem(problem, options)
+    field = _make_field(problem, options)
     if options["derivatives_by"] is not None:
         field = replace(field, chosen=_directions(options, field))
-    if problem.plan.method.kind is Kind.SPLITTING:
-        field = replace(field, kicks=True)
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
         joint = PythonRhs(field, field.product, *data)
     else:
-        plan = problem.plan
-        if not plan.compiled:  # f gives coefficients there
-            plan = plan_of(plan.user_frame, plan.method)
-        joint = compiled_variation(field, plan, rhs.args, rhs.parameters, rhs.inputs)
+        own = plan if plan.compiled else plan_of(plan.user_frame, plan.method)  # coefficients there
+        joint = compiled_variation(field, own, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
+        controlled = options["control_derivatives"]
         absolute = _tolerances(problem, field, controlled, "atol")
         relative = _tolerances(problem, field, controlled, "rtol")
         control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
-    covariance = check_covariance(options["P0"], frame.dim, members)
+    covariance = check_covariance(options["P0"], plan.frame.dim, members)
     edges = np.append(problem.t0, problem.stops)
     edges = np.unique(edges[np.isfinite(edges)])
     return replace(
         problem,
-        plan=plan_of(field.product, problem.plan.method),
+        plan=plan_of(field.product, plan.method),
         rhs=joint,
         points=field.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, field, edges),
-        finish=partial(_finish, problem, Derivatives(field, covariance)),
+        finish=partial(Derivatives(field, covariance).finish, problem),
     )
 
 
-def _finish(
-    problem: Problem, derivatives: Derivatives, joint: Problem, found: EnsembleSolution
-) -> EnsembleSolution:
-    """Split the points of the joint problem, and look at the forces along them."""
-    solution = derivatives.finish(problem, joint.events, found)
-    refuse_friction_along(
-        problem.plan, problem.rhs, solution.t, solution.y, int(solution.nfev.sum())
-    )
-    return solution
-
-
-def _check_problem(problem: Problem, more: bool) -> None:
+def _check_problem(problem: Problem, options: Options) -> None:
     """Raise ValueError if derivatives can't move along the solution."""
-    frame = problem.plan.frame
-    if more and problem.plan.method.kind is Kind.SPLITTING:
-        raise ValueError(
-            "method must not be a splitting method with derivatives='adjoint' or noise, got "
-            f"{problem.plan.method!r}"
-        )
-    for name in ("gyroscopic", "jointed"):
-        if problem.plan.method.kind is Kind.SPLITTING and getattr(frame, name, None):
-            what = "gyroscopic forces" if name == "gyroscopic" else "joints"
+    frame, method = problem.plan.frame, problem.plan.method
+    if method.kind is Kind.SPLITTING:
+        if options["derivatives"] == "adjoint" or options["noise"] is not None:
             raise ValueError(
-                f"method must not be a splitting method with derivatives of motion with {what}, "
-                f"got {problem.plan.method!r}"
+                "method must not be a splitting method with derivatives='adjoint' or noise, got "
+                f"{method!r}"
             )
+        for name, what in (("gyroscopic", "gyroscopic forces"), ("jointed", "joints")):
+            if getattr(frame, name, None):
+                raise ValueError(
+                    "method must not be a splitting method with derivatives of motion with "
+                    f"{what}, got {method!r}"
+                )
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
@@ -195,26 +181,22 @@ def _check_problem(problem: Problem, more: bool) -> None:
         )
 
 
-def _make_field(
-    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, noise: Any, by_inputs: bool
-) -> VariationalField:
+def _make_field(problem: Problem, options: Options) -> VariationalField:
     """Return the coefficients of points with derivatives, after checking functions."""
-    n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
-    width = inputs.width if by_inputs and inputs is not None else 0
-    if df_dp is not None and numbers is None and not width:
-        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
-    if numbers is not None:
-        check_finite(numbers, "parameters")
-    count = width + (0 if numbers is None else numbers.shape[-1])
+    frame, rhs, df_dp = problem.plan.frame, problem.rhs, options["df_dp"]
+    noise = noise_of(options["noise"], problem)
+    n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.inputs
+    count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
     return VariationalField(
         frame,
         rhs.f if isinstance(rhs, PythonRhs) else rhs,
-        derivative_of(jac, "jac", frame, (n, n), vectorized, inputs),
+        derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
         count,
         vectorized,
         width,
         noise,
+        kicks=problem.plan.method.kind is Kind.SPLITTING,
     )
 
 
@@ -245,22 +227,20 @@ def _tolerances(
     problem: Problem, field: VariationalField, control_derivatives: bool, name: str
 ) -> Array:
     """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
-    plan, given, is_absolute = problem.plan, getattr(problem.control, name), name == "atol"
-    n = field.frame.dim
+    plan, tolerances, n = problem.plan, getattr(problem.control, name), field.frame.dim
     shape = (n,) if problem.in_coordinates else field.frame.point_shape
-    own = np.broadcast_to(np.asarray(given), shape).ravel()
+    own = np.broadcast_to(tolerances, shape).ravel()
     rows = own if problem.in_coordinates else np.full(n, own.min())
-    if not problem.in_coordinates and not is_absolute:
+    if not problem.in_coordinates:
         own = np.repeat(own, plan.parts)
-    elif not problem.in_coordinates:
-        # the norm is that of numbers here, and that of complex entries there
-        own = np.repeat(own, plan.parts) / np.sqrt(plan.parts)
+        if name == "atol":  # the norm is that of numbers here, and of complex entries there
+            own = own / np.sqrt(plan.parts)
     if control_derivatives and not rows.min() > 0.0:
         raise ValueError(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
-            f"got {given}"
+            f"got {tolerances}"
         )
-    elif not control_derivatives:  # derivatives are of size one at first, also with atol = 0
+    if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
         rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
     others = np.repeat(rows, field.columns)
     # the square of the norm of the joint error is then the sum of those of both parts
