@@ -1,9 +1,9 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. Its segments end at ``_stops``: breakpoints,
-corners of inputs and the final time, or before a call of ``advance`` those up to its time. What
-changes is in the attributes that `_KEPT` names, and in the trajectories of the run; all else is
-made of the problem.
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``:
+breakpoints, corners of inputs and the final time; ``advance`` replaces them by those up to its own
+time. What changes is in the attributes that `_KEPT` names, and in the trajectories of the run; all
+else is made of the problem.
 """
 
 from __future__ import annotations
@@ -53,12 +53,11 @@ from cg.tables import MethodTable, made
 _FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
-_PAUSED, _FINISHED = int(Stop.PAUSED), int(Stop.FINISHED)
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # much faster than members
-_NOT_FAILED = _PAUSED, _FINISHED, _TERMINAL
+_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), _TERMINAL
 _KEPT = (
     "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
-    "_breakpoints", "_stops", "_failure", "_calls", "_found", "_cut_output",
+    "_breakpoints", "_stops", "_failure", "_calls", "_past_events", "_cut_output",
 )  # fmt: skip
 
 
@@ -190,7 +189,8 @@ class Stepper:
         self.t, self.t_old, self.step_size = start, None, None
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
-        self._found: list[tuple[Any, Array, Points]] = []  # events of each call, see `Run.events`
+        # those of each call that had events, see `Run.events`
+        self._past_events: list[tuple[Any, Array, Points]] = []
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._run.restart(start, self._run.end, self._first_step, self._stopped)
@@ -237,15 +237,14 @@ class Stepper:
         stopped: NDArray[np.bool_] = np.logical_and(self._run.status == _TERMINAL, self._many)
         return stopped
 
-    def _events(self, part: Any) -> list[Any] | None:
-        """Return an array for each event, of an ensemble for each member, of times or points."""
-        table = self._problem.events
-        if table is None:
+    def _events(self, select: Any) -> list[Any] | None:
+        """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
+        if (table := self._problem.events) is None:
             return None
-        each = [*self._found, self._run.events()]
-        of, t, y = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
-        parts = split_events(of, part(t, y), self._run.members, len(table))
-        return parts if self._many else [members[0] for members in parts]
+        calls = [*self._past_events, self._run.events()]
+        places, t, y = (np.concatenate(arrays) for arrays in zip(*calls, strict=True))
+        lists = split_events(places, select(t, y), self._run.members, len(table))
+        return lists if self._many else [members[0] for members in lists]
 
     t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
     y_events = property(lambda self: self._events(lambda t, y: y[:, 0]), doc="Points before jumps.")
@@ -293,10 +292,11 @@ class Stepper:
             )
         self._check_running()
         if limit is not None:
-            if (target := self._check_target(limit, "limit")) != self.t:
-                self._continue(self._stops_up_to(target))
-                return self._drive(None)
-            return None
+            target = self._check_target(limit, "limit")
+            if target == self.t:
+                return None
+            self._continue(self._stops_up_to(target))
+            return self._drive(None)
         if self.t == self._stops.item(-1):
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
@@ -337,10 +337,8 @@ class Stepper:
 
     def _check_target(self, t: float, name: str) -> float:
         """Return a time after checking that steps may lead up to it."""
-        target = check_real_time(t, name, infinite=False)
-        if self.direction * (target - self.t) < 0.0 or (
-            self.direction * (target - self.t_bound) > 0.0
-        ):
+        target, sign = check_real_time(t, name, infinite=False), self.direction
+        if sign * (target - self.t) < 0.0 or sign * (target - self.t_bound) > 0.0:
             low, high, got = apart(self.t, self.t_bound, target)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
         return target
@@ -471,8 +469,7 @@ class Stepper:
         _check_data(changed, self._many, rhs)
         refuse_friction(run.plan, changed, t, run.plan.points(rows, (run.members,)))
         run.replace_rhs(changed)
-        if inputs is not None:
-            assert curves is not None
+        if curves is not rhs.inputs and curves is not None:
             limits = curves.limits(self._problem.control.tolerance)
             if len(limits) or len(self._problem.limits):
                 self._problem = replace(self._problem, limits=limits)
@@ -511,7 +508,7 @@ class Stepper:
         """Take steps up to a time or, if it is None, one step; return a message if that failed."""
         run, begin = self._run, self.t
         self._cut_output, self.status = None, "running"
-        start = (run.end.copy(), self._stopped, len(self._found)) if self._many else None
+        start = (run.end.copy(), self._stopped, len(self._past_events)) if self._many else None
         steps = int(run.counters[0, _STEPS])
         message, is_complete = None, False
         try:
@@ -540,9 +537,9 @@ class Stepper:
         """Take steps up to the end of the last segment; return a message if one failed."""
         run, record, budget = self._run, self._run.record, self._budget
         while record.ended < run.members:
-            record.budget = given = budget.start()
+            record.budget = steps = budget.start()
             run.call()
-            budget.stop(max(given - record.budget, 1))
+            budget.stop(max(steps - record.budget, 1))
             if record.failed:
                 return self._check_failures()
         return None
@@ -579,20 +576,20 @@ class Stepper:
             refuse_friction(
                 run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True
             )
-        return TERMINAL_EVENT if stopped and self.t != target is not None else None
+        before_target = target is not None and self.t != target
+        return TERMINAL_EVENT if stopped and before_target else None
 
     def _collect_events(self) -> bool:
         """Keep the events of the run; return whether the last one ended a step of one point."""
         run = self._run
-        of, t, y = run.take_events()
+        places, t, y = run.take_events()
         if not len(t):
             return False
-        self._found.append((of, t, y))
+        self._past_events.append((places, t, y))
         if self._many:
             return False
-        table = run.problem.events
-        assert table is not None
-        ends = run.status[0] == _TERMINAL or table.rows["jumps"][of[:, 1]].any()
+        table: Any = run.problem.events
+        ends = run.status[0] == _TERMINAL or table.rows["jumps"][places[:, 1]].any()
         return bool(ends and t[-1] == run.reached[0])
 
     def _end_at_state(self) -> None:
@@ -603,15 +600,15 @@ class Stepper:
     def _end_early(self, start: Any, steps: int) -> None:
         """Return an ensemble to its ``start``; set the time of the last step of one point.
 
-        Of the members some are ahead of others. The start has the points, which members had
-        stopped, and the number of calls with events; ``steps`` is the count before the call.
+        Some members are ahead of others then. The start has the points, which members had stopped,
+        and the number of calls with events; ``steps`` is the count before the call.
         """
         run = self._run
         self._stops_are_set = False
         if start is not None:
-            points, stopped, found = start
+            points, stopped, calls = start
             self.t_old = None
-            del self._found[found:]
+            del self._past_events[calls:]
             run.restart(self.t, points, self._first_step, stopped)
             return
         self.t = float(run.reached[0])
@@ -628,7 +625,8 @@ class Stepper:
         steps = run.last_interpolants()
         begin = float(steps.t[0, 0])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
-        for own, has_stopped in zip(map(steps.of, range(run.members)), self._stopped, strict=True):
+        for member, has_stopped in enumerate(self._stopped):
+            own = steps.of(member)
             point = run.plan.points(nowhere if has_stopped else own.y[:1, 0], (1,))[0]
             outputs.append(DenseOutput(own, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
@@ -659,7 +657,7 @@ class Stepper:
         rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
         return {
             **{name: getattr(self, name) for name in _KEPT},
-            "_found": list(self._found),
+            "_past_events": list(self._past_events),
             "_problem": replace(self._problem, rhs=rhs),
             "run": self._run.saved(),
         }

@@ -110,7 +110,8 @@ class MethodTable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # processes read stored tables themselves
-        return restored, (self.name if self.source is None else self.source,)
+        restore = import_module("cg.tables.stored").unique_table
+        return restore, (self.name if self.source is None else self.source,)
 
     @property
     def c(self) -> Array:
@@ -154,8 +155,7 @@ class MethodTable:
         if self.source is None:
             return self.real_stability
         summary = import_module("cg.construction.catalogue.summary").summary_of(self.source)
-        limit: float | None = summary.real_stability
-        return limit
+        return summary.real_stability  # type: ignore[no-any-return]
 
     @property
     def columns(self) -> int:
@@ -169,13 +169,12 @@ class MethodTable:
         0 is the start of the step. Flows are weights of stages and brackets, shape
         ``(flows, columns)``.
         """
-        at = self.arrays
-        first, term = at["path_first"] - 1, at["flow_first"] - 1
-        weights = np.zeros((len(term) - 1, self.columns))
-        for row, begin, end in zip(weights, term[:-1], term[1:], strict=True):
-            row[at["flow_stage"][begin:end] - 1] = at["weight"][begin:end]
-        flows = (weights[i:j] for i, j in pairwise(first))
-        return tuple(zip(at["origin"].tolist(), flows, strict=True))
+        arrays, first_terms = self.arrays, self.arrays["flow_first"] - 1
+        weights = np.zeros((len(first_terms) - 1, self.columns))
+        for row, (begin, end) in zip(weights, pairwise(first_terms), strict=True):
+            row[arrays["flow_stage"][begin:end] - 1] = arrays["weight"][begin:end]
+        flows = (weights[begin:end] for begin, end in pairwise(arrays["path_first"] - 1))
+        return tuple(zip(arrays["origin"].tolist(), flows, strict=True))
 
     @property
     def result_flows(self) -> Array:
@@ -207,17 +206,10 @@ class MethodTable:
         return _plain(self)  # type: ignore[no-any-return]
 
 
-def restored(method: Any) -> MethodTable:
-    """Return the table of a method in an unpickling process."""
-    table: MethodTable = import_module("cg.tables").unique_table(method)
-    return table
-
-
 def _plain(value: Any) -> Any:
     """Return a value as data for JSON."""
     if isinstance(value, MethodTable | Output):
-        names = (field.name for field in fields(value) if field.name != "source")
-        return {name: _plain(getattr(value, name)) for name in names}
+        value = {x.name: getattr(value, x.name) for x in fields(value) if x.name != "source"}
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
     return value.tolist() if isinstance(value, np.ndarray) else value
@@ -232,11 +224,9 @@ def basis_polynomials(degree: int) -> list[Polynomial]:
 def from_dict(data: dict[str, Any]) -> MethodTable:
     """Return the table that `MethodTable.as_dict` wrote."""
     polynomial, output = data["polynomial"], dict(data["output"])
-    for name, entry in output.items():
-        if isinstance(entry, list):
-            output[name] = np.array(entry, np.float64)
+    output |= {name: np.array(x, np.float64) for name, x in output.items() if isinstance(x, list)}
     output["rows"] = output["rows"].reshape(len(output["theta"]), output["basis"].shape[1])
-    changed = {
+    converted = {
         "kind": Kind(data["kind"]),
         "arrays": {
             name: np.array(entry, np.intc if name in _INTEGERS else np.float64)
@@ -245,4 +235,4 @@ def from_dict(data: dict[str, Any]) -> MethodTable:
         "output": Output(**output),
         "polynomial": None if polynomial is None else from_dict(polynomial),
     }
-    return MethodTable(**(data | changed))
+    return MethodTable(**(data | converted))

@@ -51,8 +51,8 @@ class CompiledFunction:
             raise TypeError(f"path must be a path, got {path!r}")
         if not isinstance(symbol, str):
             raise TypeError(f"symbol must be a string, got {symbol!r}")
-        given = os.fspath(path)
-        self.path = os.path.abspath(given) if os.path.exists(given) else given
+        # a name without a folder may be that of a library of the system
+        self.path = os.path.abspath(path) if os.path.exists(path) else os.fspath(path)
         self.symbol = symbol
         self.user_data = None if user_data is None else real_array(user_data, "user_data").copy()
         try:
