@@ -21,7 +21,7 @@ from cg.integration.plan.plan import DEFAULT_STAGE_SOLVER, Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, apart, check_finite, clipped, is_array, real_array
-from cg.support.checks import check_integer, short, similar_names, total_memory
+from cg.support.checks import check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.tables import HasTable, MethodTable
 
@@ -162,22 +162,6 @@ def _check_tolerances(numbers: ArrayLike, name: str, value: Any) -> Array:
 def check_count(name: str, value: Any) -> int:
     """Return a number of steps, positive and such that it fits counters of compiled code."""
     return min(check_integer(name, value, 1), 2**62)
-
-
-def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
-    """Raise ValueError if the output of equal steps needs more memory than the machine has.
-
-    Every ``every``-th of ``steps`` steps is stored, none if it is zero, and with ``between`` all
-    interpolants.
-    """
-    needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
-    if between:
-        needed += steps * 8 * (2 * plan.width + plan.columns * plan.frame.dim + 5)
-    if needed > total_memory():
-        raise ValueError(
-            f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
-            f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
-        )
 
 
 def equal_steps(h: float, ends: list[float]) -> int:
@@ -403,20 +387,19 @@ def complete_options(
     TypeError is raised for other names, and for more positional arguments than it takes.
     """
     if positional or not options.keys() <= function.options.keys():
-        name = function.__qualname__.removesuffix(".__init__")
+        caller = function.__qualname__.removesuffix(".__init__")
         if positional:
             key = "method" if isinstance(positional[0], str) else "frame"
             raise TypeError(
-                f"{name}() takes {key} and all options by keyword, such as "
+                f"{caller}() takes {key} and all options by keyword, such as "
                 f"{key}={positional[0]!r}, got {len(positional)} too many positional arguments"
             )
         wrong = next(iter(options.keys() - function.options.keys()))
-        parameters = inspect.signature(function).parameters.values()
-        names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
+        parameters = inspect.signature(function).parameters.items()
+        names = [name for name, parameter in parameters if parameter.kind == parameter.KEYWORD_ONLY]
         hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
-        raise TypeError(f"{name}() got an unexpected keyword argument {wrong!r}{hint}")
-    complete: Any = {**_DEFAULTS, **function.options, **options}
-    return complete  # type: ignore[no-any-return]
+        raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
+    return {**_DEFAULTS, **function.options, **options}  # type: ignore[typeddict-item]
 
 
 def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
@@ -427,13 +410,12 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
 
     def expand(function: _Function) -> _Function:
         signature = inspect.signature(function)
-        parameters = list(signature.parameters.values())
-        name = parameters.pop().annotation.removeprefix("Unpack[").removesuffix("]")
-        kind = next(kind for kind in _KINDS if kind.__name__ == name)
+        *parameters, unpacked = signature.parameters.values()
+        kind = next(kind for kind in _KINDS if unpacked.annotation == f"Unpack[{kind.__name__}]")
         options = {name: _DEFAULTS[name] for name in kind.__annotations__} | defaults
-        parameters = [each for each in parameters if each.kind != each.VAR_POSITIONAL]
-        first = [parameter.name for parameter in parameters].index("frame") + 1
-        parameters[first:first] = [
+        parameters = [x for x in parameters if x.kind != x.VAR_POSITIONAL]
+        place = [parameter.name for parameter in parameters].index("frame") + 1
+        parameters[place:place] = [
             inspect.Parameter(
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
@@ -445,7 +427,7 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         changed: Any = function
         changed.options = options
         changed.__signature__ = signature.replace(parameters=parameters)
-        # without it, a misspelt keyword gets a better message than that frame is missing
+        # where frame is missing, a misspelt keyword gets the message for that, which is better
         changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}
         return function
 
@@ -460,7 +442,7 @@ class Control(NamedTuple):
     """
 
     h: float | None  # size of equal steps, None for adaptive steps
-    rtol: Array = DEFAULT_RTOL  # of the shape of atol
+    rtol: Array = DEFAULT_RTOL  # has the shape of atol
     atol: Array = DEFAULT_ATOL
     max_step: float = math.inf
     first_step: float | None = None

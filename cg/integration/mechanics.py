@@ -219,7 +219,7 @@ class MemberInertia(NamedTuple):
 
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
-    entries: Sequence[Any]  # of the argument
+    entries: Sequence[Any]  # the inertia of each member, as the user gave it
     # whether members are integrated one by one, on frames of their own: those with joints, whose
     # bodies are all of the frame's inertia, and those with derivatives
     apart: bool

@@ -44,8 +44,8 @@ from cg.integration.mechanics import (
 from cg.integration.output.results import EnsembleSolution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import (
+    STAGE_SOLVERS,
     Plan,
-    check_stage_solver,
     for_derivatives,
     has_brackets,
     plan_of,
@@ -109,7 +109,8 @@ class Problem:
     @property
     def vectorized(self) -> bool:
         """Whether a function takes many members at a time."""
-        return self.rhs.vectorized or (self.events is not None and self.events.has_vectorized)
+        events = self.events
+        return self.rhs.vectorized or bool(events and events.rows["vectorized"].any())
 
     @property
     def keeps_points(self) -> bool:
@@ -287,18 +288,18 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for linear=True"
         )
-    if chosen.kind is Kind.SPLITTING and not isinstance(frame, PhaseSpace):
-        raise ValueError(
-            f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
-            f"mechanical systems, got {frame!r}"
-        )
-    jointed = isinstance(frame, PhaseSpace) and frame.jointed
-    if jointed and chosen.kind is Kind.SPLITTING and not chosen.composes_leapfrogs:
-        raise ValueError(
-            f"method must be 'RATTLE' or a composition of it, such as 'RATTLE4', on a phase space "
-            f"with joints, got {chosen!r}: its kicks and drifts are separate flows, and a drift "
-            "between joints is none that is known exactly"
-        )
+    if chosen.kind is Kind.SPLITTING:
+        if not isinstance(frame, PhaseSpace):
+            raise ValueError(
+                f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations "
+                f"of mechanical systems, got {frame!r}"
+            )
+        if frame.jointed and not chosen.composes_leapfrogs:
+            raise ValueError(
+                f"method must be 'RATTLE' or a composition of it, such as 'RATTLE4', on a phase "
+                f"space with joints, got {chosen!r}: its kicks and drifts are separate flows, and "
+                "a drift between joints is none that is known exactly"
+            )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=linear)
@@ -375,8 +376,10 @@ def _check_flags(options: Any, many: bool) -> None:
     for name in _FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
-    check_stage_solver(options["stage_solver"])
-    linear, derivatives = options["linear"], options["derivatives"]
+    solver, linear, derivatives = options["stage_solver"], options["linear"], options["derivatives"]
+    if not isinstance(solver, str) or solver not in STAGE_SOLVERS:
+        names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
+        raise ValueError(f"stage_solver must be {names}, got {solver!r}")
     if not many and options["common_steps"]:
         raise ValueError("common_steps must be False for a single point")
     if not many and options["vectorized"] and not linear:
@@ -500,7 +503,7 @@ def make_problem(
     if (events := options["events"]) is not None:
         has_data = rhs.inputs is not None, rhs.parameters is not None
         events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
-        if options["common_steps"] and events.has_jumps:
+        if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")
     if math.isinf(stop) and not (events and events.has_terminal):
         raise ValueError(

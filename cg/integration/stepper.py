@@ -189,7 +189,7 @@ class Stepper:
         self.t, self.t_old, self.step_size = start, None, None
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
-        # those of each call that had events, see `Run.events`
+        # the events of each call that had some, see `Run.events`
         self._past_events: list[tuple[Any, Array, Points]] = []
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()

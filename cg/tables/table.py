@@ -164,10 +164,9 @@ class MethodTable:
 
     @cached_property
     def paths(self) -> tuple[tuple[int, Array], ...]:
-        """Of each path the one that it starts at, from 1, and its flows.
+        """The paths: the number of the path that each starts at, 0 for the step, and its flows.
 
-        0 is the start of the step. Flows are weights of stages and brackets, shape
-        ``(flows, columns)``.
+        Flows are weights of stages and brackets, shape ``(flows, columns)``.
         """
         arrays, first_terms = self.arrays, self.arrays["flow_first"] - 1
         weights = np.zeros((len(first_terms) - 1, self.columns))

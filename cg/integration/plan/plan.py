@@ -300,10 +300,3 @@ class ConvergenceError(RuntimeError):
             f"iterations{remainder} in the step of h = {self.h:.6g} from t = {self.t:.17g}; "
             "a smaller step or another stage_solver may help"
         )
-
-
-def check_stage_solver(kind: object) -> None:
-    """Raise ValueError unless ``kind`` is one of `STAGE_SOLVERS`."""
-    if not isinstance(kind, str) or kind not in STAGE_SOLVERS:
-        names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
-        raise ValueError(f"stage_solver must be {names}, got {kind!r}")

@@ -193,20 +193,6 @@ def compiled_event(f: Any) -> CompiledRhs | None:
 def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
     if isinstance(f, CompiledFunction):
         return CompiledRhs(f, f.address, f.data_address, name)
-    source = _low_level(f, name, signature)
-    if source is None:
-        return None
-    if not _fits(source.signature, signature):
-        raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
-    # the first item is a capsule, whose context is the address of the user's data
-    capsule = tuple.__getitem__(source, 0)
-    requires_data = _words(source.signature).endswith(",double*)")
-    addresses = address_in(capsule), context_of(capsule)
-    return CompiledRhs(f, *addresses, name, requires_data, source=source)
-
-
-def _low_level(f: Any, name: str, signature: str) -> Any:
-    """Return a compiled function as a `LowLevelCallable`, None if ``f`` isn't compiled."""
     if isinstance(f, FunctionType):
         return None
     # not isinstance, since numba may not be installed
@@ -216,7 +202,15 @@ def _low_level(f: Any, name: str, signature: str) -> Any:
         if source.argtypes is None:
             raise ValueError(f"{name} must have argtypes and restype of {signature!r}, got {f!r}")
         source = LowLevelCallable(source)
-    return source if isinstance(source, LowLevelCallable) else None
+    if not isinstance(source, LowLevelCallable):
+        return None
+    if not _fits(source.signature, signature):
+        raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
+    # the first item is a capsule, whose context is the address of the user's data
+    capsule = tuple.__getitem__(source, 0)
+    requires_data = _words(source.signature).endswith(",double*)")
+    addresses = address_in(capsule), context_of(capsule)
+    return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 
 def _words(signature: str | None) -> str:

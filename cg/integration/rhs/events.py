@@ -189,19 +189,9 @@ class EventTable:
         return len(self.events)
 
     @property
-    def has_jumps(self) -> bool:
-        """Whether an event has a jump."""
-        return bool(self.rows["jumps"].any())
-
-    @property
     def has_terminal(self) -> bool:
         """Whether an event can end the integration."""
         return bool((self.rows["limit"] < _UNLIMITED).any())
-
-    @property
-    def has_vectorized(self) -> bool:
-        """Whether a function takes many members at a time."""
-        return bool(self.rows["vectorized"].any())
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of an event's function in Python, after checking it."""
