@@ -136,8 +136,8 @@ def solve_ensemble(
     >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
-    given = complete_options(solve_ensemble, rest, options)
-    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
+    all_options = complete_options(solve_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
 @expand_options(linear=True)
@@ -176,8 +176,8 @@ def solve_linear_ensemble(
     >>> abs(solution.y[-1, :, 1, 0]).round(6)
     array([1.     , 0.56264])
     """
-    given = complete_options(solve_linear_ensemble, rest, options)
-    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
+    all_options = complete_options(solve_linear_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
 @expand_options(derivatives="forward")
@@ -212,8 +212,8 @@ def solve_variational_ensemble(
     >>> solution.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    given = complete_options(solve_variational_ensemble, rest, options)
-    return solve_members(make_problem(f, t_span, y0, frame, given, many=True), given)
+    all_options = complete_options(solve_variational_ensemble, rest, options)
+    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
 def _with_derivatives(problem: Problem, options: Options | None) -> Problem:
@@ -229,11 +229,11 @@ def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
     problem, progress = _with_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    part = _integrate(problem, watch, _count_steps(problem))
+    results = _integrate(problem, watch, _count_steps(problem))
     if watch is not None:
         watch.finish()
-    solution = solution_of(problem, part)
-    for text in part.warnings:
+    solution = solution_of(problem, results)
+    for text in results.warnings:
         warnings.warn(text, stacklevel=3)
     return solution
 
@@ -279,21 +279,21 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
-    result = Results(problem, out)
+    ensemble = Results(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(whole, part_options, *check_executor(executor, workers), result, watch)
+        _distribute(whole, part_options, *check_executor(executor, workers), ensemble, watch)
     else:
         size = members if problem.common else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
                 part = _with_derivatives(whole.part(chunk), part_options)
-                result.add(chunk, _integrate(part, watch))
+                ensemble.add(chunk, _integrate(part, watch))
                 watch.count_finished(chunk.stop - first)
     watch.finish()
-    solution = result.solution()
-    for text in dict.fromkeys(result.joint().warnings):
+    solution = ensemble.solution()
+    for text in dict.fromkeys(ensemble.joint().warnings):
         warnings.warn(text, stacklevel=3)
     if not solution.success:
         warnings.warn(solution.message, stacklevel=3)
@@ -347,12 +347,7 @@ def _integrate_part(problem: Problem, options: Any, item: tuple[slice, Any]) -> 
 
 
 def _distribute(
-    problem: Problem,
-    options: Any,
-    executor: Any,
-    workers: Any,
-    result: Results,
-    watch: Progress,
+    problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
     # only the first member, so that little is sent to other processes
@@ -366,13 +361,13 @@ def _distribute(
                 "processes; functions must be those of a module, a compiled one "
                 f"cg.CompiledFunction(path, symbol): {error}"
             ) from error
-    count, chunks = len(problem.points), count_workers(executor, workers)
-    chunks *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
-    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-count // chunks)))
-    slices = (slice(first, min(first + size, count)) for first in range(0, count, size))
-    items = ((members, problem.data(members)) for members in slices)
-    with closing(completed(work, items, executor, workers)) as results:
-        for (members, _), part in results:
-            result.add(members, part)
-            watch.count_finished(members.stop - members.start)
+    members, number = len(problem.points), count_workers(executor, workers)
+    number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
+    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // number)))
+    chunks = (slice(first, min(first + size, members)) for first in range(0, members, size))
+    items = ((chunk, problem.data(chunk)) for chunk in chunks)
+    with closing(completed(work, items, executor, workers)) as finished:
+        for (chunk, _), results in finished:
+            ensemble.add(chunk, results)
+            watch.count_finished(chunk.stop - chunk.start)
             watch.update(0.0)

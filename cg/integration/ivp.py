@@ -246,8 +246,8 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    given = complete_options(solve_ivp, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given)
+    all_options = complete_options(solve_ivp, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
 @expand_options(linear=True)
@@ -287,8 +287,8 @@ def solve_linear(
     >>> solution.success, abs(solution.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
-    given = complete_options(solve_linear, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given)
+    all_options = complete_options(solve_linear, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
 @expand_options(derivatives="forward")
@@ -352,8 +352,8 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
-    given = complete_options(solve_variational, rest, options)
-    return solve_one(make_problem(f, t_span, y0, frame, given), given)
+    all_options = complete_options(solve_variational, rest, options)
+    return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
 @expand_options()
@@ -405,8 +405,8 @@ def integrate(
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
-    given = complete_options(integrate, rest, options)
-    if given["h"] is None:
+    all_options = complete_options(integrate, rest, options)
+    if all_options["h"] is None:
         raise TypeError("h must be a real number, got None")
     every = check_count("save_every", save_every)
-    return solve_one(make_problem(f, t_span, y0, frame, given, every=every), given)
+    return solve_one(make_problem(f, t_span, y0, frame, all_options, every=every), all_options)

@@ -105,8 +105,8 @@ def _forces(rhs: Any, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return what ``f`` returns for several members, in one call if it is vectorized."""
     if rhs.vectorized:
         return np.array(rhs.at_members(t.copy(), members, y.copy()))
-    each = zip(members.tolist(), t.tolist(), y, strict=True)
-    return np.array([rhs.answer(member, time, point) for member, time, point in each])
+    calls = zip(members.tolist(), t.tolist(), y, strict=True)
+    return np.array([rhs.answer(member, time, point) for member, time, point in calls])
 
 
 @dataclass(frozen=True)

@@ -196,8 +196,8 @@ def _make_rhs(
     if args:
         raise ValueError(f"args must be None for a compiled f, got {args!r}")
     if options["vectorized"]:
-        one = "time" if of_time else "point"
-        raise ValueError(f"vectorized must be False for a compiled f, which takes one {one}")
+        what = "time" if of_time else "point"
+        raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
     return compiled.on(frame, parameters, inputs)
 
 
@@ -397,8 +397,8 @@ def _check_flags(options: Any, many: bool) -> None:
     for name in refused:
         value: Any = options[name]
         if value is not None and value is not False:
-            given = f"derivatives={derivatives!r}"
-            raise ValueError(f"{name} must not be given with {given}, got {short(value)}")
+            choice = f"derivatives={derivatives!r}"
+            raise ValueError(f"{name} must not be given with {choice}, got {short(value)}")
 
 
 def _read_members(
@@ -424,11 +424,11 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    given = plan.frame.read_points(y0, "y0").reshape(-1, *plan.point_shape)
-    inertia = read_member_inertia(options["inertia"], plan.frame, options, len(given))
+    rows = plan.frame.read_points(y0, "y0").reshape(-1, *plan.point_shape)
+    inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
     members = len(inertia.columns)
     points = []
-    for k, y in enumerate(np.broadcast_to(given, (members, *plan.point_shape))):
+    for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         own: Any = inertia.plan(k, plan)
         points.append(check_points(own, y, None, False)[0][0])
         own.frame.check_rank(points[-1], "y0")
@@ -441,13 +441,13 @@ def _read_inputs(
     plan: Plan, options: EnsembleOptions, start: float, stop: float, members: int | None
 ) -> tuple[Inputs | None, tuple[Inputs, ...]]:
     """Return the inputs, and those of each member where they have times of their own."""
-    given: Any = options["inputs"]
+    inputs: Any = options["inputs"]
     name = "the initial time" if start == stop else "t_span"
-    if members is None or not isinstance(given, list):
-        return check_inputs(given, start, stop, members, plan.method, name), ()
+    if members is None or not isinstance(inputs, list):
+        return check_inputs(inputs, start, stop, members, plan.method, name), ()
     if options["common_steps"]:
         raise ValueError("common_steps must be False with a list of inputs, of each member")
-    own = check_own_inputs(given, start, stop, members, plan.method, name)
+    own = check_own_inputs(inputs, start, stop, members, plan.method, name)
     return own[0], own
 
 

@@ -160,21 +160,22 @@ class Stepper:
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
-        given = complete_options(Stepper.__init__, rest, options)
+        all_options = complete_options(Stepper.__init__, rest, options)
         start = check_real_time(t0, "t0", infinite=False)
         self.t_bound = bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
         many = is_many(frame, y0)
-        if bound < start and given["thermostat"] is not None:
+        if bound < start and all_options["thermostat"] is not None:
             raise ValueError("thermostat must be None backward in time, which noise doesn't go")
-        first, breakpoints = given["first_step"], given["breakpoints"]
-        given["breakpoints"], given["common_steps"] = None, common_steps
-        given["first_step"] = None if given["h"] is None else first  # may exceed the span here
-        problem = make_problem(f, (start, start), y0, frame, given, many=many)
+        first, breakpoints = all_options["first_step"], all_options["breakpoints"]
+        all_options["breakpoints"], all_options["common_steps"] = None, common_steps
+        if all_options["h"] is None:
+            all_options["first_step"] = None  # which may exceed the span here
+        problem = make_problem(f, (start, start), y0, frame, all_options, many=many)
         if problem.own_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
-                f"for an ensemble in steps, got {short(given['inputs'])}"
+                f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         h = problem.control.h
         check_resolution(h, start)

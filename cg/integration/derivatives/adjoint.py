@@ -110,10 +110,10 @@ class Adjoint:
         The covector is zero behind the last time and goes backward from interval to interval by
         their maps; at each output time the cotangent there is added to it.
         """
-        parts, sign = self._parts, self._output._direction
-        starts = sign * np.concatenate([part.start for part in parts])
+        chunks, sign = self._chunks, self._output._direction
+        starts = sign * np.concatenate([intervals.start for intervals in chunks])
         order = np.argsort(starts)  # bisected intervals are behind the others
-        maps = np.concatenate([part.maps[:, 0] for part in parts])[order]
+        maps = np.concatenate([intervals.maps[:, 0] for intervals in chunks])[order]
         covector = np.zeros_like(cotangents[0])
         ends = np.empty((len(starts), *covector.shape), cotangents.dtype)
         # the interval behind each output time
@@ -125,7 +125,7 @@ class Adjoint:
             if i:
                 ends[order[i - 1]] = covector
                 covector = maps[i - 1] @ covector
-        return self._equation.gradient(covector, parts, ends)
+        return self._equation.gradient(covector, chunks, ends)
 
     def jacobian(self) -> Gradient:
         """Return the derivatives of the last point by the initial point, parameters and inputs.
@@ -158,11 +158,11 @@ class Adjoint:
         def gradient(unit: Points) -> Gradient:
             return self._gradient(self._read(unit))
 
-        real = _each_array(stacked, *map(gradient, units))
+        real = _map_arrays(stacked, *map(gradient, units))
         if not self._is_complex:
             return Gradient(*real)
-        imaginary = _each_array(stacked, *map(gradient, 1j * units))
-        both = Gradient(*_each_array(lambda a, b: a + 1j * b, real, imaginary))
+        imaginary = _map_arrays(stacked, *map(gradient, 1j * units))
+        both = Gradient(*_map_arrays(lambda a, b: a + 1j * b, real, imaginary))
         return both._replace(y0=real[0].conj())
 
     def _read(self, cotangent: ArrayLike) -> Points:
@@ -204,7 +204,7 @@ class Adjoint:
         return generators is not None and generators.dtype.kind == "c"
 
     @cached_property
-    def _parts(self) -> list[Intervals]:
+    def _chunks(self) -> list[Intervals]:
         """The solved intervals from the first point to the last one that is stored."""
         curves = () if self._equation.inputs is None else self._equation.inputs.curves
         edges = np.concatenate([self._output.ts, self._times, *(curve.times for curve in curves)])
@@ -217,10 +217,10 @@ class Adjoint:
         return solve(self._equation, sign * edges)
 
 
-def _each_array(function: Callable[..., Points], *results: Any) -> Any:
+def _map_arrays(function: Callable[..., Points], *results: Any) -> Any:
     """Return results of a function of arrays, which tuples hold in the same places, or None."""
     if isinstance(results[0], tuple):
-        return tuple(_each_array(function, *parts) for parts in zip(*results, strict=True))
+        return tuple(_map_arrays(function, *arrays) for arrays in zip(*results, strict=True))
     return None if results[0] is None else function(*results)
 
 
@@ -324,7 +324,7 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     own = function.user_data
     table = () if inputs is None or own else inputs.table(rhs.parameters)
     values = function.values(frame, own or data.ctypes.data, times, points, shape, table)
-    return np.array([df_dp.check(each, t) for each, t in zip(values, times, strict=True)])
+    return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 
 def _differences(rhs: Any, times: Array, point: Points) -> Array:

@@ -72,33 +72,32 @@ class Equation:
     skew: bool = False  # whether its matrices are skew-Hermitian
     output: DenseOutput | None = None  # its solution
 
-    def gradient(self, start: Points, parts: list[Intervals], ends: Points) -> Gradient:
+    def gradient(self, start: Points, chunks: list[Intervals], ends: Points) -> Gradient:
         """Return the gradient from covectors at the first point and at the ends of intervals."""
         y0, inputs = start.reshape(self.shape), self.inputs
         if self.parameters is None and inputs is None:
             return Gradient(y0, None)
-        splits = np.cumsum([len(part.start) for part in parts])[:-1]
-        by_parameters, by_inputs = zip(
-            *map(self._integrals, parts, np.split(ends, splits)), strict=True
-        )
+        splits = np.cumsum([len(intervals.start) for intervals in chunks])[:-1]
+        integrals = map(self._integrals, chunks, np.split(ends, splits))
+        by_parameters, by_inputs = zip(*integrals, strict=True)
         total = None if self.parameters is None else np.sum(by_parameters, axis=0)
         if inputs is None:
             return Gradient(y0, total)
-        times = np.concatenate([part.times.ravel() for part in parts])
+        times = np.concatenate([intervals.times.ravel() for intervals in chunks])
         return Gradient(y0, total, inputs.by_values(times, np.concatenate(by_inputs)))
 
-    def _integrals(self, part: Intervals, ends: Points) -> tuple[Array, Array]:
+    def _integrals(self, intervals: Intervals, ends: Points) -> tuple[Array, Array]:
         """Return integrals of derivatives by the parameters, and terms of those by the inputs.
 
         The terms belong to nodes, shape (intervals * nodes, width).
         """
-        covectors = part.maps[:, 1:] @ ends[:, None]
+        covectors = intervals.maps[:, 1:] @ ends[:, None]
         if self.generators is not None:
-            tangents = self.generators @ part.points[:, :, None]
+            tangents = self.generators @ intervals.points[:, :, None]
             covectors = np.sum(covectors[:, :, None].conj() * tangents, axis=-2).real.sum(-1)
-        m, k = part.by_parameters.shape[-2:]
-        count, b = self.parameters or 0, part.by_parameters.reshape(-1, m, k)
-        weights = (part.size[:, None] * _WEIGHTS).reshape(-1, 1)
+        m, k = intervals.by_parameters.shape[-2:]
+        count, b = self.parameters or 0, intervals.by_parameters.reshape(-1, m, k)
+        weights = (intervals.size[:, None] * _WEIGHTS).reshape(-1, 1)
         weighted = weights * covectors.reshape(-1, m)
         by_parameters = weighted.ravel() @ b[..., :count].reshape(len(b) * m, count)
         return by_parameters, np.einsum("im,imk->ik", weighted, b[..., count:])
@@ -158,19 +157,19 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
     """
     start, size = edges[:-1], np.diff(edges)
     span = abs(edges[-1] - edges[0])
-    parts: list[Intervals] = []
+    chunks: list[Intervals] = []
     chunk_size = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
     for _ in range(_BISECTIONS + 1):
         unresolved: list[Array] = []
         for first in range(0, len(start), chunk_size):
             chunk = slice(first, first + chunk_size)
-            part, errors = _solve_once(equation, start[chunk], size[chunk], span)
+            intervals, errors = _solve_once(equation, start[chunk], size[chunk], span)
             resolved = errors <= equation.tolerance
-            parts.append(part if resolved.all() else Intervals(*(a[resolved] for a in part)))
+            chunks.append(Intervals(*(array[resolved] for array in intervals)))
             unresolved.append(np.stack([start[chunk][~resolved], size[chunk][~resolved]]))
         start, size = np.concatenate(unresolved, axis=1)
         if not start.size:
-            return parts
+            return chunks
         too_short = np.abs(size) < _SHORT * np.spacing(np.abs(start))
         if start.size > max(_LARGEST, _MANY * len(edges)) or too_short.any():
             break

@@ -204,12 +204,12 @@ class VariationalField:
             return self._complete(values, points, whole)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
-        each = points.shape[1]
+        count = points.shape[1]
         flat = points.reshape(-1, *self.frame.point_shape)
         if self.count:
-            arguments = (*arguments[:-1], np.repeat(arguments[-1], each, axis=0))
-        values = self.coefficients(np.repeat(t, each), flat, arguments)
-        return values.reshape(len(points), each, -1)
+            arguments = (*arguments[:-1], np.repeat(arguments[-1], count, axis=0))
+        values = self.coefficients(np.repeat(t, count), flat, arguments)
+        return values.reshape(len(points), count, -1)
 
     def _parameter_derivative(self, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return derivatives of ``f`` with respect to parameters, shape ``(members, n, k)``."""

@@ -52,20 +52,20 @@ class Derivatives:
         if field.noise is not None:
             added = x[..., n + field.count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
-        parts: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "y": np.ascontiguousarray(y),
             "transition": transition,
             "sensitivity": None,
             "covariance": total,
         }
         if field.chosen is not None and not field.by_point:
-            parts["transition"], parts["sensitivity"] = None, np.ascontiguousarray(x)
+            fields["transition"], fields["sensitivity"] = None, np.ascontiguousarray(x)
         elif field.count and field.chosen is None:
-            parts["sensitivity"] = np.ascontiguousarray(x[..., n : n + field.count])
-        for array in parts.values():
+            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + field.count])
+        for array in fields.values():
             if array is not None:
                 array.flags.writeable = False
-        return parts
+        return fields
 
     def finish(
         self, problem: Problem, joint: Problem, solution: EnsembleSolution
@@ -202,18 +202,18 @@ def _make_field(problem: Problem, options: Options) -> VariationalField:
 
 def _directions(options: Options, field: VariationalField) -> Array:
     """Return the directions of derivatives in initial coordinates and parameters, as columns."""
-    given, n, k = options["derivatives_by"], field.frame.dim, field.count
+    chosen, n, k = options["derivatives_by"], field.frame.dim, field.count
     if options["P0"] is not None or field.noise is not None:
         raise ValueError("derivatives_by must be None with P0 or noise, which take all derivatives")
-    if isinstance(given, str):
-        if given not in ("point", "parameters"):
+    if isinstance(chosen, str):
+        if chosen not in ("point", "parameters"):
             raise ValueError(
-                f'derivatives_by must be "point", "parameters" or a matrix, got {given!r}'
+                f'derivatives_by must be "point", "parameters" or a matrix, got {chosen!r}'
             )
-        if given == "parameters" and not k:
+        if chosen == "parameters" and not k:
             raise ValueError('parameters must be given with derivatives_by="parameters", got None')
-        return np.eye(n + k)[:, slice(n) if given == "point" else slice(n, None)]
-    matrix = real_array(given, "derivatives_by")
+        return np.eye(n + k)[:, slice(n) if chosen == "point" else slice(n, None)]
+    matrix = real_array(chosen, "derivatives_by")
     if matrix.ndim != 2 or len(matrix) != n + k or not matrix.size:
         raise ValueError(
             f"derivatives_by must have {n + k} rows, of {n} coordinates and {k} parameters, and a "

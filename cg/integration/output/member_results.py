@@ -1,4 +1,4 @@
-"""Results of the members of an ensemble, collected as they arrive."""
+"""Results of the members of an ensemble, ensemble as they arrive."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MemberResults(NamedTuple):
 
 
 class Results:
-    """The results of all members, collected as they arrive."""
+    """The results of all members, ensemble as they arrive."""
 
     def __init__(self, problem: Problem, out: Any) -> None:
         self.problem, self.out = problem, out
@@ -76,36 +76,36 @@ class Results:
             self._all = MemberResults(t, y, observed, reached, status, counts, {}, None, None, [])
         return self._all
 
-    def add(self, members: slice, part: MemberResults) -> None:
+    def add(self, members: slice, results: MemberResults) -> None:
         """Add the results of some members."""
-        if part.events is not None:
-            self._add_events(members.start, part)
-        if part.steps is not None:
+        if results.events is not None:
+            self._add_events(members.start, results)
+        if results.steps is not None:
             problem = self.problem
             start = problem.t0, problem.direction
             for k, point in enumerate(problem.points[members], members.start):
-                steps = part.steps.of(k - members.start)
+                steps = results.steps.of(k - members.start)
                 if problem.inertia is not None:
                     steps = replace(steps, plan=problem.inertia.plan(k, problem.plan))
                 self._outputs[k] = DenseOutput(steps, *start, point, self._marks.get(k))
-        if self.out is None and len(part.status) == self.members:
-            self._all = part
+        if self.out is None and len(results.status) == self.members:
+            self._all = results
             return
         joint = self.joint()
-        for whole, rows in ((joint.y, part.y), (joint.observed, part.observed)):
+        for whole, rows in ((joint.y, results.y), (joint.observed, results.observed)):
             if whole is not None:
                 whole[:, members] = rows
         for name in ("reached", "status", "counts"):
-            getattr(joint, name)[members] = getattr(part, name)
-        joint.messages.update((members.start + k, text) for k, text in part.messages.items())
-        joint.warnings.extend(part.warnings)
+            getattr(joint, name)[members] = getattr(results, name)
+        joint.messages.update((members.start + k, text) for k, text in results.messages.items())
+        joint.warnings.extend(results.warnings)
 
-    def _add_events(self, first: int, part: MemberResults) -> None:
+    def _add_events(self, first: int, results: MemberResults) -> None:
         """Add the events of some members."""
-        assert part.events is not None
+        assert results.events is not None
         assert self.problem.events is not None
-        places, t, y = part.events
-        members, count = len(part.status), len(self.problem.events)
+        places, t, y = results.events
+        members, count = len(results.status), len(self.problem.events)
         if self.problem.dense:
             after = (_by_key(places[:, 0], values, members) for values in (t, y[:, 1]))
             self._marks.update(enumerate(zip(*after, strict=True), first))
@@ -171,16 +171,16 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
     return [values[begin:end] for begin, end in pairwise(bounds)]
 
 
-def solution_of(problem: Problem, part: MemberResults) -> Solution:
+def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
     if problem.events is not None or problem.dense or problem.finish is not None:
-        result = Results(problem, None)
-        result.add(slice(0, 1), part)
-        return result.solution()[0]
-    part.t.setflags(write=False)
-    ends = problem.direction, part.reached.item(0), part.status[0], part.counts[0].tolist()
+        ensemble = Results(problem, None)
+        ensemble.add(slice(0, 1), results)
+        return ensemble.solution()[0]
+    results.t.setflags(write=False)
+    ends = problem.direction, results.reached.item(0), results.status[0], results.counts[0].tolist()
     return filled(Solution, {
-        **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
+        **member_fields(results, 0, *ends), "sol": None, "t_events": None, "y_events": None,
         "y_after": None, "table": problem.plan.method, "frame": problem.plan.user_frame,
         "h": problem.control.h,
     })  # fmt: skip

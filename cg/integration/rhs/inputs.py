@@ -56,15 +56,15 @@ class Inputs:
 
     def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
         """Return sums over times of derivatives by all inputs, shape (times, width), by values."""
-        sums = tuple(curve.by_values(t, each) for curve, each in self._each(by_inputs))
+        sums = tuple(curve.by_values(t, rows) for curve, rows in self._by_curve(by_inputs))
         return sums if self.together else sums[0]
 
     def shifted(self, amounts: Array) -> Inputs:
         """Return the inputs with amounts added to them at all times, shape (width,)."""
-        curves = tuple(curve.shifted(amount) for curve, amount in self._each(amounts))
+        curves = tuple(curve.shifted(amount) for curve, amount in self._by_curve(amounts))
         return replace(self, curves=curves)
 
-    def _each(self, numbers: Array) -> Any:
+    def _by_curve(self, numbers: Array) -> Any:
         """Return the curves with their numbers, of all inputs on the last axis."""
         ends = np.cumsum([math.prod(curve.shape) for curve in self.curves])
         return zip(self.curves, np.split(numbers, ends[:-1], axis=-1), strict=True)

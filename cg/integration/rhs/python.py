@@ -52,7 +52,7 @@ def read_value(
     A vectorized function returns ``rows``, each of a member or of a time. The hint gets the shape
     of the array.
     """
-    each = f", a row for each {rows}, since vectorized=True" if rows else ""
+    per_row = f", a row for each {rows}, since vectorized=True" if rows else ""
     try:
         array: Points = (real_array if dtype == np.float64 else complex_array)(value, name)
     except ValueError as error:
@@ -63,13 +63,13 @@ def read_value(
         text = _JOIN if join else conversion_hint(value, error)
         text = _COMPLEX if not text and is_complex_array(value) and hint is not None else text
         raise ValueError(
-            f"{name} must return {expected}{each}, got {short(value)} at {when(t)}{text}"
+            f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}{text}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
     if array.shape != shape:
         raise ValueError(
-            f"{name} must return an array of shape {shape}{each}, got shape {array.shape} at "
+            f"{name} must return an array of shape {shape}{per_row}, got shape {array.shape} at "
             f"{when(t)}{hint(array.shape) if hint else ''}"
         )
     return array
@@ -287,13 +287,13 @@ class Contexts:
         *rest: Any,
     ) -> None:
         members = range(1 if count is None else count)
-        self.each = [context_of(function, arguments(k), *rest) for k in members]
-        self.pointers = None if count is None else np.array([id(context) for context in self.each])
+        self.contexts = [context_of(function, arguments(k), *rest) for k in members]
+        self.pointers = None if count is None else np.array(list(map(id, self.contexts)))
 
     @property
     def address(self) -> int:
         """Address of the first context, or of the pointers to all."""
-        return id(self.each[0]) if self.pointers is None else int(self.pointers.ctypes.data)
+        return id(self.contexts[0]) if self.pointers is None else int(self.pointers.ctypes.data)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""

@@ -427,11 +427,11 @@ class Samples(ReadOnly):
         """Return the curves of some members."""
         if self.members is None:
             return self
-        part = copy.copy(self)
-        part.values, part._numbers = self.values[members], self._numbers[members]
-        part._pieces = self._pieces[:, :, members]
-        part.members = len(part.values)
-        return part
+        curve = copy.copy(self)
+        curve.values, curve._numbers = self.values[members], self._numbers[members]
+        curve._pieces = self._pieces[:, :, members]
+        curve.members = len(curve.values)
+        return curve
 
     def check_span(self, start: float, stop: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
