@@ -365,17 +365,16 @@ class EnsembleOptions(Options, total=False):
 
 
 _KINDS = (StepOptions, Options, EnsembleOptions)
-_DEFAULTS: dict[str, Any] = dict.fromkeys(EnsembleOptions.__annotations__) | {
+FLAGS = ("linear", "vectorized", "common_steps", "dense_output", "control_derivatives")
+"""Options that are True or False, by default False."""
+_DEFAULTS: dict[str, Any] = {
+    **dict.fromkeys(EnsembleOptions.__annotations__),
+    **dict.fromkeys(FLAGS, False),
     "method": AUTO,
     "rhs": "coefficients",
     "max_step": math.inf,
     "stage_solver": DEFAULT_STAGE_SOLVER,
-    "vectorized": False,
-    "dense_output": False,
     "store": "all",
-    "linear": False,
-    "control_derivatives": False,
-    "common_steps": False,
 }
 
 

@@ -19,6 +19,7 @@ from cg.frames.product import Power, Product
 from cg.integration.arguments import (
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
+    FLAGS,
     Control,
     EnsembleOptions,
     check_algebra,
@@ -66,7 +67,6 @@ from cg.support.checks import check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
-_FLAGS = "linear", "vectorized", "common_steps", "dense_output", "control_derivatives"
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +259,6 @@ def _warn(method: MethodTable, pair: bool = True) -> None:
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
     """Raise ValueError if a compiled function reads its point."""
-    if isinstance(rhs, PythonRhs):
-        return
     nowhere = np.full_like(point, np.nan)
     if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
         raise ValueError(
@@ -373,7 +371,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
 
 def _check_flags(options: Any, many: bool) -> None:
     """Raise TypeError or ValueError for values of options that contradict each other."""
-    for name in _FLAGS:
+    for name in FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
     solver, linear, derivatives = options["stage_solver"], options["linear"], options["derivatives"]
@@ -451,15 +449,6 @@ def _read_inputs(
     return own[0], own
 
 
-def _output_times(options: EnsembleOptions, start: float, stop: float, many: bool) -> Any:
-    """Return the output times after checking them, None for those of the steps."""
-    if options["t_eval"] is not None:
-        return check_times(options["t_eval"], "t_eval", "within t_span,", start, stop)
-    if many:
-        return np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
-    return None
-
-
 def make_problem(
     f: Any,
     t_span: Any,
@@ -490,12 +479,16 @@ def make_problem(
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])
-    if options["linear"]:
+    if options["linear"] and not isinstance(rhs, PythonRhs):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
-    t_eval = _output_times(options, start, stop, many)
-    if options["thermostat"] is not None and options["t_eval"] is not None:
-        stops = np.union1d(stops, t_eval[t_eval != start])  # nothing between steps has its noise
+    t_eval = None
+    if options["t_eval"] is not None:
+        t_eval = check_times(options["t_eval"], "t_eval", "within t_span,", start, stop)
+        if options["thermostat"] is not None:  # whose noise nothing between steps has
+            stops = np.union1d(stops, t_eval[t_eval != start])
+    elif many:
+        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     shared = stops if own else None

@@ -242,7 +242,7 @@ class Stepper:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
-        calls = [*self._past_events, self._run.events()]
+        calls = [*self._past_events, self._run.events()]  # the last ones are none
         places, t, y = (np.concatenate(arrays) for arrays in zip(*calls, strict=True))
         lists = split_events(places, select(t, y), self._run.members, len(table))
         return lists if self._many else [members[0] for members in lists]
@@ -583,7 +583,7 @@ class Stepper:
     def _collect_events(self) -> bool:
         """Keep the events of the run; return whether the last one ended a step of one point."""
         run = self._run
-        places, t, y = run.take_events()
+        places, t, y = run.events()
         if not len(t):
             return False
         self._past_events.append((places, t, y))

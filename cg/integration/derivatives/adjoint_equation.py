@@ -165,7 +165,9 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
             chunk = slice(first, first + chunk_size)
             intervals, errors = _solve_once(equation, start[chunk], size[chunk], span)
             resolved = errors <= equation.tolerance
-            chunks.append(Intervals(*(array[resolved] for array in intervals)))
+            if not resolved.all():
+                intervals = Intervals(*(array[resolved] for array in intervals))
+            chunks.append(intervals)
             unresolved.append(np.stack([start[chunk][~resolved], size[chunk][~resolved]]))
         start, size = np.concatenate(unresolved, axis=1)
         if not start.size:

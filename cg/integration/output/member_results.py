@@ -127,12 +127,16 @@ class Results:
             if array is not None and array is not self.out:
                 array.flags.writeable = False
         outputs = [self._outputs[k] for k in range(self.members)] if problem.dense else []
+        events: dict[str, Any] = {"t_events": None, "y_events": None, "y_after": None}
+        if problem.events is not None:
+            sides = ([[points[:, i] for points in row] for row in self._points] for i in range(2))
+            events = dict(zip(events, (self._times, *sides), strict=True))
         fields = {
             "t": joint.t,
             "y": joint.y,
             "sol": EnsembleOutput(outputs) if problem.dense else None,
             "t_end": joint.reached,
-            **self._event_lists(),
+            **events,
             "status": joint.status,
             **dict(zip(COUNTS, joint.counts.T, strict=True)),
             "messages": dict(sorted(joint.messages.items())),
@@ -146,15 +150,6 @@ class Results:
         }
         solution = filled(EnsembleSolution, fields)
         return solution if problem.finish is None else problem.finish(problem, solution)
-
-    def _event_lists(self) -> dict[str, Any]:
-        if self.problem.events is None:
-            return {"t_events": None, "y_events": None, "y_after": None}
-        return {
-            "t_events": self._times,
-            "y_events": [[points[:, 0] for points in row] for row in self._points],
-            "y_after": [[points[:, 1] for points in row] for row in self._points],
-        }
 
 
 def split_events(places: Any, values: Array, members: int, events: int) -> list[list[Array]]:

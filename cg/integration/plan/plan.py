@@ -116,7 +116,7 @@ class Plan:
         along = method.polynomial if isinstance(frame, LinearAction) else None
         self.table = table = method if along is None else along
         self.compiled = is_compiled(frame)
-        self._measures = has_compiled_difference(frame) if self.compiled else None
+        self._has_difference = has_compiled_difference(frame)
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
@@ -167,8 +167,8 @@ class Plan:
 
         The answer is the same at all points.
         """
-        if self._measures is not None:
-            return self._measures
+        if self.compiled:
+            return self._has_difference
         return self.frame.exp_coordinates(point, point) is not None
 
     def unique_flows(self, point: Points) -> bool:

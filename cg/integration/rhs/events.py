@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput, members_with_data
-from cg.integration.rhs.python import Contexts, PythonRhs, Rhs, read_finite, read_only, read_value
+from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.checks import check_flag
@@ -276,10 +276,12 @@ class Observer:
     def entries(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""
         if isinstance(self.function, list):
-            data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)
-            if isinstance(rhs, PythonRhs) and rhs.inputs is not None:
+            data, stride = 0, 0
+            if isinstance(rhs, CompiledRhs):
+                _, data, stride = rhs.addresses()
+            elif rhs.inputs is not None:
                 raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
-            if isinstance(rhs, PythonRhs) and rhs.parameters is not None:
+            elif rhs.parameters is not None:
                 data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
             table = EventTable(self.function, self.frame).rows
             entries = {"observers": len(table), "observer_table": table.ctypes.data}

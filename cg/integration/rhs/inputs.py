@@ -89,10 +89,10 @@ class Inputs:
         first = 0 if parameters is None else parameters.shape[1]
         rows: NDArray[np.int64] = np.empty((len(self.curves), 7), dtype=np.int64)
         for k, curve in enumerate(self.curves):
-            starts, numbers, stride = curve.numbers()
-            powers, pieces, width = numbers.shape[-3:]
-            rows[k] = powers, pieces, width, first, address(starts), address(numbers), stride
-            first += width
+            starts, numbers = curve._edges, curve._numbers
+            stride = numbers[0].nbytes if curve.members else 0
+            rows[k] = *numbers.shape[-3:], first, address(starts), address(numbers), stride
+            first += numbers.shape[-1]
         return rows
 
     def corners(self, tolerance: float | None) -> Array:

@@ -129,10 +129,42 @@ class Check:
 Coefficients = Callable[..., ArrayLike]
 
 
-class PythonRhs:
+class Contexts:
+    """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
+
+    ``arguments`` returns the further arguments of a member. With a ``count`` of members there is a
+    context for each of them.
+    """
+
+    def __init__(
+        self,
+        function: Any,
+        arguments: Callable[[int], tuple[Any, ...]],
+        count: int | None,
+        *rest: Any,
+    ) -> None:
+        members = range(1 if count is None else count)
+        self.contexts = [context_of(function, arguments(k), *rest) for k in members]
+        self.pointers = None if count is None else np.array(list(map(id, self.contexts)))
+
+    @property
+    def data_address(self) -> int:
+        """Address of the first context, or of the pointers to all."""
+        return id(self.contexts[0]) if self.pointers is None else int(self.pointers.ctypes.data)
+
+    def addresses(self) -> tuple[int, int, int]:
+        """Return the addresses of the function and of the first member's data, and their stride."""
+        import cg._core_r64 as core
+
+        field, member, _ = core.function_addresses()
+        function, stride = (field, 0) if self.pointers is None else (member, 8)
+        return function, self.data_address, stride
+
+
+class PythonRhs(Contexts):
     """A right-hand side ``f(t, y, *args)``, or ``f(t, y, *args, parameters)``, in Python.
 
-    Compiled code calls it through a function in C, whose data are the contexts made here.
+    Compiled code calls it through a function in C, whose data are its contexts.
 
     Parameters have the shape ``(members, k)``. A ``vectorized`` function takes times ``(n,)``,
     points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
@@ -157,7 +189,7 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized)
         members = None if vectorized else members_with_data(inputs, parameters)
         rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
-        self._contexts = Contexts(f, self.arguments, members, *rest)
+        super().__init__(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         data = self.args, self.parameters, self.vectorized, self.first, self.inputs
@@ -181,15 +213,6 @@ class PythonRhs:
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
         return arguments_of(self.inputs, self.args, self.parameters, member)
-
-    def addresses(self) -> tuple[int, int, int]:
-        """Return the addresses of the function and of the first member's data, and their stride."""
-        return self._contexts.addresses()
-
-    @property
-    def data_address(self) -> int:
-        """Address of the first member's data, which changes with the further arguments."""
-        return self._contexts.address
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
@@ -270,37 +293,6 @@ class PythonRhs:
 
 
 Rhs = CompiledRhs | PythonRhs
-
-
-class Contexts:
-    """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
-
-    ``arguments`` returns the further arguments of a member. With a ``count`` of members there is a
-    context for each of them.
-    """
-
-    def __init__(
-        self,
-        function: Any,
-        arguments: Callable[[int], tuple[Any, ...]],
-        count: int | None,
-        *rest: Any,
-    ) -> None:
-        members = range(1 if count is None else count)
-        self.contexts = [context_of(function, arguments(k), *rest) for k in members]
-        self.pointers = None if count is None else np.array(list(map(id, self.contexts)))
-
-    @property
-    def address(self) -> int:
-        """Address of the first context, or of the pointers to all."""
-        return id(self.contexts[0]) if self.pointers is None else int(self.pointers.ctypes.data)
-
-    def addresses(self) -> tuple[int, int, int]:
-        """Return the addresses of the function and of the first member's data, and their stride."""
-        import cg._core_r64 as core
-
-        field, member, _ = core.function_addresses()
-        return (field, self.address, 0) if self.pointers is None else (member, self.address, 8)
 
 
 def context_of(

@@ -246,6 +246,7 @@ class Samples(ReadOnly):
         first, last = float(self.times[0]), float(self.times[-1])
         beyond = _ENDS * math.ulp(max(abs(first), abs(last)))
         self._span = first - beyond, self.end + beyond
+        # compiled code reads them as (powers, pieces, width), with a first axis for members
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0)) if members else flat
         self._pieces.flags.writeable = False
@@ -280,15 +281,6 @@ class Samples(ReadOnly):
     def shape(self) -> tuple[int, ...]:
         """Shape of the value at one time."""
         return self.values.shape[1 if self.members is None else 2 :]
-
-    def numbers(self) -> tuple[Array, Array, int]:
-        """Return what compiled code evaluates: starts and coefficients of the pieces.
-
-        The coefficients have the shape ``(powers, pieces, width)``, with a first axis for members;
-        the last result is the bytes from one member to the next. The arrays live as long as this
-        object.
-        """
-        return self._edges, self._numbers, self._numbers[0].nbytes if self.members else 0
 
     def corners(self, tolerance: float | None = None) -> Array:
         """Return the times at which steps end: jumps of the curve or its derivative, and knots.

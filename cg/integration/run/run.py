@@ -399,7 +399,7 @@ class Run:
             self.callbacks.jacobian.kept.clear()
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events: member and event ``(n, 2)``, times ``(n,)``, and points.
+        """Return all events, and forget them: member and event ``(n, 2)``, times ``(n,)``, points.
 
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
@@ -408,13 +408,8 @@ class Run:
             empty = plan.points(np.empty((0, plan.width)), (0, 2))
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
         places, t, y = _joined(self._events)
-        return places - 1, t, plan.points(y, (len(t), 2))
-
-    def take_events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events, and forget them."""
-        events = self.events()
         self._events.clear()
-        return events
+        return places - 1, t, plan.points(y, (len(t), 2))
 
 
 def _joined(collected: list[list[Any]]) -> list[Any]:
