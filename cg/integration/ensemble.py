@@ -220,7 +220,7 @@ def _with_derivatives(problem: Problem, options: Options | None) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if options is None or options["derivatives"] is None:
         return problem
-    from cg.integration.derivatives.problem import with_derivatives  # which takes long
+    from cg.integration.derivatives.problem import with_derivatives  # an import that takes long
 
     return with_derivatives(problem, options)
 
@@ -313,7 +313,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
     texts: list[str] = []
-    if watch is None:  # in a worker, whose warnings the caller's process gives
+    if watch is None:  # warnings are given at the end, those of workers by the caller's process
         drive(run, None, texts.append)
     else:
         drive(run, watch.update)

@@ -30,7 +30,7 @@ from cg.tables import Kind, MethodTable
 _MOST, _LEAST = 32, 4  # members or points that are looked at
 _SHARE = 40  # evaluations of an integration for each call of a look at its points
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
-_SIZES_ROUNDING = 1e-10  # and of sizes of steps
+_SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
 def _sample(count: int, most: int = _MOST) -> NDArray[np.intp]:

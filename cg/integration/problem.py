@@ -93,11 +93,11 @@ class Problem:
     observer: Observer | None
     thermostat: Langevin | None = None
     sizes: Observer | None = None  # how steps vary, None for equal or adaptive ones
-    inertia: MemberInertia | None = None  # of each member, None for that of the frame
+    inertia: MemberInertia | None = None  # None if all members have that of the frame
     first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
-    # with inputs at times of their own, those of each member, and the stops without their corners
+    # inputs of each member where these have times of their own, and the stops without their corners
     own_inputs: tuple[Inputs, ...] = ()
     shared_stops: Array | None = None
 
@@ -228,7 +228,8 @@ def _make_control(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    _warn(plan.method, pair=plan.table is plan.method)  # and not along a polynomial
+    # one flow along a polynomial has another estimate than that of the method
+    _warn(plan.method, pair=plan.table is plan.method)
     shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
     atol = check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):

@@ -50,10 +50,10 @@ from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import MethodTable, made
 
-_FAR = 2.0**40  # fixed steps without a final time
+_FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
-_FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # much faster than members
+_FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # ints, which are faster
 _NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), _TERMINAL
 _KEPT = (
     "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
@@ -242,7 +242,7 @@ class Stepper:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
-        calls = [*self._past_events, self._run.events()]  # the last ones are none
+        calls = [*self._past_events, self._run.events()]  # those of the run are none
         places, t, y = (np.concatenate(arrays) for arrays in zip(*calls, strict=True))
         lists = split_events(places, select(t, y), self._run.members, len(table))
         return lists if self._many else [members[0] for members in lists]
@@ -524,7 +524,8 @@ class Stepper:
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
         run, record = self._run, self._run.record
-        counters = run.counters[self._stopped.argmin() if self._many else 0]  # it hasn't stopped
+        # those of a member that hasn't stopped
+        counters = run.counters[self._stopped.argmin() if self._many else 0]
         steps, taken = counters.item(_STEPS), False
         while not taken or counters.item(0) == _FULL:
             record.budget = 0 if taken else run.members  # zero only to empty a buffer

@@ -107,7 +107,7 @@ class VariationalEvents(EventTable):
             moved[:, :m] += field.by_parameters(by_parameters.T)
         moved += np.outer(jump_of_rate, delta)
         if field.noise is not None:
-            # the saltation matrix from both sides
+            # a covariance is multiplied by the saltation matrix from both sides
             unit = np.eye(n, field.columns)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
             matrix = by_fields.T + np.outer(jump_of_rate, local)

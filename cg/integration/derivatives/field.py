@@ -141,7 +141,8 @@ class VariationalField:
             np.add.at(matrix, entries, constants * coefficients[:, i])
             slope, m = matrix @ x, self.directions
             if self.count:
-                slope[..., :m] += self.by_parameters(self._parameter_derivative(t, y, arguments))
+                df_dp = self._differences_by_parameters if self.df_dp is None else self.df_dp
+                slope[..., :m] += self.by_parameters(df_dp(t, y, arguments))
             if (noise := self.noise) is not None:
                 density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
                 slope[..., m:] += x[..., m:] @ matrix.mT + density
@@ -211,13 +212,10 @@ class VariationalField:
         values = self.coefficients(np.repeat(t, count), flat, arguments)
         return values.reshape(len(points), count, -1)
 
-    def _parameter_derivative(self, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
-        """Return derivatives of ``f`` with respect to parameters, shape ``(members, n, k)``."""
-        if self.df_dp is not None:
-            return self.df_dp(t, y, arguments)
-        return parameter_differences(
-            lambda row: self.coefficients(t, y, (*arguments[:-1], row)), arguments[-1]
-        )
+    def _differences_by_parameters(self, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
+        """Return differences of ``f`` by the parameters, shape ``(members, n, k)``."""
+        *others, rows = arguments
+        return parameter_differences(lambda x: self.coefficients(t, y, (*others, x)), rows)
 
 
 def parameter_steps(row: Array, step: float, scales: Any = 0.0) -> list[tuple[Any, Array]]:
@@ -405,7 +403,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
     )  # fmt: skip
     directions = None
     if (chosen := variational.chosen) is not None:
-        # a row each, and never empty
+        # a row for each direction; arrays can't be empty
         directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
         record.directions, record.by_parameters = chosen.shape[1], directions.ctypes.data
     in_python = []

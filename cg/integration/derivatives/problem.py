@@ -132,7 +132,8 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
         joint = PythonRhs(field, field.product, *data)
     else:
-        own = plan if plan.compiled else plan_of(plan.user_frame, plan.method)  # coefficients there
+        # on frames in Python f gives coefficients, also where that of the user gives derivatives
+        own = plan if plan.compiled else plan_of(plan.user_frame, plan.method)
         joint = compiled_variation(field, own, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         controlled = options["control_derivatives"]
@@ -233,7 +234,7 @@ def _tolerances(
     rows = own if problem.in_coordinates else np.full(n, own.min())
     if not problem.in_coordinates:
         own = np.repeat(own, plan.parts)
-        if name == "atol":  # the norm is that of numbers here, and of complex entries there
+        if name == "atol":  # the norm is that of numbers now, and not of complex entries
             own = own / np.sqrt(plan.parts)
     if control_derivatives and not rows.min() > 0.0:
         raise ValueError(
@@ -251,7 +252,7 @@ def _tolerances(
 def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
     """Return the equation of the problem with derivatives, along a solution without them."""
     rhs: Any = joint.rhs
-    # f may be as inexact as t is in parts of the span
+    # where t is far larger than the span, its rounding makes f inexact
     far = max(1.0, abs(joint.t0) / (abs(joint.t1 - joint.t0) or math.inf))
     if tolerance_of(joint) >= _ONE_SIDED * far:
         for record in rhs.records:

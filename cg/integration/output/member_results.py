@@ -1,4 +1,4 @@
-"""Results of the members of an ensemble, ensemble as they arrive."""
+"""Results of the members of an ensemble, collected as they arrive."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MemberResults(NamedTuple):
 
 
 class Results:
-    """The results of all members, ensemble as they arrive."""
+    """The results of all members, collected as they arrive."""
 
     def __init__(self, problem: Problem, out: Any) -> None:
         self.problem, self.out = problem, out

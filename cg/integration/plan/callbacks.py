@@ -83,7 +83,7 @@ class Jacobian:
         from scipy.sparse.linalg import splu
 
         matrix = self.kept.pop(member)[0]
-        self.kept[member] = [matrix]  # as the latest one
+        self.kept[member] = [matrix]  # now the latest used
         identity: Any = eye_array(matrix.shape[0], format="csc")
         try:
             self.kept[member] += [splu(shift * identity - matrix) for shift in shifts]
@@ -141,9 +141,11 @@ class Callbacks:
         events: EventTable | None = None,
         jacobian: Jacobian | None = None,
     ) -> None:
-        self.plan, self.frame, self.jacobian = plan, plan.frame, jacobian
-        self.rhs: Any = rhs  # these two aren't asked for where they are None
+        self.plan, self.frame = plan, plan.frame
+        # nothing is asked of what is None
+        self.rhs: Any = rhs
         self.events: Any = events
+        self.jacobian: Any = jacobian
         self.last_error: Exception | None = None
         self.failed_event: tuple[str, float, int | None] | None = None
 
@@ -185,7 +187,7 @@ class Callbacks:
         return self.frame.local_coordinates(self._point(x), self._point(y))
 
     def _nearest(self, a: Array, end: Array) -> Array:
-        # from a point, along flows, to the end or near it
+        # `a` holds a point, and flows from it that lead to the end or near it
         frame = self.frame
         if not (np.isfinite(a).all() and np.isfinite(end).all()):
             return np.full(frame.dim, np.nan)
@@ -203,19 +205,13 @@ class Callbacks:
         v, dropped = self.frame._coefficients(self._point(y), self._point(dy))
         return np.append(v, dropped * np.linalg.norm(dy))
 
-    def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
-        assert self.jacobian is not None
+    def _evaluate_jacobian(self, a: Array, y: Array) -> Any:
         t, member = a[:2].tolist()
         return self.jacobian.evaluate(self.rhs, int(member), t, self._point(y.copy()), a[2:])
 
-    def _factor(self, a: Array, _: Array) -> Array:
-        assert self.jacobian is not None
+    def _factor(self, a: Array, _: Array) -> Any:
         member, gamma, real, imaginary = a.tolist()
         return self.jacobian.factor(int(member), (gamma, complex(real, imaginary)))
-
-    def _solve(self, a: Array, b: Array) -> Array:
-        assert self.jacobian is not None
-        return self.jacobian.solve(int(a[0]), b)
 
     def _evaluate(self, a: Array, y: Array) -> Any:
         t, members = a.reshape(2, -1)
@@ -259,5 +255,5 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.JUMP: lambda self, a, y: self._call_event(a, y, True),
     Operation.JACOBIAN: Callbacks._evaluate_jacobian,
     Operation.FACTOR: Callbacks._factor,
-    Operation.SOLVE: Callbacks._solve,
+    Operation.SOLVE: lambda self, a, b: self.jacobian.solve(int(a[0]), b),
 }

@@ -89,12 +89,12 @@ class Event:
     vectorized: bool = False
 
     def __post_init__(self) -> None:
-        self._check("event", "function")
+        self._check("event")
 
-    def _check(self, name: str, function: str | None = None) -> tuple[int, int]:
+    def _check(self, name: str) -> tuple[int, int]:
         """Return after how many times the event is terminal, and the sign of its direction."""
         if not callable(self.function) and compiled_event(self.function) is None:
-            what = function or name
+            what = "function" if name == "event" else name
             raise TypeError(f"{what} must be callable as event(t, y), got {self.function!r}")
         if self.jump is not None and not callable(self.jump):
             raise TypeError(f"{name}.jump must be callable as jump(t, y), got {self.jump!r}")
@@ -214,7 +214,7 @@ class EventTable:
         plain = type(values) is np.ndarray and values.dtype == np.float64
         if not plain or values.shape != t.shape:
             values = read_value(values, f"events[{index}]", t.shape, t, "member")
-        # a finite square takes less time than what it makes superfluous
+        # all values are finite if the sum of their squares is, which takes a fraction of the time
         if not (math.isfinite(values.dot(values)) or np.isfinite(values).all()):
             bad = int(np.flatnonzero(~np.isfinite(values))[0])
             read_finite(values.item(bad), f"events[{index}]", (), t[bad])

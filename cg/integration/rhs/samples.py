@@ -76,7 +76,7 @@ def jumps_of_lines(times: Array, values: Array, slopes: Array, causal: bool) -> 
 
 
 _IGNORED = 0.08  # deviations between samples, of a spline whose kinks count as 1
-_BLOCKS = 2.0  # in a step, whose nodes are closer than its ends
+_BLOCKS = 2.0  # blocks in the longest step, whose nodes are closer than its ends
 _PEAK = 1.5  # the largest value of an oscillation relative to its mean deviation
 _FALL = 16.0  # ratio of the errors of cubics when distances are halved
 
@@ -360,7 +360,7 @@ class Samples(ReadOnly):
             if not low <= t <= high:
                 outside(t, t)
             (value,) = rows[bisect_right(search, t) - 1]
-            return +value if own is None else +value[own]  # an array of the caller's, as below
+            return +value if own is None else +value[own]  # by + an array that the caller owns
 
         def polynomial(t: float) -> Any:
             if not low <= t <= high:
