@@ -193,12 +193,10 @@ def _make_rhs(
         if of_time or inputs is not None:
             rhs.check_call()
         return rhs
-    if args:
-        raise ValueError(f"args must be None for a compiled f, got {args!r}")
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, parameters, inputs)
+    return compiled.on(frame, parameters, inputs, args)
 
 
 def _make_control(
@@ -268,8 +266,10 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
         )
 
 
-def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) -> MethodTable:
-    """Return the table of the method after checking that it suits the equation and the frame."""
+def _choose_method(
+    chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None
+) -> MethodTable:
+    """Return the chosen or the default method after checking the equation and the frame."""
     if linear and isinstance(frame, PhaseSpace):
         raise ValueError(
             "frame must not be a phase space with linear=True, since velocities depend on the "
@@ -280,9 +280,8 @@ def _choose_method(method: Any, linear: bool, frame: Frame, rtol: float | None) 
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
         )
-    if isinstance(method, str) and method == AUTO:
+    if chosen is None:
         return table_of(choose_method(frame, rtol, linear))
-    chosen = table_of(method)
     if chosen.kind is Kind.LINEAR and not linear:
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for linear=True"
@@ -345,17 +344,6 @@ def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
     return rhs == "derivative"
 
 
-def _needs_brackets(options: EnsembleOptions) -> bool:
-    """Return whether derivatives of the solution, or the method that is given, need brackets."""
-    method = options["method"]
-    if options["derivatives"] is not None:
-        return True
-    if isinstance(method, str) and method == AUTO:
-        return False
-    table = table_of(method)
-    return table.on_algebra or table.has_brackets
-
-
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     check_frame(frame)
@@ -364,10 +352,12 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
         least = rtol.item() if rtol.size == 1 else float(rtol.min())
+    method: Any = options["method"]
+    chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
-        frame = for_derivatives(frame)[_needs_brackets(options)]
-    method = _choose_method(options["method"], options["linear"], frame, least)
-    return plan_of(frame, method), rtol
+        brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
+        frame = for_derivatives(frame)[brackets or options["derivatives"] is not None]
+    return plan_of(frame, _choose_method(chosen, options["linear"], frame, least)), rtol
 
 
 def _check_flags(options: Any, many: bool) -> None:

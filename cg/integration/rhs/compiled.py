@@ -52,7 +52,7 @@ class CompiledRhs:
         return replace(self, frame=frame)
 
     def on(
-        self, frame: Frame, parameters: Array | None, inputs: Inputs | None = None
+        self, frame: Frame, parameters: Array | None, inputs: Inputs | None, args: Any = ()
     ) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
 
@@ -73,7 +73,7 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return replace(self, frame=frame).with_data((), parameters, inputs)
+        return replace(self, frame=frame).with_data(args, parameters, inputs)
 
     def with_data(
         self,
