@@ -58,6 +58,11 @@ class Steps:
         return plan.points(rows, (len(t),))
 
 
+def _range(times: Array) -> str:
+    """Return the first and the last time for a message."""
+    return "...".join(apart(times[0], times[-1])) if len(times) else "nothing"
+
+
 class DenseOutput(ReadOnly):
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
@@ -117,8 +122,7 @@ class DenseOutput(ReadOnly):
         self._direction = direction
 
     def __repr__(self) -> str:
-        times = "...".join(apart(self.ts[0], self.ts[-1]))
-        return f"DenseOutput(t={times}, steps={len(self.ts) - 1})"
+        return f"DenseOutput(t={_range(self.ts)}, steps={len(self.ts) - 1})"
 
     def __call__(self, t: ArrayLike) -> Points:
         """Return the solution.
@@ -201,8 +205,7 @@ class EnsembleOutput(DenseOutput):
         return np.stack([member._y0 for member in self._members])
 
     def __repr__(self) -> str:
-        times = "...".join(apart(self.ts[0], self.ts[-1]))
-        return f"EnsembleOutput(t={times}, members={len(self._members)})"
+        return f"EnsembleOutput(t={_range(self.ts)}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
         output, derivatives = self._members[member], self._derivatives
@@ -405,9 +408,8 @@ class Solution(_Results):
         return self.adjoint and self.adjoint.jacobian
 
     def __repr__(self) -> str:
-        times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
         return (
-            f"{type(self).__name__}(t={times}, status={self.status}, steps={self.steps}, "
+            f"{type(self).__name__}(t={_range(self.t)}, status={self.status}, steps={self.steps}, "
             f"nrejected={self.nrejected}, nfev={self.nfev}, nexp={self.nexp})"
         )
 
@@ -463,10 +465,9 @@ class EnsembleSolution(_Results):
     _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
     def __repr__(self) -> str:
-        times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
         return (
-            f"{type(self).__name__}(t={times}, members={len(self)}, success={self.success}, "
-            f"steps={int(self.steps.sum())}, nfev={int(self.nfev.sum())})"
+            f"{type(self).__name__}(t={_range(self.t)}, members={len(self)}, "
+            f"success={self.success}, steps={int(self.steps.sum())}, nfev={int(self.nfev.sum())})"
         )
 
     def __len__(self) -> int:

@@ -52,7 +52,7 @@ class CompiledRhs:
         return replace(self, frame=frame)
 
     def on(
-        self, frame: Frame, parameters: Array | None, inputs: Inputs | None, args: Any = ()
+        self, frame: Frame, parameters: Array | None, inputs: Inputs | None = None, args: Any = ()
     ) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
 
