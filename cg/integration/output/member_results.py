@@ -54,10 +54,10 @@ class Results:
             _check_out(out, (len(problem.t_eval), *shape), kind)
         self._marks: dict[int, tuple[Array, Points]] = {}  # times and points of events, by member
         self._outputs: dict[int, DenseOutput] = {}
-        # by event and member, the times, and the points before and after
-        count = 0 if problem.events is None else len(problem.events)
-        self._times: list[Any] = [[None] * self.members for _ in range(count)]
-        self._points: list[Any] = [[None] * self.members for _ in range(count)]
+        if problem.events is not None:  # by event and member, with points before and after
+            count = len(problem.events)
+            self._times: list[Any] = [[None] * self.members for _ in range(count)]
+            self._points: list[Any] = [[None] * self.members for _ in range(count)]
 
     def joint(self) -> MemberResults:
         """Return results of all members, with room for those that haven't arrived."""
@@ -117,8 +117,9 @@ class Results:
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
         problem, joint = self.problem, self.joint()
-        failed = np.flatnonzero(joint.status < 0).tolist() if joint.messages else []
-        failures = {k: joint.messages[k] for k in failed}
+        failures = {}
+        if joint.messages:
+            failures = {k: joint.messages[k] for k in np.flatnonzero(joint.status < 0).tolist()}
         message = failed_members(failures, self.members) if failures else FINISHED
         if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
