@@ -18,6 +18,8 @@ from cg.support.checks import check_integer
 START = -1
 """Index of the initial point of a step."""
 
+T = TypeVar("T")
+
 
 class MethodError(ValueError):
     """Raised if points or coefficients don't make a method; the message names the wrong one.
@@ -262,9 +264,6 @@ def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) ->
     stages = tuple(map(point, a))
     result = point(b)
     return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)
-
-
-T = TypeVar("T")
 
 
 class Rows(IntEnum):

@@ -28,6 +28,14 @@ _RISE = 0.3  # height of the first child above its parent; another branch is 1 a
 
 _MAX_NODES = 200
 
+Range = tuple[float, float]
+
+_POINTS = 301
+_DASHES = ("solid", "dashed", "dashdot", "dotted")
+
+_NODE = "●"
+_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+
 
 def tableau(method: str | Method, ax: Any = None) -> Any:
     """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
@@ -266,12 +274,6 @@ def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int
     return [(x - places[0][0], height) for x, height in places], edges
 
 
-Range = tuple[float, float]
-
-_POINTS = 301
-_DASHES = ("solid", "dashed", "dashdot", "dotted")
-
-
 def stability_region(
     method: str | Method | Sequence[str | Method],
     ax: Any = None,
@@ -399,10 +401,6 @@ def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
         if not cut:
             break
     return z[edge], cut
-
-
-_NODE = "●"
-_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 
 def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

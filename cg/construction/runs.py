@@ -31,6 +31,11 @@ _SUM = b', "crc": '  # before the checksum at the end of a line
 
 _log = logging.getLogger("cg")
 
+Result = TypeVar("Result")
+
+_NOUNS = {"search": ("search", "start"), "construct": ("construction", "try")}
+"""What kinds of runs and their pieces are called."""
+
 
 class StoreError(ValueError):
     """A file that isn't a store."""
@@ -124,12 +129,6 @@ def _versions() -> dict[str, str]:
     except PackageNotFoundError:
         package = "unknown"
     return {"crouch-grossman": package, "numpy": version("numpy")}
-
-
-Result = TypeVar("Result")
-
-_NOUNS = {"search": ("search", "start"), "construct": ("construction", "try")}
-"""What kinds of runs and their pieces are called."""
 
 
 class Score(NamedTuple):

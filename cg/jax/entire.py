@@ -25,7 +25,7 @@ _FACTOR_TERMS = [  # coefficients of the series in q of dexpinv_factor without t
     for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
 _ARCTAN_NEAR = 0.04
-_ARCTAN_TERMS = 14
+_ARCTAN_SERIES = [1.0 / (2 * j + 1) for j in range(15)]
 
 
 def power_series(coefficients: Sequence[float], x: JaxArray) -> JaxArray:
@@ -36,39 +36,56 @@ def power_series(coefficients: Sequence[float], x: JaxArray) -> JaxArray:
     return total
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def stumpff(k: int, q: JaxArray) -> JaxArray:
     r"""Return Stumpff's function :math:`c_k(q) = \sum_j (-q)^j / (2 j + k)!` for real q ≥ 0.
 
     :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin(x) / x`, and :math:`c_{k+2} = (1 / k! - c_k) /
-    q` (Stumpff, *Himmelsmechanik*, vol. 1, 1959, section 41). The derivative is :math:`c_k' =
-    \tfrac12 (k\, c_{k+2} - c_{k+1})`: derivatives of functions of this family are in the family,
-    and none of them is a quotient of small numbers.
+    q` (Stumpff, *Himmelsmechanik*, vol. 1, 1959, section 41).
     """
-    q = jnp.asarray(q)
-    if k < 2:
-        x = jnp.sqrt(q)
-        if k == 0:
-            return jnp.cos(x)
-        # At the smallest number the quotient is exactly 1, its limit at zero.
-        x = jnp.maximum(x, jnp.finfo(q.dtype).tiny)
-        return jnp.sin(x) / x
-    near = jnp.minimum(q, _NEAR)
-    series = power_series([1.0 / math.factorial(2 * j + k) for j in range(_TERMS + 1)], -near)
-    far = jnp.maximum(q, _NEAR)
-    value = stumpff(k % 2, far)
-    for j in range(k % 2, k, 2):
-        value = (1.0 / math.factorial(j) - value) / far
-    return jnp.where(q < _NEAR, series, value)
+    return _stumpff_sum(((k, 1.0),), jnp.asarray(q))
 
 
-@stumpff.defjvp
-def _stumpff_jvp(k: int, primals: Any, tangents: Any) -> Any:
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _stumpff_sum(weights: tuple[tuple[int, float], ...], q: JaxArray) -> JaxArray:
+    r"""Return the sum of Stumpff's functions with weights, given as pairs (k, weight).
+
+    The derivative is :math:`c_k' = \tfrac12 (k\, c_{k+2} - c_{k+1})`: derivatives of such sums are
+    such sums, and none of them is a quotient of small numbers. A sum takes one series, as each of
+    its functions would.
+    """
+    x = jnp.sqrt(q)
+    if weights == ((0, 1.0),):
+        return jnp.cos(x)
+    if weights == ((1, 1.0),):
+        return _sinc(x)
+    near, far = jnp.minimum(q, _NEAR), jnp.maximum(q, _NEAR)
+    terms = [sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_TERMS + 1)]
+    series = power_series(terms, -near)
+    root = jnp.sqrt(far)
+    functions = [jnp.cos(root), _sinc(root)]
+    for k in range(max(k for k, _ in weights) - 1):
+        functions.append((1.0 / math.factorial(k) - functions[k]) / far)
+    return jnp.where(q < _NEAR, series, sum(w * functions[k] for k, w in weights))
+
+
+def _sinc(x: JaxArray) -> JaxArray:
+    # At the smallest number the quotient is exactly 1, its limit at zero.
+    x = jnp.maximum(x, jnp.finfo(x.dtype).tiny)
+    return jnp.sin(x) / x
+
+
+@_stumpff_sum.defjvp
+def _stumpff_sum_jvp(weights: tuple[tuple[int, float], ...], primals: Any, tangents: Any) -> Any:
     (q,), (dq,) = primals, tangents
-    slope = -0.5 * stumpff(k + 1, q)
-    if k:
-        slope = slope + (0.5 * k) * stumpff(k + 2, q)
-    return stumpff(k, q), slope * dq
+    slope: dict[int, float] = {}
+    for k, w in weights:
+        slope[k + 1] = slope.get(k + 1, 0.0) - 0.5 * w
+        slope[k + 2] = slope.get(k + 2, 0.0) + 0.5 * k * w
+    terms = tuple((k, w) for k, w in sorted(slope.items()) if w)
+    if len(terms) == 1:
+        ((k, w),) = terms
+        return _stumpff_sum(weights, q), w * stumpff(k, q) * dq
+    return _stumpff_sum(weights, q), _stumpff_sum(terms, q) * dq
 
 
 def dexpinv_factor(q: JaxArray) -> JaxArray:
@@ -122,6 +139,6 @@ def rotation_vector(vector: JaxArray, scalar: JaxArray) -> JaxArray:
 def _arctan_quotient(x: JaxArray) -> JaxArray:
     """Return arctan(√x) / √x."""
     near = jnp.minimum(x, _ARCTAN_NEAR)
-    series = power_series([1.0 / (2 * j + 1) for j in range(_ARCTAN_TERMS + 1)], -near)
+    series = power_series(_ARCTAN_SERIES, -near)
     root = jnp.sqrt(jnp.maximum(x, _ARCTAN_NEAR))
     return jnp.where(x < _ARCTAN_NEAR, series, jnp.arctan(root) / root)

@@ -43,6 +43,10 @@ from cg.support.quads import finite_fraction, to_ball, to_flint, to_fraction, wo
 Word = tuple[Any, ...]
 """A tuple of words, the letters."""
 
+Vector = list[Any]
+
+_MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
+
 
 class Condition(NamedTuple):
     """An order condition: that of the word's tree, for a row of weights of a pair, from 0."""
@@ -158,9 +162,6 @@ def parse(tree: str) -> Word:
         return tuple(convert(child) for child in tree.children)
 
     return convert(OrderedTree.parse(tree))
-
-
-Vector = list[Any]
 
 
 class Quantity(NamedTuple):
@@ -338,9 +339,6 @@ class EquationSystem:
         targets = (to_flint(reciprocal_density(word)) for _, word in self.conditions)
         values = [phi - target for phi, target in zip(weights.evaluate(z), targets, strict=True)]
         return values, weights
-
-
-_MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
 
 def exact_tree(a: Any, b: Any) -> PointTree:

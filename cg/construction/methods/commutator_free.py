@@ -35,6 +35,8 @@ from cg.construction.methods.tableau import Tableau
 from cg.support import quads
 from cg.support.checks import check_flag, check_integer
 
+_ROUNDING = Fraction(1, 10**14)
+
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class CommutatorFree(Method):
@@ -223,9 +225,6 @@ def _read_point(point: Any, m: int) -> tuple[int, dict[int, Coefficient]]:
         as_index(stage): read_coefficient(weight, f"weight of point {m} on stage {stage}")
         for stage, weight in weights.items()
     }
-
-
-_ROUNDING = Fraction(1, 10**14)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

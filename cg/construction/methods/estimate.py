@@ -77,6 +77,15 @@ _BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([
 """Polynomials g of time, from the constant upwards, of mean one."""
 _DOP853_FACTOR = 0.1
 
+Polynomial = tuple[Fraction, ...]
+"""Coefficients, the constant first."""
+
+_MAX_WORK = 5e9
+"""Largest work, s⁴ times the bits of coefficients, of exact polynomials: 2 to 15 seconds."""
+
+_NOISE = 10**4  # effect of rounded coefficients on sums of products, in units of their last places
+_GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
+
 
 @cached
 def jump_ratio(method: Method) -> float | None:
@@ -288,16 +297,6 @@ def _dexpinv(x: Vector, powers: int | None) -> Vector:
         return np.asarray(1 / _phi1(x))
     terms = [float(term) for term in bernoulli_terms(powers)]
     return polyval(x, terms)
-
-
-Polynomial = tuple[Fraction, ...]
-"""Coefficients, the constant first."""
-
-_MAX_WORK = 5e9
-"""Largest work, s⁴ times the bits of coefficients, of exact polynomials: 2 to 15 seconds."""
-
-_NOISE = 10**4  # effect of rounded coefficients on sums of products, in units of their last places
-_GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,9 @@ from cg.construction.methods.coefficients import (
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 
+LOBATTO = "Lobatto's formula"
+"""Name of the method of `lobatto`, which isn't listed."""
+
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class MagnusMethod(Method):
@@ -329,10 +332,6 @@ def _pairs(pairs: Any, count: int) -> tuple[tuple[tuple[Coefficient, ...], ...],
             raise MethodError(f"{label} must have two rows, got {len(rows)}")
         read.append(rows)
     return tuple(read)
-
-
-LOBATTO = "Lobatto's formula"
-"""Name of the method of `lobatto`, which isn't listed."""
 
 
 def lobatto(nodes: int) -> MagnusMethod:

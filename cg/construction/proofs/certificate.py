@@ -18,6 +18,19 @@ MAX_SMALL = Decimal("1e-40")
 
 _LARGEST = Decimal("1e4000")  # more digits of an integer Python doesn't write by default
 
+_KINDS: dict[str, type] = {
+    "name": str,
+    "order": int,
+    "radius": str,
+    "bits": int,
+    "fixed": list,
+    "beyond": dict,
+}
+_KINDS_OF_BEYOND: dict[str, type] = {"tree": str, "bound": str}
+_TREES = "trees", "embedded_trees"  # by row of weights
+
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?", re.ASCII)
+
 
 class CertificationError(ArithmeticError):
     """A proof that failed.
@@ -252,18 +265,6 @@ class Certificate:
             raise CertificationError(f"{path}: {error}") from None
 
 
-_KINDS: dict[str, type] = {
-    "name": str,
-    "order": int,
-    "radius": str,
-    "bits": int,
-    "fixed": list,
-    "beyond": dict,
-}
-_KINDS_OF_BEYOND: dict[str, type] = {"tree": str, "bound": str}
-_TREES = "trees", "embedded_trees"  # by row of weights
-
-
 def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
     check_keys(table, kinds, (), where, CertificationError)
     for key, kind in kinds.items():
@@ -299,9 +300,6 @@ def _read_tree(tree: Any) -> Word:
         return parse(str(tree))
     except ValueError as error:
         raise CertificationError(str(error)) from None
-
-
-_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?", re.ASCII)
 
 
 def _read_decimal(text: str) -> Decimal:

@@ -56,6 +56,11 @@ from cg.support.quads import working_precision as precision
 SMALL_PLACES = 300
 """Conditions that are only shown to be small are evaluated to this many places."""
 
+_GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
+
+_MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
+_ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
+
 
 class _Proved(NamedTuple):
     """A box and its Krawczyk test; what the box says of conditions left out isn't proved yet."""
@@ -134,12 +139,6 @@ def _try(
             radius = Decimal(f"{float(attempt.radius):.1e}")
             return _Proved(Box(radius, fixed, tuple(omitted)), attempt)
     return measures
-
-
-_GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
-
-_MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
-_ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
 
 
 def certify(

@@ -33,6 +33,15 @@ SOLVED = 1e-23
 
 _MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
 
+_LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
+_MIN_STEP = 2e-3
+_MAX_COLUMNS = 3  # number of columns to try from one candidate
+_BUDGET = 1000  # steps of the solver to eliminate one stage
+_INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
+
+_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
+_TRIES = 16  # starts to solve from
+
 
 class NotExactError(RuntimeError):
     """Refinement in real(16) did not end at a zero of all order conditions."""
@@ -163,15 +172,6 @@ def make_method(
     kind = points if layout.rows is None else Tableau
     return kind.from_layout(layout, coefficients, **fields)
 
-
-_LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
-_MIN_STEP = 2e-3
-_MAX_COLUMNS = 3  # number of columns to try from one candidate
-_BUDGET = 1000  # steps of the solver to eliminate one stage
-_INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
-
-_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
-_TRIES = 16  # starts to solve from
 
 Accept = Callable[[Candidate], bool]
 

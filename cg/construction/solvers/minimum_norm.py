@@ -56,6 +56,8 @@ _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
 
+_BRIEF = 10**8  # multiplications in about 0.1 seconds
+
 
 class DampedSteps:
     """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
@@ -207,8 +209,6 @@ def finish(
             break
     return x, f
 
-
-_BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 provide_lapack()
 

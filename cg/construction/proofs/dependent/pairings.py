@@ -57,6 +57,10 @@ DIFFERENCE = 2
 
 SLOT: Any = -1  # where a letter was cut out of a word
 
+_DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
+
+_Doubles = NDArray[np.float64]
+
 
 class Context(NamedTuple):
     """A word with a slot along a row of weights, times the values of a letter at stages."""
@@ -343,11 +347,6 @@ def moments(context: Word) -> dict[Word, int]:
             for inner, factor in moments(letter).items():
                 add_multiple(words, (*context[:k], inner, *context[k + 1 :]), factor)
     return words
-
-
-_DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
-
-_Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
