@@ -97,7 +97,7 @@ contains
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
         if (record%df_dp /= 0) slope = slope + matmul(transpose(p), d)
         if (self%code == 0) call add_differences(self, record%jac == 0, &
-                                                 record%df_dp == 0 .and. k > 0, y, f, x, p, slope)
+                                                 record%df_dp == 0 .and. k > 0, y, x, p, slope)
       else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
       end if
@@ -110,12 +110,12 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Adds differences of f along each direction: along the fields and by parameters at once, unless one
-  ! part is so much smaller than the other that it would be lost.
-  subroutine add_differences(self, along_fields, along_parameters, y, f, x, p, slope)
+  ! Adds central differences of f along each direction: along the fields and by parameters at once,
+  ! unless one part is so much smaller than the other that it would be lost.
+  subroutine add_differences(self, along_fields, along_parameters, y, x, p, slope)
     type(evaluation_t), intent(inout) :: self
     logical, intent(in) :: along_fields, along_parameters
-    real(wp), contiguous, intent(in) :: y(:), f(:), x(:, :), p(:, :)
+    real(wp), contiguous, intent(in) :: y(:), x(:, :), p(:, :)
     real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
     real(wp) :: lengths(2), widths(size(slope, 2)), scales(size(p, 1))
     real(wp), pointer, contiguous :: parameters(:), least(:)
@@ -148,15 +148,13 @@ contains
     subroutine add(length, by_fields, by_parameters)
       real(wp), intent(in) :: length, by_fields, by_parameters
       real(wp) :: point(size(y)), values(size(slope, 2), 2), before(size(p, 1)), step
-      integer :: side, sides
+      integer :: side
 
       if (.not. length > 0 .or. self%code /= 0) return
-      step = -self%record%step / length
-      sides = merge(1, 2, self%record%one_sided /= 0)
+      step = self%record%step / length
       before = parameters
-      values(:, 2) = f
-      do side = 1, sides
-        step = -step                                   ! ahead, then behind
+      do side = 1, 2
+        step = merge(step, -step, side == 1)
         point = y
         if (by_fields > 0) call apply_flows(self%plan%frame, 1, step * x(j, :), point)
         if (by_parameters > 0) parameters = before + step * p(:, j)
@@ -165,8 +163,7 @@ contains
         parameters = before
         if (self%code /= 0) return
       end do
-      step = self%record%step / length
-      slope(j, :) = slope(j, :) + (values(:, 1) - values(:, 2)) / (sides * step)
+      slope(j, :) = slope(j, :) - (values(:, 1) - values(:, 2)) / (2 * step)
     end subroutine add
 
   end subroutine add_differences
