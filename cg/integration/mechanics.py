@@ -8,7 +8,6 @@ them out, and only a sample of the members and points is looked at.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from secrets import randbits
@@ -24,7 +23,7 @@ from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.events import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs, read_finite
 from cg.support.arrays import Array, Points
-from cg.support.checks import check_integer, short
+from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
 
 _MOST, _LEAST = 32, 4  # members or points that are looked at
@@ -165,14 +164,7 @@ class Langevin:
 
     def __post_init__(self) -> None:
         for name in ("friction", "temperature"):
-            value = getattr(self, name)
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                raise TypeError(f"{name} must be a number, got {short(value)}") from None
-            if not (number >= 0.0 and math.isfinite(number)):
-                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
-            object.__setattr__(self, name, number)
+            object.__setattr__(self, name, check_real(name, getattr(self, name)))
         seed = randbits(63) if self.seed is None else check_integer("seed", self.seed, 0, 2**63 - 1)
         object.__setattr__(self, "seed", seed)
 

@@ -680,13 +680,13 @@ class Stepper:
                 "f must be such that it can be pickled, a function of a module or a compiled one "
                 f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
             ) from error
-        return object.__new__, (Stepper,), self.__getstate__()
+        return object.__new__, (type(self),), self.__getstate__()
 
     def __copy__(self) -> Any:
         return self.__deepcopy__(None)
 
     def __deepcopy__(self, memo: dict[int, Any] | None) -> Any:
-        state, twin = self.__getstate__(), object.__new__(Stepper)
+        state, twin = self.__getstate__(), object.__new__(type(self))
         twin.__setstate__(state if memo is None else copy.deepcopy(state, memo))
         return twin
 

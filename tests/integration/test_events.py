@@ -84,7 +84,7 @@ def test_bad_values_are_refused(value, message):
 
 @pytest.mark.parametrize(("name", "value", "error"), [
     *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-    *(("direction", value, ValueError) for value in ("up", np.nan)),
+    *(("direction", value, ValueError) for value in ("up", "1", np.nan)),
     ("jump", 3, TypeError),
     *(("period", value, ValueError) for value in (0.0, -1.0, np.inf, np.nan, "2π", True)),
 ])  # fmt: skip

@@ -248,8 +248,8 @@ def test_what_heat_baths_refuse(changes, message):
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    ((-1.0, 1.0), "friction must be finite and not negative"),
-    ((1.0, np.inf), "temperature must be finite and not negative"),
+    ((-1.0, 1.0), "friction must be a finite number, not negative"),
+    ((1.0, np.inf), "temperature must be a finite number"), (("1", 1.0), "friction must be"),
     ((1.0, 1.0, -1), "seed must be"), ((1.0, 1.0, 2**63), "seed must be"),
 ])  # fmt: skip
 def test_what_langevin_refuses(arguments, message):
