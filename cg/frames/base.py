@@ -18,8 +18,8 @@ from cg.frames.manifold import (
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
-    nearest_coordinates,
-    newton_correction,
+    near,
+    norms,
 )
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.checks import check_integer, short
@@ -28,6 +28,8 @@ NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
 _MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # of the iteration towards a mean, which ends in rounding
+_DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
+_DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -284,7 +286,10 @@ class Frame(Manifold, FieldAlgebra):
         lost = ~np.isfinite(v).all(axis=-1)
         if lost.any():
             start, end = start[lost], end[lost]
-            v[lost] = nearest_coordinates(self.flow, self._coefficients_at, start, end)
+            with np.errstate(over="ignore", invalid="ignore"):
+                tangents = near(self._coefficients_at(start, end - start))
+                nearer = norms(end - self.flow(tangents, start)) < norms(end - start)
+            v[lost] = np.where(nearer[:, None], tangents, 0.0)
         return v
 
     def _composed(self, path: Array) -> Array:
@@ -302,7 +307,10 @@ class Frame(Manifold, FieldAlgebra):
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
-            corrected[k] = newton_correction(self.flow, v[k], start[k], y[k], end[k])
+            step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v[k])))
+            slopes = (self.flow(v[k] + step * np.eye(self.dim), start[k]) - y[k]) / step
+            change = minimum_norm_coefficients(slopes[None], (end - y)[k, None], _DIFFERENCE_RANK)
+            corrected[k] = v[k] + change[0]
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -378,6 +386,16 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+    def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
+        """Return ``v`` and ``y`` as contiguous arrays with the same leading axes."""
+        vectors, points = self._arguments(v, y)
+        leads = vectors.shape[:-1], points.shape[: points.ndim - len(self.point_shape)]
+        if leads[0] != leads[1]:
+            lead = np.broadcast_shapes(*leads)
+            vectors = np.broadcast_to(vectors, (*lead, self.dim))
+            points = np.broadcast_to(points, (*lead, *self.point_shape))
+        return np.ascontiguousarray(vectors), np.ascontiguousarray(points)
 
 
 def check_frame(frame: Any, name: str = "frame") -> None:

@@ -35,13 +35,3 @@ class CompiledFlow(Frame):
             raise FlowOverflowError(
                 f"the flow of v with |v| = {largest:.3g} can't be computed in double precision"
             )
-
-    def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
-        """Return contiguous coefficients and points with the same leading axes."""
-        vectors, points = self._arguments(v, y)
-        leads = vectors.shape[:-1], points.shape[: points.ndim - len(self.point_shape)]
-        if leads[0] != leads[1]:
-            lead = np.broadcast_shapes(*leads)
-            vectors = np.broadcast_to(vectors, (*lead, self.dim))
-            points = np.broadcast_to(points, (*lead, *self.point_shape))
-        return np.ascontiguousarray(vectors), np.ascontiguousarray(points)

@@ -188,13 +188,9 @@ _MAX_CORRECTIONS = 40
 _SLOW = 0.1
 _LEAST_PART = 1 / 64  # of the way
 _FAR = 1e9  # largest norm of coefficients
-# Relative residuals: convergence (some twenty roundings), and the level below which a slow
-# iteration stops.
-_REACHED = 5e-15
-_ROUNDING = 1e-14
-_DIFFERENCE = 1e-8
-_DIFFERENCE_RANK_TOLERANCE = 1e-5
-_MISSED = 1e-8  # largest relative residual of an accepted result
+# Relative residuals: of convergence (some twenty roundings), of a slow iteration that stops, and of
+# an accepted result, at most
+_REACHED, _ROUGH, _MISSED = 5e-15, 1e-14, 1e-8
 
 
 def local_coordinates(
@@ -210,11 +206,11 @@ def local_coordinates(
     if v.any():
         y = flow(v, start)
         # The logarithm of points that are large and close may have no correct digits.
-        lost = ~(_norms(end - y) <= _norms(end - start))
+        lost = ~(norms(end - y) <= norms(end - start))
         if lost.any():
             v[lost] = 0.0
             y = np.where(lost.reshape(-1, *(1,) * (y.ndim - 1)), start, y)
-    length, distance = _norms(end), _norms(end - y)
+    length, distance = norms(end), norms(end - y)
     v[~np.isfinite(distance)] = np.nan
     guessed = (v != 0.0).any(axis=-1)
     active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
@@ -230,8 +226,8 @@ def local_coordinates(
         far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
         tried[far] = v[active[far]]
         moved = flow(tried, start[active])
-        size = _norms(end[active] - moved)
-        rough = residual > _ROUNDING * length[active]
+        size = norms(end[active] - moved)
+        rough = residual > _ROUGH * length[active]
         better = size < np.where(rough, 1.0 - _SLOW * part, 0.5) * residual
         v[active[better]], reached[better] = tried[better], moved[better]
         # Switch to the derivative of the flow where the fields at the end converge slowly.
@@ -245,19 +241,6 @@ def local_coordinates(
     return v
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def nearest_coordinates(
-    flow: Flow, coefficients: Callable[[Points, Points], Array], start: Points, end: Points
-) -> Array:
-    """Return the coefficients of the tangents nearest to the differences of points.
-
-    They are zero where their flow doesn't lead nearer to the end.
-    """
-    v = near(coefficients(start, end - start))
-    v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
-    return v
-
-
 def near(v: Array) -> Array:
     """Return coefficients, zero where they aren't finite or too large for a flow."""
     v = np.nan_to_num(v, posinf=0.0, neginf=0.0)
@@ -265,20 +248,7 @@ def near(v: Array) -> Array:
     return v
 
 
-def newton_correction(flow: Flow, v: Array, start: Points, y: Points, end: Points) -> Array:
-    """Return coefficients after a Newton step with finite differences of the flow.
-
-    The flow of ``v``, shape ``(dim,)``, takes ``start`` to ``y``, and is to take it to ``end``.
-    """
-    step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v)))
-    slopes = (flow(v + step * np.eye(len(v)), start) - y) / step
-    residual = (end - y)[None]
-    return np.asarray(
-        v + minimum_norm_coefficients(slopes[None], residual, _DIFFERENCE_RANK_TOLERANCE)[0]
-    )
-
-
-def _norms(points: Points) -> Array:
+def norms(points: Points) -> Array:
     """Return the Euclidean norms of points, shape ``(count,)``."""
     return np.asarray(
         np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)

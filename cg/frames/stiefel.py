@@ -1,4 +1,4 @@
-"""Stiefel manifolds, orthonormal k-frames in R^n, and Grassmann manifolds, subspaces of R^n."""
+"""Subspaces of R^n, the Grassmann manifolds, and their orthonormal bases, the Stiefel manifolds."""
 
 from __future__ import annotations
 
@@ -24,17 +24,26 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _Columns(Sized, OrthonormalColumns):
-    """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
+class _Subspaces(Sized):
+    """A manifold of k-dimensional subspaces of R^n, or of bases of them."""
 
     k: int
 
     smallest: ClassVar[int] = 2
+    _codimension: ClassVar[int] = 0  # the smallest one
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
+        largest = self.n - self._codimension
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, largest))
 
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """The rotations of the ambient space."""
+        return SO(self.n, "space")
+
+
+class _Columns(_Subspaces, OrthonormalColumns):
     @property
     def point_shape(self) -> tuple[int, ...]:
         return (self.n, self.k)
@@ -77,16 +86,11 @@ class Stiefel(_Columns, HomogeneousSpace):
     True
     """
 
-    @cached_property
-    def group(self) -> MatrixGroup:
-        """The rotations of the ambient space."""
-        return SO(self.n, "space")
-
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y)
 
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y)
+        return self._act(omega, y)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         return self.group._algebra_projection(least_generator(y, tangent))
@@ -149,7 +153,7 @@ class LowRankStiefel(CompiledFlow, _Columns):
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(Sized, Orbit):
+class Grassmann(_Subspaces, Orbit):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -186,18 +190,7 @@ class Grassmann(Sized, Orbit):
            [0., 0., 1.]])
     """
 
-    k: int
-
-    smallest: ClassVar[int] = 2
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
-
-    @cached_property
-    def group(self) -> MatrixGroup:
-        """The rotations of the ambient space."""
-        return SO(self.n, "space")
+    _codimension: ClassVar[int] = 1
 
     @cached_property
     def _eigenvalues(self) -> Array:
