@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
+from cg.frames.inertia import times
 from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
@@ -37,7 +38,7 @@ KINDS: dict[str, tuple[Row, ...]] = {
 }
 """The rows of each kind of joint."""
 
-_ROUNDING = 1e-8  # of axes
+_SKEW = 1e-8  # largest error of orthonormal axes
 # Weights of differences for the derivatives of orders one and two, times powers of the step: of
 # five values, and of three, whose difference from those of five estimates the error
 _DIFFERENCES = {
@@ -164,7 +165,7 @@ def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
         axes = np.column_stack([first, np.cross(third, first), third])
     if (
         axes.shape != (3, 3)
-        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _ROUNDING
+        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _SKEW
         or np.linalg.det(axes) < 0.0
     ):
         raise ValueError(f"the axes of {name} must be the columns of a rotation matrix, got {axes}")
@@ -187,7 +188,7 @@ def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
     factors = getattr(frame, "factors", (frame,))
     if type(frame) is Power:
         factors = (frame.factor,) * frame.n
-    half: list[int] | None = None  # a body of which one part is known
+    half: list[int] | None = None  # a body with an attitude or a position alone
     for factor in factors:
         role = None
         if isinstance(factor, SO3 | UnitQuaternion):
@@ -256,27 +257,30 @@ class Linkage:
         self._reader = reader
         weakref.finalize(self, core.joints_free, self.address)
 
+    def _call(self, procedure: str, *rows: NDArray[Any]) -> None:
+        """Call a compiled procedure with points and what belongs to each, unless there is none."""
+        if len(rows[0]):  # no array may be empty
+            getattr(self._core, procedure)(self.address, *(array.T for array in rows))
+
     def errors(self, y: Array, relative: bool = False) -> Array:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
 
         If ``relative``, in the sizes of the terms of which they are sums; of bodies that hardly
         move in those of the constraints, in a unit of time.
         """
-        rows = _rows(y)
-        found = np.zeros((4, len(rows), self.count))
-        if len(rows):  # no array may be empty
-            self._core.joints_errors(self.address, rows.T, *(part.T for part in found))
+        values, rates, sizes, rate_sizes = np.zeros((4, y.size // y.shape[-1], self.count))
+        self._call("joints_errors", _rows(y), values, rates, sizes, rate_sizes)
         if relative:
-            found[3] = np.maximum(found[3], found[2])
-            found[:2] /= np.maximum(found[2:], np.finfo(float).tiny)
-        return np.concatenate(list(found[:2]), axis=-1).reshape(*y.shape[:-1], 2 * self.count)
+            least = np.finfo(float).tiny
+            values /= np.maximum(sizes, least)
+            rates /= np.maximum(np.maximum(rate_sizes, sizes), least)
+        return np.concatenate([values, rates], axis=-1).reshape(*y.shape[:-1], 2 * self.count)
 
     def close(self, y: Array) -> Array:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
         status = np.zeros(len(rows), dtype=np.intc)
-        if len(rows):  # no array may be empty
-            self._core.joints_close(self.address, rows.T, status)
+        self._call("joints_close", rows, status)
         rows[status != Stop.FINISHED] = np.nan
         return rows.reshape(y.shape)
 
@@ -288,8 +292,7 @@ class Linkage:
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
         status = np.zeros(len(rows), dtype=np.intc)
-        if len(rows):  # no array may be empty
-            self._core.joints_forces(self.address, rows.T, fields.T, multipliers.T, status)
+        self._call("joints_forces", rows, fields, multipliers, status)
         fields[status != Stop.FINISHED] = np.nan
         multipliers[status != Stop.FINISHED] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)
@@ -302,8 +305,8 @@ class Linkage:
         points = np.tile(y, (dim, 1))
         points[:, -dim:] = np.eye(dim)
         rates = self.errors(points)[:, self.count :].T  # G J⁻¹, by unit momenta
-        roots = [body.times_root(rates[:, body.vectors]) for body in self._frame._bodies]
-        matrix = np.sum([root @ root.T for root in roots], axis=0)
+        scaled = [times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
+        matrix = np.sum([rows @ rows.T for rows in scaled], axis=0)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         matrix /= scale * scale[:, None]
         used: list[int] = []
@@ -335,9 +338,9 @@ class Linkage:
         point = frame.random_point(np.random.default_rng(0))
         value = self._value(point)
         if self._dg is not None:
-            given, differences = self._slopes(point), self._differences(point)
-            check_finite(given, "the derivatives of constraints")
-            error = np.abs(given - differences).max()
+            slopes, differences = self._slopes(point), self._differences(point)
+            check_finite(slopes, "the derivatives of constraints")
+            error = np.abs(slopes - differences).max()
             error -= _NOISE * np.finfo(float).eps * np.abs(value).max() / _STEP
             if not error <= _WRONG * (1.0 + np.abs(differences).max()):
                 raise ValueError(

@@ -17,6 +17,7 @@ from cg.construction.formats.code import (
 from cg.construction.formats.digits import Numbers
 from cg.frames.base import Frame
 from cg.frames.compiled import SCALAR_FIRST, SPACE_AXES
+from cg.frames.inertia import times
 from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind
 
@@ -105,7 +106,7 @@ def _parts_of(
         if body.sphere:
             raise ValueError(f"frame must be a phase space without spheres, got {frame!r}")
         if body.top is None:
-            constants, v = body.velocity(np.eye(size)), f"v[{first} + i]"
+            constants, v = times(np.eye(size), body.inverse), f"v[{first} + i]"
             lines.append(f"""for (int i = 0; i < {size}; i++) {{
         {v} = 0;
         for (int k = 0; k < {size}; k++)
