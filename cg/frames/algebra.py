@@ -30,10 +30,10 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.compiled import SPACE_AXES, dexpinv
+from cg.frames.compiled import dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 _SMALLEST = 1e-150  # its square doesn't underflow
 _RADIUS = 2.0 * math.pi
@@ -192,7 +192,8 @@ class FieldAlgebra(ABC):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         """Return dexpinv of checked coefficients, in closed form or as a series."""
         if sign := self._rotation_sign:
-            return dexpinv((BlockKind.SO3, 3, SPACE_AXES if sign > 0.0 else 0), u, v)
+            options = BlockOption.SPACE_AXES if sign > 0.0 else 0
+            return dexpinv((BlockKind.SO3, 3, options), u, v)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)

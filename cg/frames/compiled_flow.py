@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import FlowOverflowError, Frame
 from cg.frames.compiled import move
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Points
 
 
 class CompiledFlow(Frame):
@@ -17,16 +17,10 @@ class CompiledFlow(Frame):
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         vectors, points = self._rows(v, y)
-        moved = points
-        for block in self._blocks() or ():
-            moved = move(block, vectors, points)
-        # A cheap sufficient test
-        if not math.isfinite(abs(moved.sum())):
-            self._check_overflow(vectors, points, moved)
-        return moved
-
-    def _check_overflow(self, vectors: Array, points: Points, moved: Points) -> None:
-        """Raise FlowOverflowError where the flow of finite coefficients and points isn't finite."""
+        (block,) = self._blocks() or ()
+        moved = move(block, vectors, points)
+        if math.isfinite(abs(moved.sum())):  # a cheap sufficient test
+            return moved
         axes = tuple(range(vectors.ndim - 1, points.ndim))
         lost = ~np.isfinite(moved).all(axis=axes) & np.isfinite(points).all(axis=axes)
         lost &= np.isfinite(vectors).all(axis=-1)
@@ -35,3 +29,4 @@ class CompiledFlow(Frame):
             raise FlowOverflowError(
                 f"the flow of v with |v| = {largest:.3g} can't be computed in double precision"
             )
+        return moved

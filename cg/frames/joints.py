@@ -480,10 +480,9 @@ def read_constraints(value: Any) -> tuple[Callable[..., Any], Callable[..., Any]
 
 def read_joints(value: Any) -> tuple[Joint, ...]:
     """Return joints as a tuple; TypeError if one of them isn't a `Joint`."""
-    try:
-        joints = tuple(value)
-    except TypeError:
-        raise TypeError(f"joints must be a sequence of cg.frames.Joint, got {value!r}") from None
+    if not np.iterable(value):
+        raise TypeError(f"joints must be a sequence of cg.frames.Joint, got {value!r}")
+    joints = tuple(value)
     for k, joint in enumerate(joints):
         if not isinstance(joint, Joint):
             raise TypeError(f"joints[{k}] must be a cg.frames.Joint, got {joint!r}")

@@ -211,14 +211,10 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     """Return generators as sparse matrices of one type, after checking them."""
     from scipy import sparse
 
-    try:
-        listed = list(generators)
-    except TypeError:
-        listed = None
-    if listed is None or isinstance(generators, str | bytes):
+    if not np.iterable(generators) or isinstance(generators, str | bytes):
         raise ValueError(f"generators must be a sequence of matrices, got {generators!r}")
     matrices: list[sparse.csr_array] = []
-    for i, generator in enumerate(listed):
+    for i, generator in enumerate(generators):
         try:
             numbers = generator.to("CSR").data.as_scipy() if is_qobj(generator) else generator
             matrix = sparse.csr_array(numbers)

@@ -12,15 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
-from cg.support.arrays import (
-    Array,
-    Points,
-    check_finite,
-    complex_array,
-    is_complex_array,
-    is_qobj,
-    real_array,
-)
+from cg.support.arrays import Array, Points, check_finite, is_qobj, number_array
 from cg.support.checks import check_integer
 
 
@@ -65,8 +57,7 @@ class MatrixFrame(UserFrame):
     ) -> None:
         if isinstance(matrices, list | tuple):
             matrices = [each.full() if is_qobj(each) else each for each in matrices]
-        is_complex = is_complex_array(matrices)
-        array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
+        array = number_array(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
         check_finite(array, "matrices")

@@ -142,13 +142,9 @@ class MatrixGroup(Frame):
         v = self._algebra_projection(matrices)
         error = matrices - self._combine(v)
         # A cheap sufficient test, since f calls this method at each stage
-        if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
-            self._check_distance(np.abs(error), np.abs(matrices), matrices)
-        return v
-
-    def _check_distance(self, errors: Array, sizes: Array, matrices: Points) -> None:
-        """Raise ValueError if matrices are too far from the algebra for their size."""
-        distance, size = errors.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
+        if np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
+            return v
+        distance, size = (np.abs(x).max(axis=(-2, -1)) for x in (error, matrices))
         # The comparison accepts NaN, which the caller handles.
         wrong = distance > np.maximum(MEMBERSHIP_TOLERANCE * size, _ALGEBRA_ROUNDING)
         if wrong.any():
@@ -158,6 +154,7 @@ class MatrixGroup(Frame):
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
                 f"{self._explain_distance(matrices[wrong][0])}"
             )
+        return v
 
     def _explain_distance(self, matrix: Points) -> str:
         """Return what is known about why a matrix is not in the algebra."""

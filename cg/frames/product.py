@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import prod
 from typing import Any
 
@@ -19,7 +19,7 @@ from cg.support.checks import check_integer, short
 
 _DOUBLE = np.dtype(np.float64)
 
-# Slice of a factor's point, its shape, and whether it has only one axis
+# Slice of a factor's real point, its shape, and whether it has only one axis
 _RealPart = tuple[slice, tuple[int, ...], bool]
 
 
@@ -139,14 +139,13 @@ class Product(Composite):
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
             check_frame(factor, f"factors[{index}]")
-        places = _slices([real_size(f) for f in factors])
+        places, shapes = _slices(map(real_size, factors)), [f.point_shape for f in factors]
+        real_parts = zip(places, shapes, [len(shape) == 1 for shape in shapes], strict=True)
         vars(self).update(
-            factors=factors,
-            _vector_slices=_slices([f.dim for f in factors]),
-            _point_slices=places,
+            factors=factors, _vector_slices=_slices(f.dim for f in factors), _point_slices=places,
             _point_shape=(places[-1].stop,),
-            _real_parts=_real_parts(factors, places),
-        )
+            _real_parts=None if any(f.dtype != _DOUBLE for f in factors) else tuple(real_parts),
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -284,24 +283,13 @@ class Product(Composite):
         return joined
 
 
-def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_RealPart, ...] | None:
-    """Return the slice and the shape of each factor's point; None if one is complex."""
-    if any(factor.dtype != _DOUBLE for factor in factors):
-        return None
-    return tuple(
-        (place, factor.point_shape, len(factor.point_shape) == 1)
-        for factor, place in zip(factors, places, strict=True)
-    )
-
-
 def real_size(factor: Frame) -> int:
     """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 
 
-def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
-    stops = list(accumulate(lengths))
-    return tuple(slice(stop - n, stop) for stop, n in zip(stops, lengths, strict=True))
+def _slices(lengths: Iterable[int]) -> tuple[slice, ...]:
+    return tuple(slice(*ends) for ends in pairwise(accumulate(lengths, initial=0)))
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.compiled import SCALAR_FIRST, Block, Blocks, convention_option, coordinates_between
+from cg.frames.compiled import Block, Blocks, convention_option, coordinates_between
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -122,8 +122,8 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
 
     @property
     def _block(self) -> Block:
-        options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
-        return BlockKind.QUATERNION, 3, options
+        scalar_option = BlockOption.SCALAR_FIRST if self.scalar_first else 0
+        return BlockKind.QUATERNION, 3, convention_option(self.convention) + scalar_option
 
     def _blocks(self) -> Blocks | None:
         return (self._block,)

@@ -18,15 +18,7 @@ from cg.frames.matrix_functions import eigh_where_finite, two_norm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.matrix_groups import GL, SU
 from cg.frames.rotations import SO
-from cg.support.arrays import (
-    Array,
-    Points,
-    Size,
-    check_random,
-    complex_array,
-    is_complex_array,
-    real_array,
-)
+from cg.support.arrays import Array, Points, Size, check_random, number_array, real_array
 from cg.support.shared_numbers import BlockKind
 
 
@@ -215,14 +207,13 @@ class IsospectralOrbit(Orbit):
     @classmethod
     def through(cls, y0: ArrayLike) -> IsospectralOrbit:
         """Return the orbit of a matrix, symmetric, or Hermitian if complex, ``(n, n)``."""
-        is_complex = is_complex_array(y0)
-        point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
+        point = number_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
             raise ValueError(f"y0 must be a finite square matrix, got {y0!r}")
         largest = np.abs(point).max(initial=0.0)
         if np.abs(point - point.mT.conj()).max(initial=0.0) > MEMBERSHIP_TOLERANCE * largest:
             raise ValueError(f"y0 must be symmetric, or Hermitian if complex, got {y0!r}")
-        frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=is_complex)
+        frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=np.iscomplexobj(point))
         frame.check_point(point, name="y0")
         return frame
 

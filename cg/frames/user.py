@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeGuard
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -200,7 +200,7 @@ class FieldFrame(UserFrame):
         random_point: Function | None = None,
         bracket: Function | None = None,
     ) -> None:
-        if callable(fields) or not _is_iterable(fields):
+        if callable(fields) or not np.iterable(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
@@ -211,7 +211,7 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        lengths = point_shape if _is_iterable(point_shape) else (point_shape,)
+        lengths = point_shape if np.iterable(point_shape) else (point_shape,)
         shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
@@ -294,8 +294,3 @@ class FieldFrame(UserFrame):
         arguments = [(vector, 1), (point, len(self._point_shape))]
         moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)
         return self.restore(moved)
-
-
-def _is_iterable(value: Any) -> TypeGuard[Iterable[Any]]:
-    """Return whether a value can be iterated over; zero-dimensional arrays cannot."""
-    return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -46,6 +46,11 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
+def number_array(value: Any, name: str) -> Points:
+    """Return ``value`` as a complex array if its dtype is complex, else as a real one."""
+    return (complex_array if is_complex_array(value) else real_array)(value, name)
+
+
 def is_qobj(value: Any) -> bool:
     """Return whether a value is an operator of QuTiP."""
     return type(value).__name__ == "Qobj" and hasattr(value, "full")

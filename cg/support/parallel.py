@@ -27,7 +27,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
 from itertools import islice
@@ -218,11 +218,6 @@ def new_flag() -> StopFlag:
     return np.zeros(1, dtype=np.intc)
 
 
-def work_for(stop_flag: StopFlag) -> None:
-    """Make the current thread a worker of the pool with a flag."""
-    _worker.stop_flag = stop_flag
-
-
 def end_with(connection: Connection) -> None:
     """End this process when the other end of a connection closes, also if its owner was killed.
 
@@ -343,33 +338,25 @@ def _pool(
     executor: ExecutorLike, size: int, pending: dict[Future[Result], Item]
 ) -> Iterator[Executor]:
     """Yield the pool; at the end cancel what is pending, and stop workers of a pool made here."""
-    if executor is not None and not isinstance(executor, str):
+    stop_flag = new_flag()
+    with ExitStack() as stack:
+        if executor is None:
+            flag = _worker, "stop_flag", stop_flag
+            pool: Any = ThreadPoolExecutor(size, initializer=setattr, initargs=flag)
+            stack.enter_context(pool)
+        elif isinstance(executor, str):
+            spawn = get_context("spawn")  # a fork of a process with threads may hang
+            theirs, ours = map(stack.enter_context, spawn.Pipe(duplex=False))
+            pool = ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,))
+            stack.enter_context(pool)
+        else:
+            pool = executor
         try:
-            yield executor
+            yield pool
         finally:
+            stop_flag[0] = 1
             _cancel(pending)
-        return
-    if executor is None:
-        stop_flag = new_flag()
-        with ThreadPoolExecutor(size, initializer=work_for, initargs=(stop_flag,)) as pool:
-            try:
-                yield pool
-            finally:
-                stop_flag[0] = 1
-                _cancel(pending)
-        return
-    spawn = get_context("spawn")  # a fork of a process with threads may hang
-    theirs, ours = spawn.Pipe(duplex=False)
-    with (
-        theirs,
-        ours,
-        ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,)) as workers,
-    ):
-        try:
-            yield workers
-        finally:
-            _cancel(pending)
-            if pending:  # pieces that nobody waits for
+            if pending and executor == "processes":  # pieces that nobody waits for
                 ours.close()
 
 
