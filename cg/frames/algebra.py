@@ -36,9 +36,9 @@ from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 _SMALLEST = 1e-150  # its square doesn't underflow
-_RADIUS = 2.0 * math.pi
-_COMMUTE = 1024.0 * np.finfo(np.float64).eps  # smaller brackets, relative to factors, are rounding
-_POWERS = 20  # powers computed to estimate the growth rate, from the latter half
+RADIUS = 2.0 * math.pi  # of convergence of the series of dexpinv
+COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
+POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
 
 
 @cache
@@ -73,11 +73,11 @@ def series_dexpinv(
         power = adjoint(power)
         if term:
             total = total + term * power
-    if terms and bound is not None and (far := bound >= _RADIUS).any():
+    if terms and bound is not None and (far := bound >= RADIUS).any():
         growth, commuting = _growth(adjoint, v, bound, axes)
         far = far.reshape(*far.shape, *[1] * axes)
         finite = np.isfinite(bound).reshape(far.shape)  # after overflow, growth is unknown
-        sums = ~far | (finite & (growth < _RADIUS))
+        sums = ~far | (finite & (growth < RADIUS))
         total = np.where(far & finite & commuting, v, np.where(sums, total, np.nan))
     return total
 
@@ -91,15 +91,15 @@ def _growth(
     def size(x: Array) -> Array:
         return np.asarray(np.sqrt((np.abs(x) ** 2).sum(axis=last, keepdims=True)))
 
-    rounding = _COMMUTE * bound.reshape(*bound.shape, *[1] * axes)
+    rounding = COMMUTE * np.finfo(np.float64).eps * bound.reshape(*bound.shape, *[1] * axes)
     power = v / np.maximum(size(v), _SMALLEST)
     factors = []
-    for _ in range(_POWERS):
+    for _ in range(POWERS):
         power = adjoint(power)
         factor = size(power)
         factors.append(np.where(factor > rounding, factor, 0.0))
         power = np.where(factor > rounding, power / np.where(factor > 0.0, factor, 1.0), 0.0)
-    later = factors[_POWERS // 2 :]
+    later = factors[POWERS // 2 :]
     return np.prod(later, axis=0) ** (1.0 / len(later)), factors[0] == 0.0
 
 

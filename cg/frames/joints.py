@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -179,35 +179,32 @@ def bodies_of(frame: Frame) -> list[list[int]]:
     in any order.
     """
     bodies: list[list[int]] = []
-    _add_bodies(frame, 0, bodies)
+    half: list[int] | None = None  # a body of the factor before, an attitude or a position alone
+    product_before = None
+    for block, (factor, product) in enumerate(_factors_in(frame), 1):
+        attitude = isinstance(factor, SO3 | UnitQuaternion)
+        if not attitude and factor != Euclidean(3):
+            half = None
+        elif half and half[attitude] and product is product_before is not None:
+            half[not attitude], half = block, None
+        else:
+            half = [block, 0] if attitude else [0, block]
+            bodies.append(half)
+        product_before = product
     return bodies
 
 
-def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
-    """Append the bodies of a frame, which follows some blocks; return the number of blocks then."""
-    factors = getattr(frame, "factors", (frame,))
-    if type(frame) is Power:
-        factors = (frame.factor,) * frame.n
-    half: list[int] | None = None  # a body with an attitude or a position alone
-    for factor in factors:
-        role = None
-        if isinstance(factor, SO3 | UnitQuaternion):
-            role = 0
-        elif type(factor) is Euclidean and factor.n == 3:
-            role = 1
-        elif type(factor) in (Power, Product):
-            blocks, half = _add_bodies(factor, blocks, bodies), None
-            continue
-        blocks += 1
-        if role is None:
-            half = None
-        elif half is not None and not half[role] and type(frame) is Product:
-            half[role], half = blocks, None
-        else:
-            half = [0, 0]
-            half[role] = blocks
-            bodies.append(half)
-    return blocks
+def _factors_in(frame: Frame, product: object = None) -> Iterator[tuple[Frame, object]]:
+    """Yield the factors of nested products and powers, each with what stands for its product."""
+    if type(frame) is Product:
+        product = object()
+        for factor in frame.factors:
+            yield from _factors_in(factor, product)
+    elif type(frame) is Power:
+        for _ in range(frame.n):
+            yield from _factors_in(frame.factor)
+    else:
+        yield frame, product
 
 
 class Linkage:

@@ -21,7 +21,6 @@ summed, and v where u and v commute.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +28,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
-from cg.frames.algebra import series_terms
+from cg.frames.algebra import COMMUTE, POWERS, RADIUS, series_terms
 from cg.frames.matrix_functions import newton_schulz, symplectic_correction
 from cg.frames.quaternion import _generators
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors, rotation_vector, stumpff
@@ -52,9 +51,7 @@ from cg.jax.rules import (
     zero,
 )
 
-_RADIUS = (2.0 * math.pi) ** 2  # radius of the series of dexpinv, squared
-_COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
-_POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
+_SQUARED_RADIUS = RADIUS**2
 
 
 def motion_dexpinv(side: float) -> Dexpinv:
@@ -76,7 +73,8 @@ def motion_dexpinv(side: float) -> Dexpinv:
             return value
 
         q = dot(omega, omega)
-        within = jnp.where(q < _RADIUS, q, 0.0)  # so that unused values have finite derivatives
+        # Zero beyond the radius, so that values that aren't used have finite derivatives
+        within = jnp.where(q < _SQUARED_RADIUS, q, 0.0)
         once = bracket(y)
         twice = bracket(once)
         factors, brackets = [-0.5 * side], [once, twice]
@@ -86,9 +84,9 @@ def motion_dexpinv(side: float) -> Dexpinv:
             factors.extend(motion_factors(within))
             brackets.append(bracket(bracket(twice)))
         value = [a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)]
-        bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
+        bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
-        return jnp.where(q < _RADIUS, jnp.stack(value), jnp.where(commutes, v, jnp.nan))
+        return jnp.where(q < _SQUARED_RADIUS, jnp.stack(value), jnp.where(commutes, v, jnp.nan))
 
     return dexpinv
 
@@ -120,7 +118,7 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
     """
     matrix, fixed = jax.lax.stop_gradient((matrix, v))
     bound = jnp.sqrt((matrix**2).sum())
-    rounding = _COMMUTE * jnp.finfo(bound.dtype).eps * bound
+    rounding = COMMUTE * jnp.finfo(bound.dtype).eps * bound
 
     def growth() -> tuple[JaxArray, JaxArray]:
         def multiply(power: JaxArray, _: Any) -> tuple[JaxArray, JaxArray]:
@@ -132,16 +130,16 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
 
         size = jnp.sqrt(fixed @ fixed)
         unit = fixed / jnp.where(size > 0.0, size, 1.0)
-        factors = jax.lax.scan(multiply, unit, None, length=_POWERS)[1]
-        later = factors[_POWERS // 2 :]
+        factors = jax.lax.scan(multiply, unit, None, length=POWERS)[1]
+        later = factors[POWERS // 2 :]
         return jnp.prod(later) ** (1.0 / len(later)), factors[0] == 0.0
 
     def near() -> tuple[JaxArray, JaxArray]:
         return jnp.zeros_like(bound), jnp.zeros((), bool)
 
-    rate, commuting = jax.lax.cond(bound * bound >= _RADIUS, growth, near)
+    rate, commuting = jax.lax.cond(bound * bound >= _SQUARED_RADIUS, growth, near)
     # An infinite bound says nothing about eigenvalues.
-    converges = jnp.isfinite(bound) & (rate * rate < _RADIUS)
+    converges = jnp.isfinite(bound) & (rate * rate < _SQUARED_RADIUS)
     return jnp.where(commuting & jnp.isfinite(bound), v, jnp.where(converges, total, jnp.nan))
 
 

@@ -49,12 +49,8 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     if len(parts) != len(frame.factors):
         raise ValueError(f"parts must be {len(frame.factors)} points, got {len(parts)}")
     flat = []
-    for index, (factor, part) in enumerate(zip(frame.factors, parts, strict=True)):
-        point = jnp.asarray(part)
-        if point.shape != factor.point_shape:
-            raise ValueError(
-                f"parts[{index}] must have shape {factor.point_shape}, got {point.shape}"
-            )
+    for index, factor in enumerate(frame.factors):
+        point = read_point(factor, parts[index], f"parts[{index}]")
         if factor.dtype.kind == "c":
             point = jnp.stack([point.real, point.imag], axis=-1)
         flat.append(point.reshape(-1))
@@ -63,10 +59,9 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
 
 def product_rules(frame: Product, parts: list[Rules]) -> Rules:
     """Return the rules of a product, from those of its factors."""
-    vectors = frame._vector_slices
 
     def cut(v: JaxArray) -> list[JaxArray]:
-        return [v[place] for place in vectors]
+        return [v[..., place] for place in frame._vector_slices]
 
     def each(name: str, *arguments: Any) -> list[JaxArray]:
         return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
@@ -79,13 +74,9 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
 
     def composed(path: JaxArray) -> JaxArray:
-        paths = [path[:, place] for place in vectors]
-        return jnp.concatenate(
-            [
-                jnp.zeros_like(each[0]) if rules.composed is None else rules.composed(each)
-                for rules, each in zip(parts, paths, strict=True)
-            ]
-        )
+        known = [rules.composed or (lambda path: jnp.zeros_like(path[0])) for rules in parts]
+        paths = zip(known, cut(path), strict=True)
+        return jnp.concatenate([composed(own) for composed, own in paths])
 
     return Rules(
         frame,
