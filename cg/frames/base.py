@@ -169,8 +169,7 @@ class Frame(Manifold, FieldAlgebra):
         rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
         v = np.asarray(self._coefficients_at(rows, slopes))
         axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
-        parts = slopes - self.field(v, rows), slopes
-        dropped, sizes = (_lengths(x, axes) for x in parts)
+        dropped, sizes = _lengths(slopes - self.field(v, rows), axes), _lengths(slopes, axes)
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -256,9 +255,9 @@ class Frame(Manifold, FieldAlgebra):
             )
         w = w / w.sum()
         m = y[int(np.argmax(w))]
-        last, part = math.inf, 1.0
+        last, fraction = math.inf, 1.0
         for _ in range(_MEAN_STEPS):
-            v = part * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
+            v = fraction * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
             size = (np.abs(v) / np.maximum(self.coordinate_sizes(m), 1.0)).max(initial=0.0)
             if not np.isfinite(size):
                 break
@@ -266,7 +265,7 @@ class Frame(Manifold, FieldAlgebra):
             if size >= last or size == 0.0:
                 if size <= _MEAN_REACHED:
                     return m  # what is left is rounding
-                part /= 2.0  # steps are too long
+                fraction /= 2.0  # steps are too long
             last = size
         raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
 

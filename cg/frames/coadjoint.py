@@ -110,10 +110,10 @@ class CoadjointOrbit(Frame):
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
         if self._rotation_sign:
-            moved = SO3("space").exponential(self._rotation_sign * vector)
+            matrix = SO3("space").exponential(self._rotation_sign * vector)
         else:
-            moved = expm(combine(vector, self._fields), vector)
-        return self.restore((moved @ point[..., None])[..., 0])
+            matrix = expm(combine(vector, self._fields), vector)
+        return self.restore((matrix @ point[..., None])[..., 0])
 
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
         if not self._rotation_sign or not any(self.point):

@@ -38,7 +38,7 @@ KINDS: dict[str, tuple[Row, ...]] = {
 }
 """The rows of each kind of joint."""
 
-_SKEW = 1e-8  # largest error of orthonormal axes
+_ORTHONORMAL = 1e-8  # largest error of orthonormal axes
 # Weights of differences for the derivatives of orders one and two, times powers of the step: of
 # five values, and of three, whose difference from those of five estimates the error
 _DIFFERENCES = {
@@ -128,10 +128,10 @@ class Joint:
         points = [*self.first[1], *self.second[1]]
         axes = [np.array(end[2]).T if end[2] else np.eye(3) for end in (self.first, self.second)]
         integers, numbers = [], []
-        for form, one, two in KINDS[self.kind]:
+        for form, first_axis, second_axis in KINDS[self.kind]:
             own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
             integers.append([int(form), *(body + 1 for body in self.bodies)])
-            numbers.append([*points, *own[one], *axes[1][two], self.length or 0.0])
+            numbers.append([*points, *own[first_axis], *axes[1][second_axis], self.length or 0.0])
         return integers, numbers
 
 
@@ -165,7 +165,7 @@ def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
         axes = np.column_stack([first, np.cross(third, first), third])
     if (
         axes.shape != (3, 3)
-        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _SKEW
+        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _ORTHONORMAL
         or np.linalg.det(axes) < 0.0
     ):
         raise ValueError(f"the axes of {name} must be the columns of a rotation matrix, got {axes}")
@@ -365,16 +365,17 @@ class Linkage:
         best, error = np.zeros((dim, len(self._value(q)))), np.full(dim, np.inf)
         steps, todo, slope, largest = np.full(dim, _STEP), np.arange(dim), 0.0, 0.0
         for _ in range(_TRIALS):
-            each = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
-            found = np.array([five for five, _, _ in each]) / steps[todo, None]
-            largest = max(largest, float(np.abs(found).max()))
-            slope = max(slope, float((np.abs(found) * (reach / scale)[todo, None]).max()))
-            wrong = np.array([w for _, w, _ in each]) / steps[todo]
-            rounding = np.array([_rounding(size, slope) for _, _, size in each]) / steps[todo]
-            better = wrong + rounding < error[todo]
-            best[todo[better]], error[todo[better]] = found[better], (wrong + rounding)[better]
-            steps[todo] *= np.where(wrong > rounding, 1.0 / _CHANGE, _CHANGE)
-            todo = todo[np.maximum(wrong, rounding) > _ALLOWED * largest]
+            differences = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
+            values, truncation, sizes = map(np.array, zip(*differences, strict=True))
+            slopes, truncation = values / steps[todo, None], truncation / steps[todo]
+            largest = max(largest, float(np.abs(slopes).max()))
+            slope = max(slope, float((np.abs(slopes) * (reach / scale)[todo, None]).max()))
+            rounding = _rounding(sizes, slope) / steps[todo]
+            better = truncation + rounding < error[todo]
+            best[todo[better]] = slopes[better]
+            error[todo[better]] = (truncation + rounding)[better]
+            steps[todo] *= np.where(truncation > rounding, 1.0 / _CHANGE, _CHANGE)
+            todo = todo[np.maximum(truncation, rounding) > _ALLOWED * largest]
             if not len(todo):
                 break
         return (best / scale[:, None]).T
@@ -402,14 +403,14 @@ class Linkage:
             return np.zeros(self.own)
         step, best, error = _LONG_STEP / speed, np.zeros(self.own), np.inf
         for _ in range(_TRIALS):
-            found, wrong, size = self._difference(q, step * velocity, 2)
+            difference, truncation, size = self._difference(q, step * velocity, 2)
             rounding = _rounding(size, slope)
-            if not (wrong + rounding) / step**2 < error:
+            if not (truncation + rounding) / step**2 < error:
                 break
-            best, error = found / step**2, (wrong + rounding) / step**2
+            best, error = difference / step**2, (truncation + rounding) / step**2
             if error <= _ALLOWED * np.abs(best).max(initial=0.0):
                 break
-            step *= 1.0 / _CHANGE if wrong > rounding else _CHANGE
+            step *= 1.0 / _CHANGE if truncation > rounding else _CHANGE
         return best
 
     def _difference(self, q: Points, v: Array, order: int) -> tuple[Array, float, float]:
@@ -438,20 +439,20 @@ class Linkage:
             assert self is not None
             frame = self._frame.configuration
             q: Points = doubles.view(frame.dtype).reshape(frame.point_shape)
-            parts = [self._value(q)]
+            derivatives = [self._value(q)]
             if depth[0] > 0.0:
-                parts.append(self._slopes(q).ravel())
+                slopes = self._slopes(q)
+                derivatives.append(slopes.ravel())
             if depth[0] > 1.0:
-                slopes = parts[-1].reshape(self.own, -1) * self._reach(q)
-                slope = float(np.abs(slopes).max())
-                parts.append(self._second_derivatives(q, depth[1:], slope))
-            return np.concatenate(parts)
+                slope = float(np.abs(slopes * self._reach(q)).max())
+                derivatives.append(self._second_derivatives(q, depth[1:], slope))
+            return np.concatenate(derivatives)
 
         return evaluate
 
 
-def _rounding(size: float, slope: float) -> float:
-    """Return the rounding error of a difference of values, and of points where they have slopes."""
+def _rounding(size: Any, slope: float) -> Any:
+    """Return rounding errors of differences of values, and of points where they have slopes."""
     return _NOISE * float(np.finfo(float).eps) * (size + slope)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
 
 MEMBERSHIP_TOLERANCE = 1e-8
-_NEAR = 10.0  # error of points of which messages say that they may be projected
+_PROJECTABLE = 10.0  # error of points of which messages say that they may be projected
 
 
 class Manifold(ABC):
@@ -135,7 +135,7 @@ class Manifold(ABC):
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
             why = self._reason(point)
-            if not why and error < _NEAR:  # else it isn't this point that was meant
+            if not why and error < _PROJECTABLE:  # else it isn't this point that was meant
                 why = self._projection_hint(point, name)
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
@@ -186,7 +186,7 @@ _RANK_TOLERANCE = 1e-12
 # way to the end, by halves; where the nearest doesn't help, the points are too far apart.
 _MAX_CORRECTIONS = 40
 _SLOW = 0.1
-_LEAST_PART = 1 / 64  # of the way
+_LEAST_FRACTION = 1 / 64  # of the way
 _FAR = 1e9  # largest norm of coefficients
 # Relative residuals: of convergence (some twenty roundings), of a slow iteration that stops, and of
 # an accepted result, at most
@@ -215,28 +215,30 @@ def local_coordinates(
     guessed = (v != 0.0).any(axis=-1)
     active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
     reached, residual = y[active], distance[active]
-    exact, part = np.zeros(len(active), dtype=bool), np.ones(len(active))
+    exact, fraction = np.zeros(len(active), dtype=bool), np.ones(len(active))
     for _ in range(_MAX_CORRECTIONS):
         if not len(active):
             break
-        lead = part.reshape(-1, *(1,) * (y.ndim - 1))
+        lead = fraction.reshape(-1, *(1,) * (y.ndim - 1))
         target = np.where(lead < 1.0, reached + lead * (end[active] - reached), end[active])
-        tried = correct(v[active], start[active], reached, target, exact)
+        candidate = correct(v[active], start[active], reached, target, exact)
         # Coefficients that diverge are reset; their residual doesn't decrease.
-        far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
-        tried[far] = v[active[far]]
-        moved = flow(tried, start[active])
+        far = ~(np.linalg.norm(candidate, axis=-1) < _FAR)
+        candidate[far] = v[active[far]]
+        moved = flow(candidate, start[active])
         size = norms(end[active] - moved)
         rough = residual > _ROUGH * length[active]
-        better = size < np.where(rough, 1.0 - _SLOW * part, 0.5) * residual
-        v[active[better]], reached[better] = tried[better], moved[better]
+        better = size < np.where(rough, 1.0 - _SLOW * fraction, 0.5) * residual
+        v[active[better]], reached[better] = candidate[better], moved[better]
         # Switch to the derivative of the flow where the fields at the end converge slowly.
         slow = ~(size < _SLOW * residual) & rough
         residual[better] = distance[active[better]] = size[better]
-        part = np.where(better, np.minimum(2.0 * part, 1.0), np.where(exact, 0.5 * part, part))
-        unfinished = better | (slow & (part >= _LEAST_PART))
+        fraction = np.where(
+            better, np.minimum(2.0 * fraction, 1.0), np.where(exact, 0.5 * fraction, fraction)
+        )
+        unfinished = better | (slow & (fraction >= _LEAST_FRACTION))
         active, reached, residual = active[unfinished], reached[unfinished], residual[unfinished]
-        exact, part = (exact | slow)[unfinished], part[unfinished]
+        exact, fraction = (exact | slow)[unfinished], fraction[unfinished]
     v[distance > _MISSED * length] = np.nan
     return v
 

@@ -21,7 +21,7 @@ would exceed the tolerance for points.
 """
 
 _MAX_CORRECTIONS = 10  # Newton steps
-_ROUNDING = 1e-15
+_LEAST_CORRECTION = 1e-15  # relative to the points; a smaller one is rounding
 
 
 def expm(matrix: Points, v: Array) -> Points:
@@ -108,7 +108,7 @@ def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Point
     for _ in range(_MAX_CORRECTIONS):
         change = correction(y)
         y = y + change
-        if not (np.abs(change).max(initial=0.0) > _ROUNDING * np.abs(y).max(initial=0.0)):
+        if not (np.abs(change).max(initial=0.0) > _LEAST_CORRECTION * np.abs(y).max(initial=0.0)):
             break
     return y
 
@@ -184,7 +184,7 @@ def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
 
 
 # Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.
-_NEAR = 0.25
+_NEAR_IDENTITY = 0.25
 # Largest number of square roots; after more, repeated squaring would lose all digits.
 _MAX_ROOTS = 60
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
@@ -199,7 +199,7 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
     isn't finite.
     """
     identity = np.eye(difference.shape[-1])
-    near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR)
+    near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR_IDENTITY)
     result = np.empty_like(difference)
     if near.any():
         result[near] = _series(difference[near])
@@ -210,7 +210,7 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
 
 
 def _series(small: Points) -> Points:
-    """Return the logarithms of the identity plus matrices of norm at most `_NEAR`."""
+    """Return the logarithms of the identity plus matrices of norm at most `_NEAR_IDENTITY`."""
     identity = np.eye(small.shape[-1])
     z = np.linalg.solve(small + 2.0 * identity, small)
     square = z @ z
@@ -236,7 +236,7 @@ def _real_logarithm(x: Points) -> Points:
         return undefined
     logarithms = np.log(eigenvalues)
     roots = 0
-    while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR:
+    while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR_IDENTITY:
         if roots == _MAX_ROOTS or not np.isfinite(root).all():
             return undefined
         root = scipy.linalg.sqrtm(root)

@@ -68,9 +68,10 @@ class MatrixGroup(Frame):
         MemoryError if they need more memory than the machine has.
         """
         self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
-        made = self._make_basis()
-        matrices = made.array(self.dim, self.size) if isinstance(made, Entries) else made
-        basis = np.asarray(matrices, dtype=self.dtype)
+        basis = self._make_basis()
+        if isinstance(basis, Entries):
+            basis = basis.array(self.dim, self.size)
+        basis = np.asarray(basis, dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):
             raise ValueError(
                 f"_make_basis of {type(self).__name__} must return matrices of shape "
@@ -98,17 +99,12 @@ class MatrixGroup(Frame):
 
     def _entries(self) -> Entries:
         self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
-        made = self._make_basis()
-        if isinstance(made, Entries):
-            return made
+        basis = self._make_basis()
+        if isinstance(basis, Entries):
+            return basis
         flat = self.basis.reshape(self.dim, -1)
         fields, places = np.nonzero(flat)
         return Entries(fields, places, flat[fields, places])
-
-    @property
-    @abstractmethod
-    def dim(self) -> int:
-        """Dimension of the group."""
 
     @property
     def point_shape(self) -> tuple[int, ...]:
@@ -202,8 +198,9 @@ class MatrixGroup(Frame):
         vector = self._vectors(v)
         if not (blocks := self.compiled_blocks()):
             return expm(self.algebra(vector), vector)
-        one = np.broadcast_to(np.eye(self.size), (*vector.shape[:-1], *self.point_shape))
-        return move(blocks[0], vector, one.astype(self.dtype))
+        shape = *vector.shape[:-1], *self.point_shape
+        identity = np.broadcast_to(np.eye(self.size, dtype=self.dtype), shape)
+        return move(blocks[0], vector, identity)
 
     def _closed_form(self) -> Block | None:
         """Return the block whose coordinates compiled code knows for all points."""
@@ -217,10 +214,10 @@ class MatrixGroup(Frame):
 
         Near the identity its relative accuracy is that of ``x - I``.
         """
-        point, one = self._points(x, "x"), np.eye(self.size, dtype=self.dtype)
+        point, identity = self._points(x, "x"), np.eye(self.size, dtype=self.dtype)
         if block := self._closed_form():
-            return coordinates_between(block, self.dim, 2, one, point)
-        return self._log1p(point - one)
+            return coordinates_between(block, self.dim, 2, identity, point)
+        return self._log1p(point - identity)
 
     def _log1p(self, difference: Points) -> Array:
         """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""

@@ -262,9 +262,8 @@ class PhaseSpace(Product):
         for body in self._bodies:
             if body.sphere:
                 result = result.copy() if result is covector else result
-                q, part = y[..., body.points], covector[..., body.vectors]
-                along = np.vecdot(q, part) / np.vecdot(q, q)
-                result[..., body.vectors] = part - along[..., None] * q
+                q, p = y[..., body.points], covector[..., body.vectors]
+                result[..., body.vectors] = p - (np.vecdot(q, p) / np.vecdot(q, q))[..., None] * q
         return result
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
@@ -273,8 +272,8 @@ class PhaseSpace(Product):
         y = np.full((*check_random(rng, size), *self.point_shape), np.nan)
         for _ in range(_TRIES):
             lost = ~np.isfinite(y).all(axis=-1)
-            parts = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
-            y[lost] = linkage_of(self).close(self._tangential_join(parts))
+            points = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
+            y[lost] = linkage_of(self).close(self._tangential_join(points))
             if np.isfinite(y).all():
                 return y
         raise ValueError(f"joints must be closed near random points of {self.configuration!r}")
@@ -291,8 +290,8 @@ class PhaseSpace(Product):
             If the last axis of ``y`` hasn't the length of a point.
         """
         momentum = self._points(y)[..., self._point_slices[1]]
-        each = [times(momentum[..., body.vectors], body.inverse) for body in self._bodies]
-        return np.concatenate(each, axis=-1)
+        velocities = [times(momentum[..., body.vectors], body.inverse) for body in self._bodies]
+        return np.concatenate(velocities, axis=-1)
 
     def kinetic_energy(self, y: ArrayLike) -> Array:
         r"""Return :math:`\tfrac12 \langle\mu, \omega\rangle`, shape ``(...)``.

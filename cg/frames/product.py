@@ -199,8 +199,8 @@ class Product(Composite):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the factors' coordinates, joined; None if a factor has none."""
         points = self._split(self._points(y0, "y0")), self._split(self._points(y1, "y1"))
-        each = self._each("exp_coordinates", *points)
-        return None if any(v is None for v in each) else self._join_vectors(each)
+        vectors = self._each("exp_coordinates", *points)
+        return None if any(v is None for v in vectors) else self._join_vectors(vectors)
 
     def _composed(self, path: Array) -> Array:
         return self._joined("_composed", self._split_vector(path))
@@ -212,10 +212,10 @@ class Product(Composite):
     def _blocks(self) -> Blocks | None:
         blocks: Blocks = ()
         for factor in self.factors:
-            added = factor.compiled_blocks()
-            if added is None:
+            factor_blocks = factor.compiled_blocks()
+            if factor_blocks is None:
                 return None
-            blocks += added
+            blocks += factor_blocks
         # Compiled code measures errors either in coordinates or in entries, for all blocks.
         mixed = len({compared_by_entries((block,)) for block in blocks}) > 1
         return None if mixed else blocks
@@ -242,16 +242,15 @@ class Product(Composite):
         return np.concatenate(vectors, axis=-1)
 
     def _split(self, point: Array) -> tuple[Points, ...]:
-        lead = point.shape[:-1]
-        parts = []
+        points = []
         for factor, place in zip(self.factors, self._point_slices, strict=True):
-            part = point[..., place]
+            entries = point[..., place]
             if factor.dtype != _DOUBLE:
-                if part.strides[-1] != _DOUBLE.itemsize:
-                    part = np.ascontiguousarray(part)
-                part = part.view(factor.dtype)
-            parts.append(part.reshape(lead + factor.point_shape))
-        return tuple(parts)
+                if entries.strides[-1] != _DOUBLE.itemsize:
+                    entries = np.ascontiguousarray(entries)
+                entries = entries.view(factor.dtype)
+            points.append(entries.reshape(point.shape[:-1] + factor.point_shape))
+        return tuple(points)
 
     def _join_single(self, parts: Sequence[ArrayLike]) -> Array | None:
         """Return the point joined from single real points; None if a part is something else."""
@@ -278,8 +277,8 @@ class Product(Composite):
                     f"parts must have leading axes that broadcast, got {sorted(set(leads))}"
                 ) from None
         joined = np.empty(lead + self._point_shape)
-        for part, point in zip(self._split(joined), points, strict=True):
-            part[...] = point
+        for place, point in zip(self._split(joined), points, strict=True):
+            place[...] = point
         return joined
 
 
@@ -353,8 +352,8 @@ class Power(Composite):
         return None if v is None else self._join_vectors(v)
 
     def _composed(self, path: Array) -> Array:
-        each = path.reshape(len(path), self.n, self.factor.dim).swapaxes(0, 1)
-        return np.concatenate([self.factor._composed(flows) for flows in each])
+        paths = self._split_vector(path).swapaxes(0, 1)
+        return np.concatenate([self.factor._composed(flows) for flows in paths])
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, n, *factor.point_shape)``."""

@@ -77,8 +77,8 @@ class SPD(Sized, ConjugationSpace):
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             larger = np.maximum(row, column)
             row, column = row / larger, column / larger
-            solved = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
-        return self.group._algebra_projection(vectors @ solved @ vectors.mT)
+            x = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
+        return self.group._algebra_projection(vectors @ x @ vectors.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the asymmetry and the negative of the least eigenvalue."""
@@ -251,8 +251,8 @@ class IsospectralOrbit(Orbit):
         )
         weights = np.divide(1.0, gaps, out=np.zeros_like(gaps), where=apart)
         _, vectors = eigh_where_finite(y)
-        turned = weights * (vectors.mT.conj() @ tangent @ vectors)
-        return self.group._algebra_projection(vectors @ turned @ vectors.mT.conj())
+        generator = weights * (vectors.mT.conj() @ tangent @ vectors)
+        return self.group._algebra_projection(vectors @ generator @ vectors.mT.conj())
 
     def _project(self, y: Points) -> Points:
         # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by

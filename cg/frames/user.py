@@ -126,7 +126,7 @@ class UserFrame(Frame):
         return normal
 
 
-_BRACKET_ROUNDING = 1e-9  # tolerance of identities, relative to the largest term
+_BRACKET_IDENTITY = 1e-9  # tolerance of identities, relative to the largest term
 
 
 class FieldFrame(UserFrame):
@@ -216,8 +216,7 @@ class FieldFrame(UserFrame):
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
-        parts = {"_fields": functions, "_flow": flow, "_point_shape": shape}
-        vars(self).update(parts, _dtype=np.dtype(dtype))
+        vars(self).update(_fields=functions, _flow=flow, _point_shape=shape, _dtype=np.dtype(dtype))
         self._store_functions(
             membership_error=membership_error,
             restore=restore,
@@ -234,15 +233,15 @@ class FieldFrame(UserFrame):
         """Raise ValueError if the bracket of random vectors violates a Lie algebra's identities."""
         u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
         b = self.bracket
-        one, other = b(u, v), b(v, u)
-        size = float(np.abs([one, other]).max())
-        if not np.abs(one + other).max() <= _BRACKET_ROUNDING * size:
+        forward, backward = b(u, v), b(v, u)
+        size = float(np.abs([forward, backward]).max())
+        if not np.abs(forward + backward).max() <= _BRACKET_IDENTITY * size:
             raise ValueError(
                 "bracket must change its sign when its arguments are exchanged, got "
-                f"{one.tolist()} and {other.tolist()} for {u.tolist()} and {v.tolist()}"
+                f"{forward.tolist()} and {backward.tolist()} for {u.tolist()} and {v.tolist()}"
             )
         terms = np.array([b(u, b(v, w)), b(v, b(w, u)), b(w, b(u, v))])
-        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_ROUNDING * np.abs(terms).max():
+        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_IDENTITY * np.abs(terms).max():
             raise ValueError(
                 "bracket must satisfy Jacobi's identity, [u, [v, w]] + [v, [w, u]] + [w, [u, v]] = "
                 f"0; got {terms.sum(axis=0).tolist()} for {u.tolist()}, {v.tolist()}, {w.tolist()}"

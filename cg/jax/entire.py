@@ -17,14 +17,14 @@ from cg.frames.algebra import bernoulli_terms
 
 JaxArray = Any
 
-_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
-_TERMS = 14  # the next term of the series is below rounding
+_STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
+_STUMPFF_TERMS = 14  # the next term of the series is below rounding
 _POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
 _FACTOR_TERMS = [  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
-_ARCTAN_NEAR = 0.04
+_ARCTAN_NEAR = 0.04  # below it the series of arctan is summed
 _ARCTAN_TERMS = 14
 
 
@@ -53,13 +53,15 @@ def stumpff(k: int, q: JaxArray) -> JaxArray:
         # At the smallest number the quotient is exactly 1, its limit at zero.
         x = jnp.maximum(x, jnp.finfo(q.dtype).tiny)
         return jnp.sin(x) / x
-    near = jnp.minimum(q, _NEAR)
-    series = power_series([1.0 / math.factorial(2 * j + k) for j in range(_TERMS + 1)], -near)
-    far = jnp.maximum(q, _NEAR)
+    near = jnp.minimum(q, _STUMPFF_NEAR)
+    series = power_series(
+        [1.0 / math.factorial(2 * j + k) for j in range(_STUMPFF_TERMS + 1)], -near
+    )
+    far = jnp.maximum(q, _STUMPFF_NEAR)
     value = stumpff(k % 2, far)
     for j in range(k % 2, k, 2):
         value = (1.0 / math.factorial(j) - value) / far
-    return jnp.where(q < _NEAR, series, value)
+    return jnp.where(q < _STUMPFF_NEAR, series, value)
 
 
 @stumpff.defjvp

@@ -1,4 +1,4 @@
-r"""Matrix groups and unit quaternions.
+r"""Rules of matrix groups and unit quaternions, and rotations as vectors and quaternions.
 
 The flow of v on a matrix group is y exp(v) in the body convention and exp(v) y in the space
 convention. The coefficients that take y to y1 are those of log(1 + x), where x = y⁻¹ (y1 - y), or
@@ -7,9 +7,8 @@ and dexpinv of each kind of group: closed forms for rotations of the plane and o
 rigid motions, else those of `cg.jax.matrices` and the series of dexpinv.
 
 With the bracket :math:`\operatorname{ad}_u v` and Bernoulli's numbers dexpinv, the inverse of the
-derivative of the exponential, is :math:`\sum_k B_k / k!
-\operatorname{ad}_u^k v`, see `cg.frames.algebra`. Where brackets are plus or minus the cross
-product with :math:`q = |u|^2` it is
+derivative of the exponential, is :math:`\sum_k B_k / k! \operatorname{ad}_u^k v`, see
+`cg.frames.algebra`. Where brackets are plus or minus the cross product with :math:`q = |u|^2` it is
 
 .. math:: v \mp \tfrac12 u \times v + g(q)\, u \times (u \times v),
 
@@ -68,8 +67,8 @@ def motion_dexpinv(side: float) -> Dexpinv:
         def bracket(w: list[JaxArray]) -> list[JaxArray]:
             value = cross(omega, w[:3])
             for k in range(3, len(w), 3):
-                parts = cross(omega, w[k : k + 3]), cross(x[k : k + 3], w[:3])
-                value += [a + b for a, b in zip(*parts, strict=True)]
+                products = cross(omega, w[k : k + 3]), cross(x[k : k + 3], w[:3])
+                value += [a + b for a, b in zip(*products, strict=True)]
             return value
 
         q = dot(omega, omega)
@@ -186,10 +185,10 @@ def semidirect_rules(frame: Semidirect) -> Rules:
             f"frame must be a Semidirect of rotations of space in JAX, got {frame!r}; a FieldFrame "
             "takes a flow in jax.numpy"
         )
-    n, turning = frame.group.size, group_rules(frame.group)
+    n, rotations = frame.group.size, group_rules(frame.group)
 
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        v, columns = turning.coefficients(y[:n, :n], tangent[:n, :n]), tangent[:n, n:]
+        v, columns = rotations.coefficients(y[:n, :n], tangent[:n, :n]), tangent[:n, n:]
         if frame.convention == "body":
             columns = y[:n, :n].T @ columns
         else:
@@ -318,12 +317,12 @@ def _motions(frame: Semidirect) -> Group:
         wedge = linear(omega, frame.group.basis)
         columns = x[:3, 3:]
         once = wedge @ columns
-        moved = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
-        return jnp.concatenate([omega, moved.T.reshape(-1)])
+        columns = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
+        return jnp.concatenate([omega, columns.T.reshape(-1)])
 
     def inverse(y: JaxArray) -> JaxArray:
-        turned = y[:3, :3].T
-        return _assembled(turned, -turned @ y[:3, 3:])
+        transposed = y[:3, :3].T
+        return _assembled(transposed, -transposed @ y[:3, 3:])
 
     def sizes(y: JaxArray) -> JaxArray:
         lengths = jnp.sqrt((y[:n, n:] ** 2).sum(axis=0))
@@ -344,10 +343,10 @@ def _motions(frame: Semidirect) -> Group:
     )
 
 
-def _assembled(linear: JaxArray, columns: JaxArray) -> JaxArray:
+def _assembled(rotation: JaxArray, columns: JaxArray) -> JaxArray:
     n, k = columns.shape
-    lower = jnp.eye(n + k, dtype=linear.dtype)[n:]
-    return jnp.concatenate([jnp.concatenate([linear, columns], axis=1), lower])
+    lower = jnp.eye(n + k, dtype=rotation.dtype)[n:]
+    return jnp.concatenate([jnp.concatenate([rotation, columns], axis=1), lower])
 
 
 def rotation_matrix(v: JaxArray, wedge: JaxArray, average: int = 0) -> JaxArray:

@@ -25,14 +25,13 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     """
     _check_product(frame)
     y = read_point(frame, y)
-    parts = []
+    points = []
     for factor, place in zip(frame.factors, frame._point_slices, strict=True):
-        part = y[place]
+        entries = y[place]
         if factor.dtype.kind == "c":
-            part = part.reshape(-1, 2)
-            part = jax.lax.complex(part[:, 0], part[:, 1])
-        parts.append(part.reshape(factor.point_shape))
-    return tuple(parts)
+            entries = jax.lax.complex(*entries.reshape(-1, 2).T)
+        points.append(entries.reshape(factor.point_shape))
+    return tuple(points)
 
 
 def join(frame: Product, *parts: JaxArray) -> JaxArray:
@@ -57,24 +56,25 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     return jnp.concatenate(flat)
 
 
-def product_rules(frame: Product, parts: list[Rules]) -> Rules:
+def product_rules(frame: Product, factors: list[Rules]) -> Rules:
     """Return the rules of a product, from those of its factors."""
 
     def cut(v: JaxArray) -> list[JaxArray]:
         return [v[..., place] for place in frame._vector_slices]
 
     def each(name: str, *arguments: Any) -> list[JaxArray]:
-        return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
+        pairs = zip(factors, *arguments, strict=True)
+        return [getattr(rules, name)(*own) for rules, *own in pairs]
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        orders = [order] * len(parts)
+        orders = [order] * len(factors)
         return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
 
     def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
 
     def composed(path: JaxArray) -> JaxArray:
-        known = [rules.composed or (lambda path: jnp.zeros_like(path[0])) for rules in parts]
+        known = [rules.composed or (lambda path: jnp.zeros_like(path[0])) for rules in factors]
         paths = zip(known, cut(path), strict=True)
         return jnp.concatenate([composed(own) for composed, own in paths])
 
@@ -82,13 +82,13 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
         frame,
         lambda v, y: join(frame, *each("flow", cut(v), split(frame, y))),
         lambda y: join(frame, *each("restore", split(frame, y))),
-        None if any(rules.log is None for rules in parts) else together("log"),
-        None if any(rules.dexpinv is None for rules in parts) else dexpinv,
+        None if any(rules.log is None for rules in factors) else together("log"),
+        None if any(rules.dexpinv is None for rules in factors) else dexpinv,
         together("coefficients"),
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
         lambda y: jnp.stack(each("distance", split(frame, y))).max(),
-        unique=all(rules.unique for rules in parts),
-        composed=None if all(rules.composed is None for rules in parts) else composed,
+        unique=all(rules.unique for rules in factors),
+        composed=None if all(rules.composed is None for rules in factors) else composed,
     )
 
 

@@ -176,7 +176,7 @@ def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
 def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a path with points between those that are more than a few degrees apart."""
     lengths = np.maximum(np.linalg.norm(path, axis=1), np.finfo(float).tiny)
-    units, parts = path / lengths[:, None], [path[:1]]
+    units, arcs = path / lengths[:, None], [path[:1]]
     for k in range(len(path) - 1):
         cosine = float(np.clip(units[k] @ units[k + 1], -1.0, 1.0))
         angle = math.acos(cosine)
@@ -184,11 +184,11 @@ def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
         same = abs(lengths[k + 1] - lengths[k]) < 1e-3 * lengths[k]
         # opposite points have no great circle
         if len(s) == 1 or not same or math.pi - angle < _ARC:
-            parts.append(path[k + 1 : k + 2])
+            arcs.append(path[k + 1 : k + 2])
             continue
         arc = np.sin((1 - s) * angle) * units[k] + np.sin(s * angle) * units[k + 1]
-        parts.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
-    return np.concatenate(parts)
+        arcs.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
+    return np.concatenate(arcs)
 
 
 def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
@@ -245,7 +245,7 @@ def _draw_path(
 
 def _draw_sphere(ax: Any, radius: float) -> None:
     """Draw lines of latitude and longitude, unless the axes have a sphere."""
-    if any(part.get_gid() == "cg-sphere" for part in ax.collections):
+    if any(collection.get_gid() == "cg-sphere" for collection in ax.collections):
         return
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
     x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)

@@ -65,9 +65,9 @@ def _free_properties() -> None:
     """Replace the locks of all cached properties of the package."""
     modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "cg"]
     kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
-    for one in [one for kind in kinds for one in vars(kind).values()]:
-        if isinstance(one, cached_property):
-            one.lock = threading.RLock()  # type: ignore[attr-defined]
+    for member in [member for kind in kinds for member in vars(kind).values()]:
+        if isinstance(member, cached_property):
+            member.lock = threading.RLock()  # type: ignore[attr-defined]
 
 
 if sys.version_info < (3, 12):
@@ -121,8 +121,9 @@ class _Limit:
             if not self.users:
                 provide_lapack()  # a library that is loaded later would have all threads
                 _take_control()
-                counts = [(one, one.num_threads or 1) for one in _libraries(len(sys.modules))]
-                self._before = [(one, threads) for one, threads in counts if threads > 1]
+                libraries = _libraries(len(sys.modules))
+                counts = [(library, library.num_threads or 1) for library in libraries]
+                self._before = [count for count in counts if count[1] > 1]
                 for library, _ in self._before:
                     library.set_num_threads(1)
             self.users += 1
