@@ -124,17 +124,14 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
     """
     if not special:
         return np.asarray(np.abs(singular_values(y) - 1.0).max(axis=-1))
-    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
-    if not finite.all():  # np.linalg.svd may raise
-        error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
-        return np.where(finite, error, np.nan)
-    left, singular, right = np.linalg.svd(y)
-    determinant = np.linalg.det(left) * np.linalg.det(right)
+    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))  # LAPACK may raise for other matrices
+    left, singular, right = np.linalg.svd(np.where(finite[..., None, None], y, 0.0))
+    determinant, nearest = np.linalg.det(left) * np.linalg.det(right), np.ones(())
     if np.iscomplexobj(y):
-        phase = np.exp(-1j * np.angle(determinant) / y.shape[-1])
-        return np.asarray(np.abs(singular - phase[..., None]).max(axis=-1))
-    singular[..., -1] = np.where(determinant < 0.0, -singular[..., -1], singular[..., -1])
-    return np.asarray(np.abs(singular - 1.0).max(axis=-1))
+        nearest = np.exp(-1j * np.angle(determinant) / y.shape[-1])[..., None]
+    else:
+        singular[..., -1] *= np.where(determinant < 0.0, -1.0, 1.0)
+    return np.where(finite, np.abs(singular - nearest).max(axis=-1), np.nan)
 
 
 def nearest_unitary(y: Points, *, special: bool) -> Points:

@@ -282,7 +282,7 @@ class MatrixGroup(Frame):
         regular = (np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, y, np.eye(self.size)))
         with np.errstate(over="ignore", invalid="ignore"):
-            quotient = inverse @ change if self.convention == "body" else change @ inverse
+            quotient = self._multiply(change, inverse)
         return np.where(regular, quotient, np.nan)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:

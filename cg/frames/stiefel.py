@@ -133,8 +133,6 @@ class LowRankStiefel(CompiledFlow, _Columns):
        manifold", Numer. Algorithms 32 (2003), 163-183.
     """
 
-    __repr__ = Stiefel.__repr__
-
     @property
     def dim(self) -> int:
         return self.n * self.k
@@ -213,12 +211,6 @@ class Grassmann(_Subspaces, Orbit):
         turn = 2.0 * (y1 - y0) @ (2.0 * y0 - np.eye(self.n))
         finite = np.isfinite(turn).all(axis=(-2, -1), keepdims=True)
         return self.group._algebra_projection(0.5 * rotation_log1p(np.where(finite, turn, 0.0)))
-
-    def _project(self, y: Points) -> Points:
-        values, vectors = np.linalg.eigh(0.5 * (y + y.mT))
-        basis = vectors[..., self.n - self.k :]
-        unique = values[..., self.n - self.k] > values[..., self.n - self.k - 1]
-        return np.where(unique[..., None, None], basis @ basis.mT, np.nan)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the sum of the squared principal angles, shape ``(...)``."""

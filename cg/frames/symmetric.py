@@ -154,6 +154,23 @@ class Orbit(ConjugationSpace):
         error = np.abs(eigenvalues - self._eigenvalues).max(axis=-1)
         return np.asarray(np.maximum(two_norm(skew), error))
 
+    def _project(self, y: Points) -> Points:
+        # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
+        # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose
+        # prescribed values differ.
+        values, vectors = np.linalg.eigh(0.5 * (y + y.mT.conj()))
+        rounding = y.shape[-1] * np.finfo(np.float64).eps
+        close, prescribed = (
+            np.diff(x) <= rounding * np.abs(x).max(axis=-1)[..., None]
+            for x in (values, self._eigenvalues)
+        )
+        unique = (~close | prescribed).all(axis=-1)
+        return np.where(unique[..., None, None], self._with_eigenvectors(vectors), np.nan)
+
+    def _with_eigenvectors(self, vectors: Points) -> Points:
+        product = (vectors * self._eigenvalues) @ vectors.mT.conj()
+        return np.asarray(0.5 * (product + product.mT.conj()))
+
 
 @dataclass(frozen=True, repr=False)
 class IsospectralOrbit(Orbit):
@@ -253,22 +270,6 @@ class IsospectralOrbit(Orbit):
         _, vectors = eigh_where_finite(y)
         generator = weights * (vectors.mT.conj() @ tangent @ vectors)
         return self.group._algebra_projection(vectors @ generator @ vectors.mT.conj())
-
-    def _project(self, y: Points) -> Points:
-        # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
-        # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose
-        # prescribed values differ.
-        symmetric, n = 0.5 * (y + y.mT.conj()), len(self.spectrum)
-        close, prescribed = (
-            np.diff(values) <= n * np.finfo(np.float64).eps * np.abs(values).max(axis=-1)[..., None]
-            for values in (np.linalg.eigvalsh(symmetric), self._eigenvalues)
-        )
-        unique = (~close | prescribed).all(axis=-1)
-        return np.where(unique[..., None, None], self.restore(symmetric), np.nan)
-
-    def _with_eigenvectors(self, vectors: Points) -> Points:
-        product = (vectors * self._eigenvalues) @ vectors.mT.conj()
-        return np.asarray(0.5 * (product + product.mT.conj()))
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""

@@ -301,12 +301,6 @@ class Before(eqx.Module):
     values: JaxArray
 
 
-def no_step(table: MethodTable, first: JaxArray) -> Before:
-    """Return the step before a first one."""
-    count = len(table.c)
-    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
-
-
 def error_estimate(
     table: MethodTable, start: Start, stages: Stages, before: Before | None
 ) -> JaxArray | None:

@@ -266,7 +266,8 @@ def _general(frame: MatrixGroup) -> Group:
     """Return the functions of a group by exponentials and logarithms of matrices."""
     inverse = adjoint if isinstance(frame, SO | SU | U) else jnp.linalg.inv
     exponential, log1p = (lambda v: expm(linear(v, frame.basis))), logarithm_of(frame, inverse)
-    group = Group(exponential, log1p, series_dexpinv(frame), inverse)
+    restore: Map = same
+    distance: Map = zero
     if isinstance(frame, SO | SU):
 
         def restore(y: JaxArray) -> JaxArray:
@@ -275,24 +276,22 @@ def _general(frame: MatrixGroup) -> Group:
                 return y
             return y * (1.0 - (jnp.linalg.det(y) - 1.0) / frame.n)
 
-        def error(y: JaxArray) -> JaxArray:
+        def distance(y: JaxArray) -> JaxArray:
             return jnp.maximum(column_error(y), jnp.abs(jnp.linalg.det(y) - 1.0))
 
-        return replace(group, restore=restore, distance=error)
-    if isinstance(frame, U):
-        return replace(group, restore=newton_schulz, distance=column_error)
-    if isinstance(frame, SL | Sp):
-        nearest = held(
+    elif isinstance(frame, U):
+        restore, distance = newton_schulz, column_error
+    elif isinstance(frame, SL | Sp):
+        restore = held(
             _with_determinant_one
             if isinstance(frame, SL)
             else lambda y: y + symplectic_correction(y, jnp.asarray(frame._form, y.dtype), jnp)
         )
 
-        def change(y: JaxArray) -> JaxArray:
-            return jnp.linalg.norm(nearest(y) - y, 2) / jnp.linalg.norm(y, 2)
+        def distance(y: JaxArray) -> JaxArray:
+            return jnp.linalg.norm(restore(y) - y, 2) / jnp.linalg.norm(y, 2)
 
-        return replace(group, restore=nearest, distance=change)
-    return group
+    return Group(exponential, log1p, series_dexpinv(frame), inverse, restore, distance)
 
 
 def _with_determinant_one(y: JaxArray) -> JaxArray:

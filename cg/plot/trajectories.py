@@ -24,7 +24,6 @@ from cg.plot.style import (
 from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
 
-_NAMES = "xyz"
 _ARC = math.radians(3)  # between points that are drawn of a great circle
 
 
@@ -225,7 +224,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
-    for k, name in enumerate(_NAMES):
+    for k, name in enumerate("xyz"):
         _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
     for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
         early = n < len(matrices) - 1
