@@ -36,9 +36,9 @@ from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 _SMALLEST = 1e-150  # its square doesn't underflow
-RADIUS = 2.0 * math.pi  # of convergence of the series of dexpinv
-COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
-POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
+RADIUS = 2.0 * math.pi  # where the series of dexpinv ceases to converge
+COMMUTE = 1024.0  # A bracket of less roundings of its factors counts as zero.
+POWERS = 20  # number of powers of ad_u; the latter half gives the rate of growth
 
 
 @cache

@@ -27,7 +27,7 @@ from cg.support.checks import check_integer, short
 NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
-_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # of the iteration towards a mean, which ends in rounding
+_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # steps towards a mean, and the last one, which is rounding
 _DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
 _DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
@@ -185,7 +185,7 @@ class Frame(Manifold, FieldAlgebra):
         self._points(y1, "y1")
         return None
 
-    @np.errstate(over="ignore", invalid="ignore")  # of points far apart
+    @np.errstate(over="ignore", invalid="ignore")  # Points may be far apart.
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a point ``y1`` near it.
 

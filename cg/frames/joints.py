@@ -20,7 +20,7 @@ from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
-Row = tuple[RowForm, int, int]  # and the axes of both bodies
+Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
 
 _POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
 _ATTITUDE: tuple[Row, ...] = (
@@ -46,10 +46,10 @@ _DIFFERENCES = {
     2: (np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0, np.array([0.0, 1.0, -2.0, 1.0, 0.0])),
 }
 _STEP, _LONG_STEP = 1e-3, 2.5e-3  # first steps of both orders, for angles and lengths of about 1
-_CHANGE, _TRIALS = 8.0, 14  # by which factor steps change, and how often
-_ALLOWED = 1e-9  # relative error at which they don't
-_NOISE = 8.0  # of differences, in rounding errors of values
-_WRONG = 1e-5  # relative error of derivatives that are given
+_CHANGE, _TRIALS = 8.0, 14  # factor by which steps change, and how often they do
+_ALLOWED = 1e-9  # relative error at which steps don't change
+_NOISE = 8.0  # errors of differences, in rounding errors of values
+_WRONG = 1e-5  # relative error at which derivatives by the user are refused
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
 
 
@@ -393,7 +393,7 @@ class Linkage:
         return reach
 
     def _second_derivatives(self, q: Points, velocity: Array, slope: float) -> Array:
-        """Return those by time, where velocities are constant.
+        """Return the second derivatives of constraints by time, where velocities are constant.
 
         ``slope`` is the largest first derivative, times `_reach`.
         """

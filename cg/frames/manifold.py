@@ -186,7 +186,7 @@ _RANK_TOLERANCE = 1e-12
 # way to the end, by halves; where the nearest doesn't help, the points are too far apart.
 _MAX_CORRECTIONS = 40
 _SLOW = 0.1
-_LEAST_FRACTION = 1 / 64  # of the way
+_LEAST_FRACTION = 1 / 64  # least fraction of the way
 _FAR = 1e9  # largest norm of coefficients
 # Relative residuals: of convergence (some twenty roundings), of a slow iteration that stops, and of
 # an accepted result, at most

@@ -19,7 +19,7 @@ from cg.support.caches import cached_by_value
 from cg.support.checks import check_generator, check_real
 
 _ALONG = 1e-2  # part of a momentum along its point of a sphere that may be an error of steps
-_TRIES = 200  # to close the joints of random points
+_TRIES = 200  # attempts to close the joints of random points
 
 
 @dataclass(frozen=True, init=False, repr=False)

@@ -122,7 +122,7 @@ class Semidirect(MatrixGroup):
         return self._assemble(inverse, -inverse @ columns)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        """Return those of the linear part, and of columns moved by it alone."""
+        """Return coefficients of the linear part, and of what else moves the columns."""
         linear, columns = self._linear_and_columns(y)
         linear_rate, rates = self._linear_and_columns(tangent)
         v = self.group._coefficients_at(linear, linear_rate)

@@ -207,7 +207,7 @@ class Grassmann(_Subspaces, Orbit):
         return self.group._algebra_projection(tangent @ y - y @ tangent)
 
     def _first_coordinates(self, y0: Points, y1: Points) -> Array:
-        # those of the geodesic: two reflections turn by twice the principal angles
+        # Two reflections turn by twice the angles of the geodesic, the principal ones.
         turn = 2.0 * (y1 - y0) @ (2.0 * y0 - np.eye(self.n))
         finite = np.isfinite(turn).all(axis=(-2, -1), keepdims=True)
         return self.group._algebra_projection(0.5 * rotation_log1p(np.where(finite, turn, 0.0)))

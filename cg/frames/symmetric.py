@@ -102,7 +102,7 @@ class SPD(Sized, ConjugationSpace):
         return np.asarray(np.linalg.norm(_log_ratios(start, end)[0], axis=-1))
 
     def _first_coordinates(self, y0: Points, y1: Points) -> Array:
-        # those of the geodesic: half the logarithm of y1 y0^-1
+        # The geodesic has half the logarithm of y1 y0^-1.
         logarithms, vectors, inverse = _log_ratios(y0, y1)
         with np.errstate(invalid="ignore", over="ignore"):
             generator = vectors @ (0.5 * logarithms[..., None] * inverse)

@@ -318,15 +318,15 @@ def error_estimate(
     else:
         estimates = [of_vector(rules.log(result, y1)) for result in stages.others]
     sums = [of_vector(v) for v in h * stages.errors]
-    if len(estimates) > 1:  # with a third result, whose parts are known
-        rest = [
-            (whole[0] - part[0], whole[1] - part[1])
-            for whole, part in zip(estimates, (sums[0], sums[-1]), strict=True)
+    if len(estimates) > 1:  # A third result splits the errors of two.
+        commutators = [
+            (estimate[0] - quadrature[0], estimate[1] - quadrature[1])
+            for estimate, quadrature in zip(estimates, (sums[0], sums[-1]), strict=True)
         ]
         if table.kind is Kind.LINEAR:
-            estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+            estimates, sums = [sums[0], commutators[0], sums[1], commutators[1]], []
         else:
-            estimates, sums = [*sums, *rest], []
+            estimates, sums = [*sums, *commutators], []
     estimates += sums
     if not estimates:
         return None
@@ -422,7 +422,7 @@ def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) 
     if table.record.power == 0:
         return _larger(table, errors, squares)
     sums = len(table.errors)
-    if sums > 1:  # in parts
+    if sums > 1:  # errors of quadratures, then those of commutators
         scaled, sizes = zip(
             _quotient(table, errors[:sums], squares[:sums]),
             _quotient(table, errors[sums:], squares[sums:]),
@@ -437,7 +437,7 @@ def _quotient(
 ) -> tuple[JaxArray, JaxArray]:
     """Return the estimate of DOP853 and the square of its norm."""
     error = errors[0]
-    if len(errors) > 2:  # with `kink_weights`
+    if len(errors) > 2:  # The method has `kink_weights`.
         error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
     further = table.record.factor**2 * squares[1]

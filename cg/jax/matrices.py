@@ -24,8 +24,8 @@ from cg.jax.rules import adjoint, linear, real_dtype
 _MAX_SQUARINGS = round(math.log2(MAX_EXPONENT))
 _NEAR_IDENTITY = 0.25
 _ARTANH_TERMS = 12
-_MAX_ROOTS = 60  # square roots of a matrix
-_ROOT_STEPS, _SIGN_STEPS = 60, 12  # of Newton's method for a square root, and for a sign function
+_MAX_ROOTS = 60  # most square roots that are taken one after the other
+_ROOT_STEPS, _SIGN_STEPS = 60, 12  # Newton steps for a square root, and for a sign function
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 

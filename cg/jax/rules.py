@@ -19,7 +19,7 @@ Map = Callable[[JaxArray], JaxArray]
 Pairing = Callable[[JaxArray, JaxArray], JaxArray]
 Dexpinv = Callable[[JaxArray, JaxArray, int], JaxArray]
 
-_NEARBY_STEPS = 4  # of Gauss and Newton's method
+_NEARBY_STEPS = 4  # Gauss-Newton steps of `nearby`
 
 
 def same(y: JaxArray) -> JaxArray:
@@ -72,7 +72,7 @@ class Rules:
         return jnp.linalg.pinv(columns) @ flat
 
     def sizes(self, y: JaxArray) -> JaxArray:
-        """Return those of `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``."""
+        """Return `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``."""
         if self.unequal_sizes is not None:
             return self.unequal_sizes(y)
         return jnp.ones(self.frame.dim, real_dtype(y))

@@ -33,7 +33,7 @@ from cg.jax.term import (
 from cg.tables import HasTable, Kind, MethodTable, made, unique_table
 
 _DENSE = ("accurate", "steps")
-_LARGEST_ANGLE = math.pi / 6  # as between comparisons in fortran/steps/step_events.f90
+_LARGEST_ANGLE = math.pi / 6  # that between comparisons in fortran/steps/step_events.f90
 
 
 class _State(eqx.Module):

@@ -168,7 +168,8 @@ def _path(solution: Any) -> tuple[Any, Any, Any]:
     times, points, rows = solution.t, solution.y, solution.t_events or ()
     if solution.sol is not None:
         ts = solution.sol.ts
-        within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)  # of short steps too
+        # Each step has four points, also if it is short.
+        within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)
         times = np.append(within, np.linspace(ts[0], ts[-1], POINTS))
         points = solution.sol(times)
     parts = [(2 * len(rows), times, points)]
