@@ -35,6 +35,9 @@ from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind, BlockOption
 
+# Largest dimension for which brackets by structure constants are faster than products of matrices.
+MAX_CONSTANTS = 16
+_MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 _SMALLEST = 1e-150  # its square doesn't underflow
 RADIUS = 2.0 * math.pi  # where the series of dexpinv ceases to converge
 COMMUTE = 1024.0  # A bracket of less roundings of its factors counts as zero.
@@ -110,11 +113,6 @@ def series_terms(order: int) -> tuple[float, ...]:
     while terms and not terms[-1]:
         terms.pop()
     return tuple(terms)
-
-
-# Largest dimension for which brackets by structure constants are faster than products of matrices.
-MAX_CONSTANTS = 16
-_MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 
 
 class FieldAlgebra(ABC):

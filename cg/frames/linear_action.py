@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks
-from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.user import Function, UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer

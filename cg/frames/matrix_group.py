@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.algebra import MAX_CONSTANTS, series_dexpinv
 from cg.frames.base import Frame
 from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_frame import Entries, dual_of
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
 from cg.support.checks import total_memory
@@ -25,6 +25,52 @@ take less time than those with their few entries."""
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
+
+Indices = NDArray[np.intp]
+Part = tuple[Indices, Indices, NDArray[Any]]  # a row, a column and a value of each matrix
+
+
+class Entries(NamedTuple):
+    """The number of each field, the place in its flat matrix, and the value."""
+
+    fields: Indices
+    places: Indices
+    values: NDArray[Any]
+
+    def array(self, fields: int, rows: int) -> Points:
+        """Return the matrices, shape ``(fields, rows, rows)``."""
+        flat = np.zeros((fields, rows * rows), dtype=self.values.dtype)
+        np.add.at(flat, (self.fields, self.places), self.values)
+        return flat.reshape(fields, rows, rows)
+
+    def sparse(self, fields: int, rows: int) -> scipy.sparse.csr_array:
+        """Return the matrices as rows of a sparse array, shape ``(fields, rows**2)``."""
+        flat = scipy.sparse.csr_array(
+            (self.values, (self.fields, self.places)), shape=(fields, rows * rows)
+        )
+        flat.eliminate_zeros()
+        return flat
+
+
+def entries_of(rows: int, *parts: Part) -> Entries:
+    """Return the entries of matrices that are sums of parts with one entry each."""
+    fields = np.tile(np.arange(len(parts[0][0])), len(parts))
+    places = np.concatenate([row * rows + column for row, column, _ in parts])
+    return Entries(fields, places, np.concatenate([values for _, _, values in parts]))
+
+
+def dual_of(flat: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    """Return the dual matrices of linearly independent ones, few of which are not orthogonal."""
+    sparse = scipy.sparse
+    products = sparse.csr_array((flat @ flat.conj().T).real)
+    products.eliminate_zeros()
+    coupled = np.flatnonzero(np.diff(products.indptr) > 1)
+    alone = 1.0 / products.diagonal()
+    alone[coupled] = 0.0
+    block = np.linalg.inv(products[coupled][:, coupled].toarray())
+    rows, columns = np.repeat(coupled, len(coupled)), np.tile(coupled, len(coupled))
+    inverse = sparse.coo_array((block.ravel(), (rows, columns)), shape=products.shape)
+    return sparse.csr_array((sparse.diags_array(alone) + inverse) @ flat)
 
 
 class MatrixGroup(Frame):
@@ -204,10 +250,8 @@ class MatrixGroup(Frame):
 
     def _closed_form(self) -> Block | None:
         """Return the block whose coordinates compiled code knows for all points."""
-        for block in self.compiled_blocks() or ():
-            if block[0] in CLOSED_FORMS:
-                return block
-        return None
+        blocks = self.compiled_blocks()
+        return blocks[0] if blocks and blocks[0][0] in CLOSED_FORMS else None
 
     def logarithm(self, x: ArrayLike) -> Array:
         """Return the ``v`` of least norm with ``exponential(v) == x``, NaN where there is none.

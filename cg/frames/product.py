@@ -202,6 +202,9 @@ class Product(Composite):
         vectors = self._each("exp_coordinates", *points)
         return None if any(v is None for v in vectors) else self._join_vectors(vectors)
 
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        return self._joined("coordinate_sizes", self.split(y))  # by the fast path, at each step
+
     def _composed(self, path: Array) -> Array:
         return self._joined("_composed", self._split_vector(path))
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks, convention_option, coordinates_between
-from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation

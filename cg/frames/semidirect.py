@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.compiled import Blocks, convention_option, dexpinv
-from cg.frames.matrix_frame import Entries
-from cg.frames.matrix_group import MatrixGroup
+from cg.frames.matrix_group import Entries, MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind

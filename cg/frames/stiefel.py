@@ -9,9 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame, Sized
+from cg.frames.base import CompiledFlow, Frame, Sized
 from cg.frames.compiled import Blocks
-from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary, rotation_log1p
 from cg.frames.matrix_group import MatrixGroup

@@ -69,7 +69,7 @@ class SPD(Sized, ConjugationSpace):
         return np.asarray(0.5 * (y + y.mT))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
+        # The generator of least norm is x y, where a symmetric x solves x y^2 + y^2 x = y'.
         values, vectors = eigh_where_finite(y)
         row, column = values[..., :, None], values[..., None, :]
         slope = (tangent + tangent.mT) / 2

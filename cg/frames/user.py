@@ -14,6 +14,8 @@ from cg.support.checks import check_integer
 
 Function = Callable[..., Any]
 
+_BRACKET_IDENTITY = 1e-9  # tolerance of identities, relative to the largest term
+
 
 class UserFrame(Frame):
     """A frame with members that are functions of the user.
@@ -124,9 +126,6 @@ class UserFrame(Frame):
         if self.dtype.kind == "c":
             return normal + 1j * rng.standard_normal(normal.shape)
         return normal
-
-
-_BRACKET_IDENTITY = 1e-9  # tolerance of identities, relative to the largest term
 
 
 class FieldFrame(UserFrame):

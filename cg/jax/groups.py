@@ -133,10 +133,8 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
         later = factors[POWERS // 2 :]
         return jnp.prod(later) ** (1.0 / len(later)), factors[0] == 0.0
 
-    def near() -> tuple[JaxArray, JaxArray]:
-        return jnp.zeros_like(bound), jnp.zeros((), bool)
-
-    rate, commuting = jax.lax.cond(bound * bound >= _SQUARED_RADIUS, growth, near)
+    slow = jnp.zeros_like(bound), jnp.zeros((), bool)
+    rate, commuting = jax.lax.cond(bound * bound >= _SQUARED_RADIUS, growth, lambda: slow)
     # An infinite bound says nothing about eigenvalues.
     converges = jnp.isfinite(bound) & (rate * rate < _SQUARED_RADIUS)
     return jnp.where(commuting & jnp.isfinite(bound), v, jnp.where(converges, total, jnp.nan))

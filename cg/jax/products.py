@@ -99,9 +99,6 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
     def on_points(function: Callable[..., JaxArray]) -> Callable[..., JaxArray]:
         return lambda *points: jax.vmap(function)(*points).reshape(-1)
 
-    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        return jax.vmap(rules.flow)(v.reshape(n, m), y)
-
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
         inverse = rules.dexpinv
         assert inverse is not None
@@ -114,7 +111,7 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
 
     return Rules(
         frame,
-        flow,
+        lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y),
         jax.vmap(rules.restore),
         None if rules.log is None else on_points(rules.log),
         None if rules.dexpinv is None else dexpinv,

@@ -20,6 +20,8 @@ from cg.jax.rules import Rules, linear
 from cg.support.caches import cached
 from cg.tables import Kind, MethodTable, basis_polynomials
 
+_NEWTON_STEPS = 3  # Each one squares the error, which is of third order first.
+
 
 @dataclass(frozen=True)
 class Start:
@@ -168,9 +170,6 @@ def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> 
     return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
 
 
-_ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
-
-
 @dataclass(frozen=True, eq=False)
 class _Scheme:
     """Weights of flows as polynomials, and whether the interpolant is as accurate as the step.
@@ -196,11 +195,7 @@ class _Interpolant(eqx.Module):
         vectors = (weights @ powers) @ self.fields
         if len(vectors) == 1:
             return self.rules.flow(vectors[0], self.y0)
-
-        def move(y: JaxArray, v: JaxArray) -> tuple[JaxArray, None]:
-            return self.rules.flow(v, y), None
-
-        return jax.lax.scan(move, self.y0, vectors)[0]
+        return jax.lax.scan(lambda y, v: (self.rules.flow(v, y), None), self.y0, vectors)[0]
 
 
 class Within(diffrax.AbstractLocalInterpolation):
@@ -290,7 +285,7 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
     def improve(u: JaxArray, _: Any) -> tuple[JaxArray, None]:
         return u + dexpinv(u, log(rules.flow(u, y0), y1), series), None
 
-    return jax.lax.scan(improve, u, None, length=_ITERATIONS)[0]
+    return jax.lax.scan(improve, u, None, length=_NEWTON_STEPS)[0]
 
 
 @cached

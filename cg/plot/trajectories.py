@@ -24,7 +24,8 @@ from cg.plot.style import (
 from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
 
-_ARC = math.radians(3)  # between points that are drawn of a great circle
+_ARC = math.radians(3)  # angle between points that are drawn of a great circle
+_QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 
 def trajectory_on_sphere(
@@ -256,9 +257,6 @@ def _draw_sphere(ax: Any, radius: float) -> None:
     ax.set_zlabel("z")
     ticks = [-radius, 0.0, radius]
     ax.set(xticks=ticks, yticks=ticks, zticks=ticks)
-
-
-_QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 
 def invariants(

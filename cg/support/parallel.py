@@ -74,7 +74,11 @@ if sys.version_info < (3, 12):
     in_children(_free_properties)
 
 
+_AHEAD = 2  # pieces handed out for each worker, so that none waits for this process
+_LOG_SECONDS = 30.0  # time between lines of a bar in a file
+
 Result = TypeVar("Result")
+Item = TypeVar("Item")
 
 StopFlag = NDArray[np.intc]
 """Flag of shape (1,); compiled calls that read it return soon after it is not zero."""
@@ -248,12 +252,8 @@ def interrupts_blocked(block: bool) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-Item = TypeVar("Item")
-
 ExecutorLike = Executor | str | None
 """None for threads, ``"processes"``, or an executor."""
-
-_AHEAD = 2  # pieces handed out for each worker, so that none waits for this process
 
 _log = logging.getLogger("cg")
 
@@ -398,9 +398,6 @@ def _travels(error: Exception) -> bool:
         return type(pickle.loads(pickle.dumps(error))) is type(error)
     except Exception:  # any error of the exception's own class
         return False
-
-
-_LOG_SECONDS = 30.0  # between lines in a file
 
 
 def has_bars() -> bool:
