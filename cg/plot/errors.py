@@ -90,8 +90,7 @@ def work_precision(
     >>> ax.get_xlabel(), len(ax.lines)
     ('evaluations of f', 2)
     """
-    numbers, values = _pairs("work", work, errors)
-    ax = _draw(numbers, values, ax, label)
+    ax = _draw(*_pairs("work", work, errors), ax, label)
     ax.set_xlabel(unit)
     return ax
 
@@ -101,9 +100,7 @@ def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: s
     ax = axes_for(ax)
     order = np.argsort(x)
     ax.plot(x[order], errors[order], label=label, **curve_style(ax))
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylabel("error")
+    ax.set(xscale="log", yscale="log", ylabel="error")
     ax.grid(True, which="major", color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
     if label is not None:

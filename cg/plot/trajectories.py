@@ -252,11 +252,8 @@ def _draw_sphere(ax: Any, radius: float) -> None:
     grid = ax.plot_wireframe(radius * x, radius * y, radius * z, color="#cccccc", linewidth=0.4)
     grid.set_gid("cg-sphere")
     ax.set_box_aspect((1, 1, 1))
-    ax.set_xlabel("x")
-    ax.set_ylabel("y")
-    ax.set_zlabel("z")
     ticks = [-radius, 0.0, radius]
-    ax.set(xticks=ticks, yticks=ticks, zticks=ticks)
+    ax.set(xlabel="x", ylabel="y", zlabel="z", xticks=ticks, yticks=ticks, zticks=ticks)
 
 
 def invariants(
