@@ -30,15 +30,18 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.compiled import SPACE_AXES, dexpinv
+from cg.frames.compiled import dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
+# Largest dimension for which brackets by structure constants are faster than products of matrices.
+MAX_CONSTANTS = 16
+_MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 _SMALLEST = 1e-150  # its square doesn't underflow
-_RADIUS = 2.0 * math.pi
-_COMMUTE = 1024.0 * np.finfo(np.float64).eps  # smaller brackets, relative to factors, are rounding
-_POWERS = 20  # powers computed to estimate the growth rate, from the latter half
+RADIUS = 2.0 * math.pi  # where the series of dexpinv ceases to converge
+COMMUTE = 1024.0  # A bracket of less roundings of its factors counts as zero.
+POWERS = 20  # number of powers of ad_u; the latter half gives the rate of growth
 
 
 @cache
@@ -73,11 +76,11 @@ def series_dexpinv(
         power = adjoint(power)
         if term:
             total = total + term * power
-    if terms and bound is not None and (far := bound >= _RADIUS).any():
+    if terms and bound is not None and (far := bound >= RADIUS).any():
         growth, commuting = _growth(adjoint, v, bound, axes)
         far = far.reshape(*far.shape, *[1] * axes)
         finite = np.isfinite(bound).reshape(far.shape)  # after overflow, growth is unknown
-        sums = ~far | (finite & (growth < _RADIUS))
+        sums = ~far | (finite & (growth < RADIUS))
         total = np.where(far & finite & commuting, v, np.where(sums, total, np.nan))
     return total
 
@@ -91,15 +94,15 @@ def _growth(
     def size(x: Array) -> Array:
         return np.asarray(np.sqrt((np.abs(x) ** 2).sum(axis=last, keepdims=True)))
 
-    rounding = _COMMUTE * bound.reshape(*bound.shape, *[1] * axes)
+    rounding = COMMUTE * np.finfo(np.float64).eps * bound.reshape(*bound.shape, *[1] * axes)
     power = v / np.maximum(size(v), _SMALLEST)
     factors = []
-    for _ in range(_POWERS):
+    for _ in range(POWERS):
         power = adjoint(power)
         factor = size(power)
         factors.append(np.where(factor > rounding, factor, 0.0))
         power = np.where(factor > rounding, power / np.where(factor > 0.0, factor, 1.0), 0.0)
-    later = factors[_POWERS // 2 :]
+    later = factors[POWERS // 2 :]
     return np.prod(later, axis=0) ** (1.0 / len(later)), factors[0] == 0.0
 
 
@@ -110,11 +113,6 @@ def series_terms(order: int) -> tuple[float, ...]:
     while terms and not terms[-1]:
         terms.pop()
     return tuple(terms)
-
-
-# Largest dimension for which brackets by structure constants are faster than products of matrices.
-MAX_CONSTANTS = 16
-_MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 
 
 class FieldAlgebra(ABC):
@@ -192,7 +190,8 @@ class FieldAlgebra(ABC):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         """Return dexpinv of checked coefficients, in closed form or as a series."""
         if sign := self._rotation_sign:
-            return dexpinv((BlockKind.SO3, 3, SPACE_AXES if sign > 0.0 else 0), u, v)
+            options = BlockOption.SPACE_AXES if sign > 0.0 else 0
+            return dexpinv((BlockKind.SO3, 3, options), u, v)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.compiled import Blocks
+from cg.frames.compiled import Blocks, move
 from cg.frames.manifold import (
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
-    nearest_coordinates,
-    newton_correction,
+    near,
+    norms,
 )
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.checks import check_integer, short
@@ -27,7 +27,9 @@ from cg.support.checks import check_integer, short
 NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
-_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # of the iteration towards a mean, which ends in rounding
+_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # steps towards a mean, and the last one, which is rounding
+_DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
+_DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -167,8 +169,7 @@ class Frame(Manifold, FieldAlgebra):
         rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
         v = np.asarray(self._coefficients_at(rows, slopes))
         axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
-        parts = slopes - self.field(v, rows), slopes
-        dropped, sizes = (_lengths(x, axes) for x in parts)
+        dropped, sizes = _lengths(slopes - self.field(v, rows), axes), _lengths(slopes, axes)
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -184,7 +185,7 @@ class Frame(Manifold, FieldAlgebra):
         self._points(y1, "y1")
         return None
 
-    @np.errstate(over="ignore", invalid="ignore")  # of points far apart
+    @np.errstate(over="ignore", invalid="ignore")  # Points may be far apart.
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a point ``y1`` near it.
 
@@ -254,9 +255,9 @@ class Frame(Manifold, FieldAlgebra):
             )
         w = w / w.sum()
         m = y[int(np.argmax(w))]
-        last, part = math.inf, 1.0
+        last, fraction = math.inf, 1.0
         for _ in range(_MEAN_STEPS):
-            v = part * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
+            v = fraction * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
             size = (np.abs(v) / np.maximum(self.coordinate_sizes(m), 1.0)).max(initial=0.0)
             if not np.isfinite(size):
                 break
@@ -264,7 +265,7 @@ class Frame(Manifold, FieldAlgebra):
             if size >= last or size == 0.0:
                 if size <= _MEAN_REACHED:
                     return m  # what is left is rounding
-                part /= 2.0  # steps are too long
+                fraction /= 2.0  # steps are too long
             last = size
         raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
 
@@ -284,7 +285,10 @@ class Frame(Manifold, FieldAlgebra):
         lost = ~np.isfinite(v).all(axis=-1)
         if lost.any():
             start, end = start[lost], end[lost]
-            v[lost] = nearest_coordinates(self.flow, self._coefficients_at, start, end)
+            with np.errstate(over="ignore", invalid="ignore"):
+                tangents = near(self._coefficients_at(start, end - start))
+                nearer = norms(end - self.flow(tangents, start)) < norms(end - start)
+            v[lost] = np.where(nearer[:, None], tangents, 0.0)
         return v
 
     def _composed(self, path: Array) -> Array:
@@ -302,7 +306,10 @@ class Frame(Manifold, FieldAlgebra):
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
-            corrected[k] = newton_correction(self.flow, v[k], start[k], y[k], end[k])
+            step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v[k])))
+            slopes = (self.flow(v[k] + step * np.eye(self.dim), start[k]) - y[k]) / step
+            change = minimum_norm_coefficients(slopes[None], (end - y)[k, None], _DIFFERENCE_RANK)
+            corrected[k] = v[k] + change[0]
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -378,6 +385,36 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+    def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
+        """Return ``v`` and ``y`` as contiguous arrays with the same leading axes."""
+        vectors, points = self._arguments(v, y)
+        leads = vectors.shape[:-1], points.shape[: points.ndim - len(self.point_shape)]
+        if leads[0] != leads[1]:
+            lead = np.broadcast_shapes(*leads)
+            vectors = np.broadcast_to(vectors, (*lead, self.dim))
+            points = np.broadcast_to(points, (*lead, *self.point_shape))
+        return np.ascontiguousarray(vectors), np.ascontiguousarray(points)
+
+
+class CompiledFlow(Frame):
+    """A frame of one compiled block, which has no flow in Python."""
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        vectors, points = self._rows(v, y)
+        (block,) = self._blocks() or ()
+        moved = move(block, vectors, points)
+        if math.isfinite(abs(moved.sum())):  # a cheap sufficient test
+            return moved
+        axes = tuple(range(vectors.ndim - 1, points.ndim))
+        lost = ~np.isfinite(moved).all(axis=axes) & np.isfinite(points).all(axis=axes)
+        lost &= np.isfinite(vectors).all(axis=-1)
+        if lost.any():
+            largest = np.abs(vectors[lost]).max()
+            raise FlowOverflowError(
+                f"the flow of v with |v| = {largest:.3g} can't be computed in double precision"
+            )
+        return moved
 
 
 def check_frame(frame: Any, name: str = "frame") -> None:

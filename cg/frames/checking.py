@@ -12,8 +12,8 @@ from cg.frames.base import Frame, check_frame
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_generator
 
-# Relative tolerances for rounding errors and for finite differences of order four
-_ROUNDING = 1e-10
+# Relative tolerances of identities, and of derivatives by differences of order four
+_IDENTITY = 1e-10
 _DIFFERENCES = 1e-7
 # Largest length of random coefficients; longer ones may have non-unique or overflowing flows
 _LENGTH = 0.7
@@ -73,13 +73,13 @@ def check(
     check_frame(frame)
     rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
     if points is None:
-        chosen = frame.random_point(rng, 3)
+        y = frame.random_point(rng, 3)
     else:
-        chosen = frame.read_points(points, "points")
-        if chosen.shape[1:] != frame.point_shape or len(chosen) == 0:
+        y = frame.read_points(points, "points")
+        if y.shape[1:] != frame.point_shape or len(y) == 0:
             shape = ", ".join(map(str, ("count", *frame.point_shape)))
-            raise ValueError(f"points must have shape ({shape}), got {chosen.shape}")
-    problems = _find_inconsistencies(frame, chosen, rng)
+            raise ValueError(f"points must have shape ({shape}), got {y.shape}")
+    problems = _find_inconsistencies(frame, y, rng)
     if problems:
         raise ValueError(f"frame is inconsistent: {'; '.join(problems)}")
 
@@ -120,19 +120,19 @@ def _derivative(function: Callable[[float], Any]) -> Any:
 
 def _check_flow(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     flowed = frame.flow(v, y)
-    yield from _compare("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _ROUNDING)
+    yield from _compare("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _IDENTITY)
     yield from _compare(
         "flow(a v, flow(b v, y)) isn't flow((a + b) v, y)",
-        frame.flow(0.3 * v, frame.flow(0.7 * v, y)), flowed, _ROUNDING,
+        frame.flow(0.3 * v, frame.flow(0.7 * v, y)), flowed, _IDENTITY,
     )  # fmt: skip
     batch = frame.flow(np.stack([v, u]), np.stack([y, y]))
-    yield from _compare("flow of a batch isn't the flow of each point", batch[0], flowed, _ROUNDING)
+    yield from _compare("flow of a batch isn't the flow of each point", batch[0], flowed, _IDENTITY)
 
 
 def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     tangent = frame.field(v, y)
     total = frame.field(u, y) + 2.0 * tangent
-    yield from _compare("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _ROUNDING)
+    yield from _compare("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _IDENTITY)
     slope = _derivative(lambda s: frame.flow(s * v, y))
     yield from _compare_derivative(
         "field(v, y) isn't the derivative of flow(s v, y) by s",
@@ -152,23 +152,25 @@ def _compare_derivative(
 
 def _check_coefficients(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     tangents = frame.field(np.stack([u, v]), y)
-    found = frame.coefficients(y, tangents)
+    coefficients = frame.coefficients(y, tangents)
     problem = "field(coefficients(y, dy), y) isn't dy"
-    yield from _compare(problem, frame.field(found, y), tangents, _ROUNDING, _size(y))
-    shortest = frame.without_isotropy(found, y)
-    yield from _compare("coefficients have isotropy", shortest, found, _ROUNDING, _size(u, v))
+    yield from _compare(problem, frame.field(coefficients, y), tangents, _IDENTITY, _size(y))
+    shortest = frame.without_isotropy(coefficients, y)
+    yield from _compare(
+        "coefficients have isotropy", shortest, coefficients, _IDENTITY, _size(u, v)
+    )
 
 
 def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    yield from _compare("points aren't on the manifold", frame.relative_error(y), 0.0, _ROUNDING)
+    yield from _compare("points aren't on the manifold", frame.relative_error(y), 0.0, _IDENTITY)
     flowed = frame.flow(v, y)
-    yield from _compare("flow leaves the manifold", frame.relative_error(flowed), 0.0, _ROUNDING)
+    yield from _compare("flow leaves the manifold", frame.relative_error(flowed), 0.0, _IDENTITY)
     yield from _compare("distance(y, y) isn't 0", frame.distance(y, y), 0.0, 1e-6)
     try:
         nearest = frame.project(y)
     except NotImplementedError:
         return
-    yield from _compare("project moves points of the manifold", nearest, y, _ROUNDING)
+    yield from _compare("project moves points of the manifold", nearest, y, _IDENTITY)
 
 
 def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
@@ -176,12 +178,12 @@ def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) ->
     logarithm = frame.exp_coordinates(y, flowed)
     if logarithm is not None and np.isfinite(logarithm).all():
         problem = "flow(exp_coordinates(y0, y1), y0) isn't y1"
-        yield from _compare(problem, frame.flow(logarithm, y), flowed, _ROUNDING)
+        yield from _compare(problem, frame.flow(logarithm, y), flowed, _IDENTITY)
     near = frame.flow(0.01 * v, y)
     coordinates = frame.local_coordinates(y, near)
     if np.isfinite(coordinates).all():
         problem = "flow(local_coordinates(y0, y1), y0) isn't y1"
-        yield from _compare(problem, frame.flow(coordinates, y), near, _ROUNDING)
+        yield from _compare(problem, frame.flow(coordinates, y), near, _IDENTITY)
 
 
 def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
@@ -198,11 +200,11 @@ def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _P
         commutator, tangent, _size(y),
     )  # fmt: skip
     yield from _compare(
-        "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _ROUNDING
+        "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _IDENTITY
     )
     terms = [frame.bracket(a, frame.bracket(b, c)) for a, b, c in ((u, v, w), (v, w, u), (w, u, v))]
     yield from _compare(
-        "bracket violates Jacobi's identity", sum(terms), 0.0 * bracket, _ROUNDING, _size(*terms)
+        "bracket violates Jacobi's identity", sum(terms), 0.0 * bracket, _IDENTITY, _size(*terms)
     )
     small = 0.2 * u
     change = frame.dexpinv(small, v, order=20)

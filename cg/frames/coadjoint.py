@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
-from cg.frames.rotations import SO3
+from cg.frames.rotations import SO3, hat
 from cg.support.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 
 Constants = tuple[tuple[tuple[float, ...], ...], ...]
 
-_ROUNDING = 1e-12
+_ZERO = 1e-12  # relative to the largest one: errors of identities, and singular values
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,7 +57,7 @@ class CoadjointOrbit(Frame):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import SO3
+    >>> from cg.frames import SO3, hat
     >>> frame = CoadjointOrbit(SO3(), (2.0, 0.0, 0.0))
     >>> frame.flow([0.0, 0.0, np.pi / 2], [2.0, 0.0, 0.0]).round(15) + 0.0
     array([ 0., -2.,  0.])
@@ -99,8 +99,7 @@ class CoadjointOrbit(Frame):
         """The sign s of fields that are s times v cross y, 0 for other fields."""
         if self.dim == 3:
             for sign in (-1.0, 1.0):
-                cross = np.cross(np.eye(3)[:, None], np.eye(3)[None, :]).swapaxes(1, 2)
-                if np.array_equal(self._fields, sign * cross):
+                if np.array_equal(self._fields, sign * hat(np.eye(3))):
                     return sign
         return 0.0
 
@@ -111,10 +110,10 @@ class CoadjointOrbit(Frame):
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
         if self._rotation_sign:
-            moved = SO3("space").exponential(self._rotation_sign * vector)
+            matrix = SO3("space").exponential(self._rotation_sign * vector)
         else:
-            moved = expm(combine(vector, self._fields), vector)
-        return self.restore((moved @ point[..., None])[..., 0])
+            matrix = expm(combine(vector, self._fields), vector)
+        return self.restore((matrix @ point[..., None])[..., 0])
 
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
         if not self._rotation_sign or not any(self.point):
@@ -140,12 +139,9 @@ class CoadjointOrbit(Frame):
         k = np.arange(len(rows))
         symmetric = np.zeros((len(rows), self.dim, self.dim))
         symmetric[k, rows, columns] = symmetric[k, columns, rows] = 1.0
-        derivatives = []
-        for matrix in self._fields:
-            product = symmetric @ matrix
-            derivatives.append((product + product.mT).reshape(len(rows), -1).T)
-        coefficients = _null_space(np.array(derivatives))
-        return combine(coefficients, symmetric)
+        products = symmetric @ self._fields[:, None]
+        derivatives = (products + products.mT).reshape(self.dim, len(rows), -1).mT
+        return combine(_null_space(derivatives), symmetric)
 
     def _casimirs(self, y: Array) -> tuple[Array, Array]:
         """Return the Casimirs' excess over their values at ``point``, and their gradients."""
@@ -155,8 +151,6 @@ class CoadjointOrbit(Frame):
         middle = (quadratic @ (y + base_point)[..., None, :, None])[..., 0]
         excess = (middle @ difference[..., None])[..., 0]
         gradients = 2.0 * (quadratic @ y[..., None, :, None])[..., 0]
-        if not len(linear):
-            return excess, gradients
         constant = np.broadcast_to(linear, (*y.shape[:-1], *linear.shape))
         return (
             np.concatenate([difference @ linear.T, excess], axis=-1),
@@ -169,7 +163,7 @@ class CoadjointOrbit(Frame):
             square = np.vecdot(gradients, gradients)
             multiplier = np.divide(excess, square, out=np.zeros_like(square), where=square > 0.0)
             return excess, multiplier * gradients[..., 0, :]
-        inverse = np.linalg.pinv(gradients, rcond=_ROUNDING)
+        inverse = np.linalg.pinv(gradients, rcond=_ZERO)
         return excess, (inverse @ excess[..., None])[..., 0]
 
     def restore(self, y: Array) -> Array:
@@ -188,8 +182,8 @@ class CoadjointOrbit(Frame):
         by 1, which matters where the gradients are linearly dependent.
         """
         excess, step = self._correction(self._points(y))
-        scale = max(2.0 * float(np.linalg.norm(self.point)), _ROUNDING)
-        largest = np.abs(excess).max(axis=-1, initial=0.0) / max(scale, 1.0)
+        scale = max(2.0 * float(np.linalg.norm(self.point)), 1.0)
+        largest = np.abs(excess).max(axis=-1, initial=0.0) / scale
         return np.asarray(np.maximum(np.linalg.norm(step, axis=-1), largest))
 
     def relative_error(self, y: ArrayLike) -> Array:
@@ -212,11 +206,11 @@ def _checked_constants(value: ArrayLike) -> Constants:
         )
     check_finite(constants, "algebra")
     size = np.abs(constants).max()
-    if np.abs(constants + constants.swapaxes(0, 1)).max() > _ROUNDING * size:
+    if np.abs(constants + constants.swapaxes(0, 1)).max() > _ZERO * size:
         raise ValueError("algebra must have constants antisymmetric in the first two indices")
     nested = np.einsum("ijl,lkm->ijkm", constants, constants)
     cyclic = nested + nested.transpose(1, 2, 0, 3) + nested.transpose(2, 0, 1, 3)
-    if np.abs(cyclic).max() > _ROUNDING * m * size**2:
+    if np.abs(cyclic).max() > _ZERO * m * size**2:
         raise ValueError("algebra must satisfy the Jacobi identity")
     return tuple(tuple(tuple(row) for row in block) for block in constants.tolist())
 
@@ -225,4 +219,4 @@ def _null_space(matrices: Array) -> Array:
     """Return an orthonormal basis, as rows, of the common null space of a stack of matrices."""
     gram = (matrices.mT @ matrices).sum(axis=0)
     values, vectors = np.linalg.eigh(gram)
-    return np.asarray(vectors.T[values <= _ROUNDING * max(float(values[-1]), _ROUNDING)])
+    return np.asarray(vectors.T[values <= _ZERO * max(float(values[-1]), _ZERO)])

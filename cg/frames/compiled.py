@@ -11,21 +11,14 @@ from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 
-SPACE_AXES = int(BlockOption.SPACE_AXES)
-"""Block option: coefficients are in space axes."""
-
 _WITHOUT_COORDINATES = BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION, BlockKind.STIEFEL
-
-SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
-"""Block option: the scalar part of a quaternion comes first."""
 
 Block = tuple[int, int, int, *tuple[float | Array, ...]]
 Blocks = tuple[Block, ...]
 """For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
-isospectral matrices, entries of the vector of a linear action, translations of SE(3), rows of
-columns, 3 for other kinds); the sum of its
-options; and its constants, which are the increasing eigenvalues of isospectral matrices, or the
-sparse matrices of a linear action."""
+isospectral matrices and of columns, of entries of the vector of a linear action, of translations
+of SE(3), 3 for other kinds); the sum of its options; and its constants, which are the increasing
+eigenvalues of isospectral matrices, the number of columns, or the matrices of a linear action."""
 
 CLOSED_FORMS = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
 """Kinds of matrices whose coordinates have a closed form."""
@@ -43,7 +36,7 @@ def needs_lapack(block: Block) -> bool:
 
 def convention_option(convention: str) -> int:
     """Return the block option of a convention."""
-    return SPACE_AXES if convention == "space" else 0
+    return BlockOption.SPACE_AXES if convention == "space" else 0
 
 
 def compared_by_entries(blocks: Blocks) -> bool:

@@ -18,7 +18,8 @@ from cg.frames.sphere import Sphere
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import short
 
-_ROUNDING = 1e-12
+_ASYMMETRY = 1e-12  # largest one of a symmetric matrix, relative to its largest entry
+_COMMUTATOR = 1e-12  # largest one of matrices that commute, relative to their entries
 _KNOWN = "SO(n), UnitQuaternion, SU(n), U(n), Euclidean, Sphere(2), and products and powers of them"
 
 Inertia = Any
@@ -48,34 +49,36 @@ class Body:
         """Whether the flow of the gyroscopic force commutes with free motion."""
         if self.top is None or self.gyroscopic is None:
             return True
-        inverse = self.inverse
-        full = np.diag(inverse[:, 0]) if inverse.shape[1] == 1 else inverse
-        axis = full @ vee(self.gyroscopic)
-        commutator = full @ hat(axis) - hat(axis) @ full
-        scale = np.abs(full).max() * np.abs(axis).max()
-        return bool(np.abs(commutator).max() <= _ROUNDING * scale)
+        inverse = times(np.eye(3), self.inverse)
+        axis = inverse @ vee(self.gyroscopic)
+        commutator = inverse @ hat(axis) - hat(axis) @ inverse
+        scale = np.abs(inverse).max() * np.abs(axis).max()
+        return bool(np.abs(commutator).max() <= _COMMUTATOR * scale)
 
-    def velocity(self, momentum: Array) -> Array:
-        """Return the velocity for the momentum of the body, shape ``(..., n)``."""
-        if self.inverse.shape[1] == 1:
-            return np.asarray(momentum * self.inverse[:, 0])
-        return np.asarray(momentum @ self.inverse)
 
-    def times_root(self, x: Array) -> Array:
-        """Return rows times the root of the inertia, shape ``(..., n)``."""
-        return np.asarray(x * self.root[:, 0] if self.root.shape[1] == 1 else x @ self.root)
+def times(rows: Array, matrix: Array) -> Array:
+    """Return rows times a matrix, of shape ``(n, 1)`` if it is diagonal."""
+    return np.asarray(rows * matrix[:, 0] if matrix.shape[1] == 1 else rows @ matrix)
 
 
 def numbers_of(bodies: tuple[Body, ...]) -> Array:
     """Return the constants of bodies, as compiled code reads them."""
-    parts: list[Any] = []
+    constants: list[Any] = []
     for body in bodies:
-        matrix = body.gyroscopic
-        parts += [body.inverse.T.ravel(), body.root.T.ravel(), [0.0]]
-        if matrix is not None:
-            parts[-1] = [1.0 if body.commutes else 2.0, *matrix.T.ravel()]
-        parts += [] if body.top is None else [body.top]
-    return np.concatenate(parts)
+        constants += [*body.inverse.T.flat, *body.root.T.flat]
+        if body.gyroscopic is None:
+            constants.append(0.0)
+        else:
+            constants += [1.0 if body.commutes else 2.0, *body.gyroscopic.T.flat]
+        constants += [] if body.top is None else [*body.top]
+    return np.array(constants)
+
+
+def hashable(value: Any) -> Any:
+    """Return nested tuples of the numbers of sequences or arrays."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return tuple(map(hashable, value)) if isinstance(value, list | tuple) else value
 
 
 def read_inertia(
@@ -87,7 +90,7 @@ def read_inertia(
     positive definite.
     """
     bodies: list[Body] = []
-    numbers = _read(frame, value, name, bodies)
+    numbers = hashable(_read(frame, value, name, bodies))
     if gyroscopic is not None:
         matrices = gyroscopic_matrices(frame, gyroscopic)
         bodies = [
@@ -97,18 +100,18 @@ def read_inertia(
 
 
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
-    """Append the bodies of a factor; return its inertia as hashable numbers."""
+    """Append the bodies of a factor; return its inertia, None for the default."""
     if type(frame) is Product:
-        return tuple(_read(*part, bodies) for part in _of_each_factor(frame, value, name))
+        return [_read(*factor, bodies) for factor in _of_each_factor(frame, value, name)]
     if type(frame) is Power:
-        each = _of_each_body(frame, value, name)
-        if each is None:
+        rows = _of_each_body(frame, value, name)
+        if rows is None:
             for _ in range(frame.n):
                 inertia = _read(frame.factor, value, name, bodies)
             return inertia
-        for k, part in enumerate(each):
-            _read(frame.factor, part, f"{name}[{k}]", bodies)
-        return tuple(tuple(map(tuple, part)) if part.ndim == 2 else tuple(part) for part in each)
+        for k, row in enumerate(rows):
+            _read(frame.factor, row, f"{name}[{k}]", bodies)
+        return rows
     _check_frame(frame)
     hint = ""
     if frame.dim == 3 and not isinstance(frame, Euclidean | Sphere):
@@ -132,9 +135,7 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
             isinstance(frame, Sphere),
         )
     )
-    if value is None:
-        return None
-    return tuple(matrix.tolist()) if matrix.ndim == 1 else tuple(map(tuple, matrix.tolist()))
+    return None if value is None else matrix
 
 
 def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> list[Array | None]:
@@ -143,8 +144,8 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
     ValueError if the motion isn't known with it, or if it isn't antisymmetric.
     """
     if type(frame) is Product:
-        parts = _of_each_factor(frame, value, name)
-        return [matrix for part in parts for matrix in gyroscopic_matrices(*part)]
+        factors = _of_each_factor(frame, value, name)
+        return [matrix for factor in factors for matrix in gyroscopic_matrices(*factor)]
     if type(frame) is Power:
         return frame.n * gyroscopic_matrices(frame.factor, value, name)
     if value is None:
@@ -162,7 +163,7 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
     if matrix.shape != (n, n):
         raise ValueError(f"{name} must have shape {(n, n)}, got {matrix.shape}")
     check_finite(matrix, name)
-    if np.abs(matrix + matrix.T).max() > _ROUNDING * np.abs(matrix).max():
+    if np.abs(matrix + matrix.T).max() > _ASYMMETRY * np.abs(matrix).max():
         raise ValueError(
             f"{name} must be antisymmetric, or else it does work; friction is that of "
             f"thermostat=cg.Langevin, got {short(value)}"
@@ -171,15 +172,15 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
 
 
 def _of_each_factor(frame: Product, value: Any, name: str) -> list[tuple[Frame, Any, str]]:
-    """Return the factors of a product, and the part of a value for each with its name."""
-    parts = (None,) * len(frame.factors) if value is None else value
-    if not isinstance(parts, tuple | list) or len(parts) != len(frame.factors):
+    """Return the factors of a product, and the value of each with its name."""
+    values = (None,) * len(frame.factors) if value is None else value
+    if not isinstance(values, tuple | list) or len(values) != len(frame.factors):
         raise ValueError(
             f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
             f"{short(value)}"
         )
-    names = [f"{name}[{k}]" for k in range(len(parts))]
-    return [*zip(frame.factors, parts, names, strict=True)]
+    names = [f"{name}[{k}]" for k in range(len(values))]
+    return [*zip(frame.factors, values, names, strict=True)]
 
 
 def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
@@ -227,7 +228,7 @@ def _checked(value: Any, n: int, name: str, hint: str) -> Array:
         matrix = np.full(n, matrix)
     elif np.array_equal(matrix, np.diag(np.diagonal(matrix))):
         matrix = np.diagonal(matrix).copy()
-    elif np.abs(matrix - matrix.T).max() > _ROUNDING * np.abs(matrix).max():
+    elif np.abs(matrix - matrix.T).max() > _ASYMMETRY * np.abs(matrix).max():
         raise ValueError(f"{name} must be symmetric, got {short(value)}")
     smallest = matrix.min() if matrix.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
     if not smallest > 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
+from cg.frames.inertia import times
 from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
@@ -19,7 +20,7 @@ from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
-Row = tuple[RowForm, int, int]  # and the axes of both bodies
+Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
 
 _POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
 _ATTITUDE: tuple[Row, ...] = (
@@ -37,7 +38,7 @@ KINDS: dict[str, tuple[Row, ...]] = {
 }
 """The rows of each kind of joint."""
 
-_ROUNDING = 1e-8  # of axes
+_ORTHONORMAL = 1e-8  # largest error of orthonormal axes
 # Weights of differences for the derivatives of orders one and two, times powers of the step: of
 # five values, and of three, whose difference from those of five estimates the error
 _DIFFERENCES = {
@@ -45,10 +46,10 @@ _DIFFERENCES = {
     2: (np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0, np.array([0.0, 1.0, -2.0, 1.0, 0.0])),
 }
 _STEP, _LONG_STEP = 1e-3, 2.5e-3  # first steps of both orders, for angles and lengths of about 1
-_CHANGE, _TRIALS = 8.0, 14  # by which factor steps change, and how often
-_ALLOWED = 1e-9  # relative error at which they don't
-_NOISE = 8.0  # of differences, in rounding errors of values
-_WRONG = 1e-5  # relative error of derivatives that are given
+_CHANGE, _TRIALS = 8.0, 14  # factor by which steps change, and how often they do
+_ALLOWED = 1e-9  # relative error at which steps don't change
+_NOISE = 8.0  # errors of differences, in rounding errors of values
+_WRONG = 1e-5  # relative error at which derivatives by the user are refused
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
 
 
@@ -127,10 +128,10 @@ class Joint:
         points = [*self.first[1], *self.second[1]]
         axes = [np.array(end[2]).T if end[2] else np.eye(3) for end in (self.first, self.second)]
         integers, numbers = [], []
-        for form, one, two in KINDS[self.kind]:
+        for form, first_axis, second_axis in KINDS[self.kind]:
             own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
             integers.append([int(form), *(body + 1 for body in self.bodies)])
-            numbers.append([*points, *own[one], *axes[1][two], self.length or 0.0])
+            numbers.append([*points, *own[first_axis], *axes[1][second_axis], self.length or 0.0])
         return integers, numbers
 
 
@@ -164,7 +165,7 @@ def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
         axes = np.column_stack([first, np.cross(third, first), third])
     if (
         axes.shape != (3, 3)
-        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _ROUNDING
+        or not np.abs(axes.T @ axes - np.eye(3)).max() <= _ORTHONORMAL
         or np.linalg.det(axes) < 0.0
     ):
         raise ValueError(f"the axes of {name} must be the columns of a rotation matrix, got {axes}")
@@ -178,35 +179,32 @@ def bodies_of(frame: Frame) -> list[list[int]]:
     in any order.
     """
     bodies: list[list[int]] = []
-    _add_bodies(frame, 0, bodies)
+    half: list[int] | None = None  # a body of the factor before, an attitude or a position alone
+    product_before = None
+    for block, (factor, product) in enumerate(_factors_in(frame), 1):
+        attitude = isinstance(factor, SO3 | UnitQuaternion)
+        if not attitude and factor != Euclidean(3):
+            half = None
+        elif half and half[attitude] and product is product_before is not None:
+            half[not attitude], half = block, None
+        else:
+            half = [block, 0] if attitude else [0, block]
+            bodies.append(half)
+        product_before = product
     return bodies
 
 
-def _add_bodies(frame: Frame, blocks: int, bodies: list[list[int]]) -> int:
-    """Append the bodies of a frame, which follows some blocks; return the number of blocks then."""
-    factors = getattr(frame, "factors", (frame,))
-    if type(frame) is Power:
-        factors = (frame.factor,) * frame.n
-    half: list[int] | None = None  # a body of which one part is known
-    for factor in factors:
-        role = None
-        if isinstance(factor, SO3 | UnitQuaternion):
-            role = 0
-        elif type(factor) is Euclidean and factor.n == 3:
-            role = 1
-        elif type(factor) in (Power, Product):
-            blocks, half = _add_bodies(factor, blocks, bodies), None
-            continue
-        blocks += 1
-        if role is None:
-            half = None
-        elif half is not None and not half[role] and type(frame) is Product:
-            half[role], half = blocks, None
-        else:
-            half = [0, 0]
-            half[role] = blocks
-            bodies.append(half)
-    return blocks
+def _factors_in(frame: Frame, product: object = None) -> Iterator[tuple[Frame, object]]:
+    """Yield the factors of nested products and powers, each with what stands for its product."""
+    if type(frame) is Product:
+        product = object()
+        for factor in frame.factors:
+            yield from _factors_in(factor, product)
+    elif type(frame) is Power:
+        for _ in range(frame.n):
+            yield from _factors_in(frame.factor)
+    else:
+        yield frame, product
 
 
 class Linkage:
@@ -256,27 +254,30 @@ class Linkage:
         self._reader = reader
         weakref.finalize(self, core.joints_free, self.address)
 
+    def _call(self, procedure: str, *rows: NDArray[Any]) -> None:
+        """Call a compiled procedure with points and what belongs to each, unless there is none."""
+        if len(rows[0]):  # no array may be empty
+            getattr(self._core, procedure)(self.address, *(array.T for array in rows))
+
     def errors(self, y: Array, relative: bool = False) -> Array:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
 
         If ``relative``, in the sizes of the terms of which they are sums; of bodies that hardly
         move in those of the constraints, in a unit of time.
         """
-        rows = _rows(y)
-        found = np.zeros((4, len(rows), self.count))
-        if len(rows):  # no array may be empty
-            self._core.joints_errors(self.address, rows.T, *(part.T for part in found))
+        values, rates, sizes, rate_sizes = np.zeros((4, y.size // y.shape[-1], self.count))
+        self._call("joints_errors", _rows(y), values, rates, sizes, rate_sizes)
         if relative:
-            found[3] = np.maximum(found[3], found[2])
-            found[:2] /= np.maximum(found[2:], np.finfo(float).tiny)
-        return np.concatenate(list(found[:2]), axis=-1).reshape(*y.shape[:-1], 2 * self.count)
+            least = np.finfo(float).tiny
+            values /= np.maximum(sizes, least)
+            rates /= np.maximum(np.maximum(rate_sizes, sizes), least)
+        return np.concatenate([values, rates], axis=-1).reshape(*y.shape[:-1], 2 * self.count)
 
     def close(self, y: Array) -> Array:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
         status = np.zeros(len(rows), dtype=np.intc)
-        if len(rows):  # no array may be empty
-            self._core.joints_close(self.address, rows.T, status)
+        self._call("joints_close", rows, status)
         rows[status != Stop.FINISHED] = np.nan
         return rows.reshape(y.shape)
 
@@ -288,8 +289,7 @@ class Linkage:
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
         status = np.zeros(len(rows), dtype=np.intc)
-        if len(rows):  # no array may be empty
-            self._core.joints_forces(self.address, rows.T, fields.T, multipliers.T, status)
+        self._call("joints_forces", rows, fields, multipliers, status)
         fields[status != Stop.FINISHED] = np.nan
         multipliers[status != Stop.FINISHED] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)
@@ -302,8 +302,8 @@ class Linkage:
         points = np.tile(y, (dim, 1))
         points[:, -dim:] = np.eye(dim)
         rates = self.errors(points)[:, self.count :].T  # G J⁻¹, by unit momenta
-        roots = [body.times_root(rates[:, body.vectors]) for body in self._frame._bodies]
-        matrix = np.sum([root @ root.T for root in roots], axis=0)
+        scaled = [times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
+        matrix = np.sum([rows @ rows.T for rows in scaled], axis=0)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         matrix /= scale * scale[:, None]
         used: list[int] = []
@@ -335,9 +335,9 @@ class Linkage:
         point = frame.random_point(np.random.default_rng(0))
         value = self._value(point)
         if self._dg is not None:
-            given, differences = self._slopes(point), self._differences(point)
-            check_finite(given, "the derivatives of constraints")
-            error = np.abs(given - differences).max()
+            slopes, differences = self._slopes(point), self._differences(point)
+            check_finite(slopes, "the derivatives of constraints")
+            error = np.abs(slopes - differences).max()
             error -= _NOISE * np.finfo(float).eps * np.abs(value).max() / _STEP
             if not error <= _WRONG * (1.0 + np.abs(differences).max()):
                 raise ValueError(
@@ -365,16 +365,17 @@ class Linkage:
         best, error = np.zeros((dim, len(self._value(q)))), np.full(dim, np.inf)
         steps, todo, slope, largest = np.full(dim, _STEP), np.arange(dim), 0.0, 0.0
         for _ in range(_TRIALS):
-            each = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
-            found = np.array([five for five, _, _ in each]) / steps[todo, None]
-            largest = max(largest, float(np.abs(found).max()))
-            slope = max(slope, float((np.abs(found) * (reach / scale)[todo, None]).max()))
-            wrong = np.array([w for _, w, _ in each]) / steps[todo]
-            rounding = np.array([_rounding(size, slope) for _, _, size in each]) / steps[todo]
-            better = wrong + rounding < error[todo]
-            best[todo[better]], error[todo[better]] = found[better], (wrong + rounding)[better]
-            steps[todo] *= np.where(wrong > rounding, 1.0 / _CHANGE, _CHANGE)
-            todo = todo[np.maximum(wrong, rounding) > _ALLOWED * largest]
+            differences = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
+            values, truncation, sizes = map(np.array, zip(*differences, strict=True))
+            slopes, truncation = values / steps[todo, None], truncation / steps[todo]
+            largest = max(largest, float(np.abs(slopes).max()))
+            slope = max(slope, float((np.abs(slopes) * (reach / scale)[todo, None]).max()))
+            rounding = _rounding(sizes, slope) / steps[todo]
+            better = truncation + rounding < error[todo]
+            best[todo[better]] = slopes[better]
+            error[todo[better]] = (truncation + rounding)[better]
+            steps[todo] *= np.where(truncation > rounding, 1.0 / _CHANGE, _CHANGE)
+            todo = todo[np.maximum(truncation, rounding) > _ALLOWED * largest]
             if not len(todo):
                 break
         return (best / scale[:, None]).T
@@ -392,7 +393,7 @@ class Linkage:
         return reach
 
     def _second_derivatives(self, q: Points, velocity: Array, slope: float) -> Array:
-        """Return those by time, where velocities are constant.
+        """Return the second derivatives of constraints by time, where velocities are constant.
 
         ``slope`` is the largest first derivative, times `_reach`.
         """
@@ -402,14 +403,14 @@ class Linkage:
             return np.zeros(self.own)
         step, best, error = _LONG_STEP / speed, np.zeros(self.own), np.inf
         for _ in range(_TRIALS):
-            found, wrong, size = self._difference(q, step * velocity, 2)
+            difference, truncation, size = self._difference(q, step * velocity, 2)
             rounding = _rounding(size, slope)
-            if not (wrong + rounding) / step**2 < error:
+            if not (truncation + rounding) / step**2 < error:
                 break
-            best, error = found / step**2, (wrong + rounding) / step**2
+            best, error = difference / step**2, (truncation + rounding) / step**2
             if error <= _ALLOWED * np.abs(best).max(initial=0.0):
                 break
-            step *= 1.0 / _CHANGE if wrong > rounding else _CHANGE
+            step *= 1.0 / _CHANGE if truncation > rounding else _CHANGE
         return best
 
     def _difference(self, q: Points, v: Array, order: int) -> tuple[Array, float, float]:
@@ -438,20 +439,20 @@ class Linkage:
             assert self is not None
             frame = self._frame.configuration
             q: Points = doubles.view(frame.dtype).reshape(frame.point_shape)
-            parts = [self._value(q)]
+            derivatives = [self._value(q)]
             if depth[0] > 0.0:
-                parts.append(self._slopes(q).ravel())
+                slopes = self._slopes(q)
+                derivatives.append(slopes.ravel())
             if depth[0] > 1.0:
-                slopes = parts[-1].reshape(self.own, -1) * self._reach(q)
-                slope = float(np.abs(slopes).max())
-                parts.append(self._second_derivatives(q, depth[1:], slope))
-            return np.concatenate(parts)
+                slope = float(np.abs(slopes * self._reach(q)).max())
+                derivatives.append(self._second_derivatives(q, depth[1:], slope))
+            return np.concatenate(derivatives)
 
         return evaluate
 
 
-def _rounding(size: float, slope: float) -> float:
-    """Return the rounding error of a difference of values, and of points where they have slopes."""
+def _rounding(size: Any, slope: float) -> Any:
+    """Return rounding errors of differences of values, and of points where they have slopes."""
     return _NOISE * float(np.finfo(float).eps) * (size + slope)
 
 
@@ -477,10 +478,9 @@ def read_constraints(value: Any) -> tuple[Callable[..., Any], Callable[..., Any]
 
 def read_joints(value: Any) -> tuple[Joint, ...]:
     """Return joints as a tuple; TypeError if one of them isn't a `Joint`."""
-    try:
-        joints = tuple(value)
-    except TypeError:
-        raise TypeError(f"joints must be a sequence of cg.frames.Joint, got {value!r}") from None
+    if not np.iterable(value):
+        raise TypeError(f"joints must be a sequence of cg.frames.Joint, got {value!r}")
+    joints = tuple(value)
     for k, joint in enumerate(joints):
         if not isinstance(joint, Joint):
             raise TypeError(f"joints[{k}] must be a cg.frames.Joint, got {joint!r}")

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks
-from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.user import Function, UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer
@@ -22,8 +22,7 @@ from cg.support.shared_numbers import BlockKind
 if TYPE_CHECKING:
     from scipy import sparse
 
-
-_ROUNDING = 1e-13
+_HERMITIAN_PART = 1e-13  # largest one of skew-Hermitian generators, relative to their entries
 
 
 class _Entries(IntEnum):
@@ -135,8 +134,8 @@ class LinearAction(CompiledFlow, UserFrame):
     def _digest(self) -> bytes:
         """A checksum of the generators, by which large frames are compared quickly."""
         digest = blake2b()
-        for part in (self._values, self._pattern.columns, self._pattern.rows):
-            digest.update(part.tobytes())
+        for array in (self._values, self._pattern.columns, self._pattern.rows):
+            digest.update(array.tobytes())
         return digest.digest()
 
     @property
@@ -163,8 +162,8 @@ class LinearAction(CompiledFlow, UserFrame):
             from scipy import sparse
 
             # entries of a point are its rows, one after the other
-            each = sparse.eye_array(self._columns)
-            matrices = [sparse.kron(self._matrix(e), each) for e in np.eye(self.dim)]
+            identity = sparse.eye_array(self._columns)
+            matrices = [sparse.kron(self._matrix(e), identity) for e in np.eye(self.dim)]
             return LinearAction(matrices)._numbers
         values, pattern = self._values, self._pattern
         kind = _Entries.COMPLEX
@@ -211,14 +210,10 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     """Return generators as sparse matrices of one type, after checking them."""
     from scipy import sparse
 
-    try:
-        listed = list(generators)
-    except TypeError:
-        listed = None
-    if listed is None or isinstance(generators, str | bytes):
+    if not np.iterable(generators) or isinstance(generators, str | bytes):
         raise ValueError(f"generators must be a sequence of matrices, got {generators!r}")
     matrices: list[sparse.csr_array] = []
-    for i, generator in enumerate(listed):
+    for i, generator in enumerate(generators):
         try:
             numbers = generator.to("CSR").data.as_scipy() if is_qobj(generator) else generator
             matrix = sparse.csr_array(numbers)
@@ -248,7 +243,7 @@ def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
 
     adjoint = matrix.conj().T
     size = abs(matrix).max()
-    if abs(matrix + adjoint).max() <= _ROUNDING * size:
+    if abs(matrix + adjoint).max() <= _HERMITIAN_PART * size:
         return sparse.csr_array(0.5 * (matrix - adjoint))
     hint = "; that of a Hamiltonian H is -1j * H"
     if (abs(matrix) + abs(adjoint)).nnz > matrix.nnz:
@@ -280,10 +275,10 @@ def on_one_pattern(
 ) -> tuple[Pattern, Points]:
     """Return the union of the sparsity patterns, and the values of each matrix on it."""
     n = matrices[0].shape[0]
-    kept = [np.flatnonzero(m.data) for m in matrices]
+    nonzero = [np.flatnonzero(m.data) for m in matrices]
     keys = [
         np.repeat(n * np.arange(n), np.diff(m.indptr))[k] + m.indices[k]
-        for m, k in zip(matrices, kept, strict=True)
+        for m, k in zip(matrices, nonzero, strict=True)
     ]
     union = np.concatenate(keys)
     if symmetric:
@@ -291,6 +286,6 @@ def on_one_pattern(
     union.sort()
     union = union[np.diff(union, prepend=-1) > 0]  # numpy.unique takes ten times as long
     values = np.zeros((len(matrices), len(union)), np.result_type(*(m.dtype for m in matrices)))
-    for row, matrix, k, key in zip(values, matrices, kept, keys, strict=True):
+    for row, matrix, k, key in zip(values, matrices, nonzero, keys, strict=True):
         np.add.at(row, np.searchsorted(union, key), matrix.data[k])
     return Pattern(n, union // n, union % n), values

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
 
 MEMBERSHIP_TOLERANCE = 1e-8
-_NEAR = 10.0  # error of points of which messages say that they may be projected
+_PROJECTABLE = 10.0  # error of points of which messages say that they may be projected
 
 
 class Manifold(ABC):
@@ -135,7 +135,7 @@ class Manifold(ABC):
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
             why = self._reason(point)
-            if not why and error < _NEAR:  # else it isn't this point that was meant
+            if not why and error < _PROJECTABLE:  # else it isn't this point that was meant
                 why = self._projection_hint(point, name)
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
@@ -186,15 +186,11 @@ _RANK_TOLERANCE = 1e-12
 # way to the end, by halves; where the nearest doesn't help, the points are too far apart.
 _MAX_CORRECTIONS = 40
 _SLOW = 0.1
-_LEAST_PART = 1 / 64  # of the way
+_LEAST_FRACTION = 1 / 64  # least fraction of the way
 _FAR = 1e9  # largest norm of coefficients
-# Relative residuals: convergence (some twenty roundings), and the level below which a slow
-# iteration stops.
-_REACHED = 5e-15
-_ROUNDING = 1e-14
-_DIFFERENCE = 1e-8
-_DIFFERENCE_RANK_TOLERANCE = 1e-5
-_MISSED = 1e-8  # largest relative residual of an accepted result
+# Relative residuals: of convergence (some twenty roundings), of a slow iteration that stops, and of
+# an accepted result, at most
+_REACHED, _ROUGH, _MISSED = 5e-15, 1e-14, 1e-8
 
 
 def local_coordinates(
@@ -210,51 +206,40 @@ def local_coordinates(
     if v.any():
         y = flow(v, start)
         # The logarithm of points that are large and close may have no correct digits.
-        lost = ~(_norms(end - y) <= _norms(end - start))
+        lost = ~(norms(end - y) <= norms(end - start))
         if lost.any():
             v[lost] = 0.0
             y = np.where(lost.reshape(-1, *(1,) * (y.ndim - 1)), start, y)
-    length, distance = _norms(end), _norms(end - y)
+    length, distance = norms(end), norms(end - y)
     v[~np.isfinite(distance)] = np.nan
     guessed = (v != 0.0).any(axis=-1)
     active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
     reached, residual = y[active], distance[active]
-    exact, part = np.zeros(len(active), dtype=bool), np.ones(len(active))
+    exact, fraction = np.zeros(len(active), dtype=bool), np.ones(len(active))
     for _ in range(_MAX_CORRECTIONS):
         if not len(active):
             break
-        lead = part.reshape(-1, *(1,) * (y.ndim - 1))
+        lead = fraction.reshape(-1, *(1,) * (y.ndim - 1))
         target = np.where(lead < 1.0, reached + lead * (end[active] - reached), end[active])
-        tried = correct(v[active], start[active], reached, target, exact)
+        candidate = correct(v[active], start[active], reached, target, exact)
         # Coefficients that diverge are reset; their residual doesn't decrease.
-        far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
-        tried[far] = v[active[far]]
-        moved = flow(tried, start[active])
-        size = _norms(end[active] - moved)
-        rough = residual > _ROUNDING * length[active]
-        better = size < np.where(rough, 1.0 - _SLOW * part, 0.5) * residual
-        v[active[better]], reached[better] = tried[better], moved[better]
+        far = ~(np.linalg.norm(candidate, axis=-1) < _FAR)
+        candidate[far] = v[active[far]]
+        moved = flow(candidate, start[active])
+        size = norms(end[active] - moved)
+        rough = residual > _ROUGH * length[active]
+        better = size < np.where(rough, 1.0 - _SLOW * fraction, 0.5) * residual
+        v[active[better]], reached[better] = candidate[better], moved[better]
         # Switch to the derivative of the flow where the fields at the end converge slowly.
         slow = ~(size < _SLOW * residual) & rough
         residual[better] = distance[active[better]] = size[better]
-        part = np.where(better, np.minimum(2.0 * part, 1.0), np.where(exact, 0.5 * part, part))
-        unfinished = better | (slow & (part >= _LEAST_PART))
+        fraction = np.where(
+            better, np.minimum(2.0 * fraction, 1.0), np.where(exact, 0.5 * fraction, fraction)
+        )
+        unfinished = better | (slow & (fraction >= _LEAST_FRACTION))
         active, reached, residual = active[unfinished], reached[unfinished], residual[unfinished]
-        exact, part = (exact | slow)[unfinished], part[unfinished]
+        exact, fraction = (exact | slow)[unfinished], fraction[unfinished]
     v[distance > _MISSED * length] = np.nan
-    return v
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def nearest_coordinates(
-    flow: Flow, coefficients: Callable[[Points, Points], Array], start: Points, end: Points
-) -> Array:
-    """Return the coefficients of the tangents nearest to the differences of points.
-
-    They are zero where their flow doesn't lead nearer to the end.
-    """
-    v = near(coefficients(start, end - start))
-    v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
     return v
 
 
@@ -265,20 +250,7 @@ def near(v: Array) -> Array:
     return v
 
 
-def newton_correction(flow: Flow, v: Array, start: Points, y: Points, end: Points) -> Array:
-    """Return coefficients after a Newton step with finite differences of the flow.
-
-    The flow of ``v``, shape ``(dim,)``, takes ``start`` to ``y``, and is to take it to ``end``.
-    """
-    step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v)))
-    slopes = (flow(v + step * np.eye(len(v)), start) - y) / step
-    residual = (end - y)[None]
-    return np.asarray(
-        v + minimum_norm_coefficients(slopes[None], residual, _DIFFERENCE_RANK_TOLERANCE)[0]
-    )
-
-
-def _norms(points: Points) -> Array:
+def norms(points: Points) -> Array:
     """Return the Euclidean norms of points, shape ``(count,)``."""
     return np.asarray(
         np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)

@@ -1,26 +1,17 @@
-"""User-defined frames: linear vector fields given as matrices, or by their nonzero entries."""
+"""User-defined frames of linear vector fields, which are given as matrices."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
-from cg.support.arrays import (
-    Array,
-    Points,
-    check_finite,
-    complex_array,
-    is_complex_array,
-    is_qobj,
-    real_array,
-)
+from cg.support.arrays import Array, Points, check_finite, is_qobj, number_array
 from cg.support.checks import check_integer
 
 
@@ -65,8 +56,7 @@ class MatrixFrame(UserFrame):
     ) -> None:
         if isinstance(matrices, list | tuple):
             matrices = [each.full() if is_qobj(each) else each for each in matrices]
-        is_complex = is_complex_array(matrices)
-        array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
+        array = number_array(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
         check_finite(array, "matrices")
@@ -142,50 +132,3 @@ class MatrixFrame(UserFrame):
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         vector, point = self._arguments(v, y)
         return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))
-
-
-Indices = NDArray[np.intp]
-Part = tuple[Indices, Indices, NDArray[Any]]
-
-
-class Entries(NamedTuple):
-    """The number of each field, the place in its flat matrix, and the value."""
-
-    fields: Indices
-    places: Indices
-    values: NDArray[Any]
-
-    def array(self, fields: int, rows: int) -> Points:
-        """Return the matrices, shape ``(fields, rows, rows)``."""
-        flat = np.zeros((fields, rows * rows), dtype=self.values.dtype)
-        np.add.at(flat, (self.fields, self.places), self.values)
-        return flat.reshape(fields, rows, rows)
-
-    def sparse(self, fields: int, rows: int) -> scipy.sparse.csr_array:
-        """Return the matrices as rows of a sparse array, shape ``(fields, rows**2)``."""
-        flat = scipy.sparse.csr_array(
-            (self.values, (self.fields, self.places)), shape=(fields, rows * rows)
-        )
-        flat.eliminate_zeros()
-        return flat
-
-
-def entries_of(rows: int, *parts: Part) -> Entries:
-    """Return entries of matrices; each part has a row, a column and a value of each matrix."""
-    fields = np.tile(np.arange(len(parts[0][0])), len(parts))
-    places = np.concatenate([row * rows + column for row, column, _ in parts])
-    return Entries(fields, places, np.concatenate([values for _, _, values in parts]))
-
-
-def dual_of(flat: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Return the dual matrices of linearly independent ones, few of which are not orthogonal."""
-    sparse = scipy.sparse
-    products = sparse.csr_array((flat @ flat.conj().T).real)
-    products.eliminate_zeros()
-    coupled = np.flatnonzero(np.diff(products.indptr) > 1)
-    alone = 1.0 / products.diagonal()
-    alone[coupled] = 0.0
-    block = np.linalg.inv(products[coupled][:, coupled].toarray())
-    rows, columns = np.repeat(coupled, len(coupled)), np.tile(coupled, len(coupled))
-    inverse = sparse.coo_array((block.ravel(), (rows, columns)), shape=products.shape)
-    return sparse.csr_array((sparse.diags_array(alone) + inverse) @ flat)

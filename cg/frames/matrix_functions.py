@@ -21,7 +21,7 @@ would exceed the tolerance for points.
 """
 
 _MAX_CORRECTIONS = 10  # Newton steps
-_ROUNDING = 1e-15
+_LEAST_CORRECTION = 1e-15  # relative to the points; a smaller one is rounding
 
 
 def expm(matrix: Points, v: Array) -> Points:
@@ -108,7 +108,7 @@ def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Point
     for _ in range(_MAX_CORRECTIONS):
         change = correction(y)
         y = y + change
-        if not (np.abs(change).max(initial=0.0) > _ROUNDING * np.abs(y).max(initial=0.0)):
+        if not (np.abs(change).max(initial=0.0) > _LEAST_CORRECTION * np.abs(y).max(initial=0.0)):
             break
     return y
 
@@ -124,17 +124,14 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
     """
     if not special:
         return np.asarray(np.abs(singular_values(y) - 1.0).max(axis=-1))
-    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
-    if not finite.all():  # np.linalg.svd may raise
-        error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
-        return np.where(finite, error, np.nan)
-    left, singular, right = np.linalg.svd(y)
-    determinant = np.linalg.det(left) * np.linalg.det(right)
+    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))  # LAPACK may raise for other matrices
+    left, singular, right = np.linalg.svd(np.where(finite[..., None, None], y, 0.0))
+    determinant, nearest = np.linalg.det(left) * np.linalg.det(right), np.ones(())
     if np.iscomplexobj(y):
-        phase = np.exp(-1j * np.angle(determinant) / y.shape[-1])
-        return np.asarray(np.abs(singular - phase[..., None]).max(axis=-1))
-    singular[..., -1] = np.where(determinant < 0.0, -singular[..., -1], singular[..., -1])
-    return np.asarray(np.abs(singular - 1.0).max(axis=-1))
+        nearest = np.exp(-1j * np.angle(determinant) / y.shape[-1])[..., None]
+    else:
+        singular[..., -1] *= np.where(determinant < 0.0, -1.0, 1.0)
+    return np.where(finite, np.abs(singular - nearest).max(axis=-1), np.nan)
 
 
 def nearest_unitary(y: Points, *, special: bool) -> Points:
@@ -184,7 +181,7 @@ def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
 
 
 # Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.
-_NEAR = 0.25
+_NEAR_IDENTITY = 0.25
 # Largest number of square roots; after more, repeated squaring would lose all digits.
 _MAX_ROOTS = 60
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
@@ -199,7 +196,7 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
     isn't finite.
     """
     identity = np.eye(difference.shape[-1])
-    near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR)
+    near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR_IDENTITY)
     result = np.empty_like(difference)
     if near.any():
         result[near] = _series(difference[near])
@@ -210,7 +207,7 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
 
 
 def _series(small: Points) -> Points:
-    """Return the logarithms of the identity plus matrices of norm at most `_NEAR`."""
+    """Return the logarithms of the identity plus matrices of norm at most `_NEAR_IDENTITY`."""
     identity = np.eye(small.shape[-1])
     z = np.linalg.solve(small + 2.0 * identity, small)
     square = z @ z
@@ -236,7 +233,7 @@ def _real_logarithm(x: Points) -> Points:
         return undefined
     logarithms = np.log(eigenvalues)
     roots = 0
-    while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR:
+    while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR_IDENTITY:
         if roots == _MAX_ROOTS or not np.isfinite(root).all():
             return undefined
         root = scipy.linalg.sqrtm(root)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.algebra import MAX_CONSTANTS, series_dexpinv
 from cg.frames.base import Frame
 from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_frame import Entries, dual_of
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
 from cg.support.checks import total_memory
@@ -25,6 +25,52 @@ take less time than those with their few entries."""
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
+
+Indices = NDArray[np.intp]
+Part = tuple[Indices, Indices, NDArray[Any]]  # a row, a column and a value of each matrix
+
+
+class Entries(NamedTuple):
+    """The number of each field, the place in its flat matrix, and the value."""
+
+    fields: Indices
+    places: Indices
+    values: NDArray[Any]
+
+    def array(self, fields: int, rows: int) -> Points:
+        """Return the matrices, shape ``(fields, rows, rows)``."""
+        flat = np.zeros((fields, rows * rows), dtype=self.values.dtype)
+        np.add.at(flat, (self.fields, self.places), self.values)
+        return flat.reshape(fields, rows, rows)
+
+    def sparse(self, fields: int, rows: int) -> scipy.sparse.csr_array:
+        """Return the matrices as rows of a sparse array, shape ``(fields, rows**2)``."""
+        flat = scipy.sparse.csr_array(
+            (self.values, (self.fields, self.places)), shape=(fields, rows * rows)
+        )
+        flat.eliminate_zeros()
+        return flat
+
+
+def entries_of(rows: int, *parts: Part) -> Entries:
+    """Return the entries of matrices that are sums of parts with one entry each."""
+    fields = np.tile(np.arange(len(parts[0][0])), len(parts))
+    places = np.concatenate([row * rows + column for row, column, _ in parts])
+    return Entries(fields, places, np.concatenate([values for _, _, values in parts]))
+
+
+def dual_of(flat: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    """Return the dual matrices of linearly independent ones, few of which are not orthogonal."""
+    sparse = scipy.sparse
+    products = sparse.csr_array((flat @ flat.conj().T).real)
+    products.eliminate_zeros()
+    coupled = np.flatnonzero(np.diff(products.indptr) > 1)
+    alone = 1.0 / products.diagonal()
+    alone[coupled] = 0.0
+    block = np.linalg.inv(products[coupled][:, coupled].toarray())
+    rows, columns = np.repeat(coupled, len(coupled)), np.tile(coupled, len(coupled))
+    inverse = sparse.coo_array((block.ravel(), (rows, columns)), shape=products.shape)
+    return sparse.csr_array((sparse.diags_array(alone) + inverse) @ flat)
 
 
 class MatrixGroup(Frame):
@@ -68,9 +114,10 @@ class MatrixGroup(Frame):
         MemoryError if they need more memory than the machine has.
         """
         self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
-        made = self._make_basis()
-        matrices = made.array(self.dim, self.size) if isinstance(made, Entries) else made
-        basis = np.asarray(matrices, dtype=self.dtype)
+        basis = self._make_basis()
+        if isinstance(basis, Entries):
+            basis = basis.array(self.dim, self.size)
+        basis = np.asarray(basis, dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):
             raise ValueError(
                 f"_make_basis of {type(self).__name__} must return matrices of shape "
@@ -98,17 +145,12 @@ class MatrixGroup(Frame):
 
     def _entries(self) -> Entries:
         self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
-        made = self._make_basis()
-        if isinstance(made, Entries):
-            return made
+        basis = self._make_basis()
+        if isinstance(basis, Entries):
+            return basis
         flat = self.basis.reshape(self.dim, -1)
         fields, places = np.nonzero(flat)
         return Entries(fields, places, flat[fields, places])
-
-    @property
-    @abstractmethod
-    def dim(self) -> int:
-        """Dimension of the group."""
 
     @property
     def point_shape(self) -> tuple[int, ...]:
@@ -142,13 +184,9 @@ class MatrixGroup(Frame):
         v = self._algebra_projection(matrices)
         error = matrices - self._combine(v)
         # A cheap sufficient test, since f calls this method at each stage
-        if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
-            self._check_distance(np.abs(error), np.abs(matrices), matrices)
-        return v
-
-    def _check_distance(self, errors: Array, sizes: Array, matrices: Points) -> None:
-        """Raise ValueError if matrices are too far from the algebra for their size."""
-        distance, size = errors.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
+        if np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
+            return v
+        distance, size = (np.abs(x).max(axis=(-2, -1)) for x in (error, matrices))
         # The comparison accepts NaN, which the caller handles.
         wrong = distance > np.maximum(MEMBERSHIP_TOLERANCE * size, _ALGEBRA_ROUNDING)
         if wrong.any():
@@ -158,6 +196,7 @@ class MatrixGroup(Frame):
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
                 f"{self._explain_distance(matrices[wrong][0])}"
             )
+        return v
 
     def _explain_distance(self, matrix: Points) -> str:
         """Return what is known about why a matrix is not in the algebra."""
@@ -205,25 +244,24 @@ class MatrixGroup(Frame):
         vector = self._vectors(v)
         if not (blocks := self.compiled_blocks()):
             return expm(self.algebra(vector), vector)
-        one = np.broadcast_to(np.eye(self.size), (*vector.shape[:-1], *self.point_shape))
-        return move(blocks[0], vector, one.astype(self.dtype))
+        shape = *vector.shape[:-1], *self.point_shape
+        identity = np.broadcast_to(np.eye(self.size, dtype=self.dtype), shape)
+        return move(blocks[0], vector, identity)
 
     def _closed_form(self) -> Block | None:
         """Return the block whose coordinates compiled code knows for all points."""
-        for block in self.compiled_blocks() or ():
-            if block[0] in CLOSED_FORMS:
-                return block
-        return None
+        blocks = self.compiled_blocks()
+        return blocks[0] if blocks and blocks[0][0] in CLOSED_FORMS else None
 
     def logarithm(self, x: ArrayLike) -> Array:
         """Return the ``v`` of least norm with ``exponential(v) == x``, NaN where there is none.
 
         Near the identity its relative accuracy is that of ``x - I``.
         """
-        point, one = self._points(x, "x"), np.eye(self.size, dtype=self.dtype)
+        point, identity = self._points(x, "x"), np.eye(self.size, dtype=self.dtype)
         if block := self._closed_form():
-            return coordinates_between(block, self.dim, 2, one, point)
-        return self._log1p(point - one)
+            return coordinates_between(block, self.dim, 2, identity, point)
+        return self._log1p(point - identity)
 
     def _log1p(self, difference: Points) -> Array:
         """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""
@@ -288,7 +326,7 @@ class MatrixGroup(Frame):
         regular = (np.linalg.slogdet(y)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, y, np.eye(self.size)))
         with np.errstate(over="ignore", invalid="ignore"):
-            quotient = inverse @ change if self.convention == "body" else change @ inverse
+            quotient = self._multiply(change, inverse)
         return np.where(regular, quotient, np.nan)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Sized
 from cg.frames.compiled import Blocks, convention_option
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_frame import Entries, entries_of
 from cg.frames.matrix_functions import (
     newton_corrected,
     singular_values,
@@ -21,7 +20,7 @@ from cg.frames.matrix_functions import (
     two_norm,
     unitary_log1p,
 )
-from cg.frames.matrix_group import MatrixGroup
+from cg.frames.matrix_group import Entries, MatrixGroup, entries_of
 from cg.frames.orthonormal import OrthonormalColumns
 from cg.support.arrays import Array, Convention, Points, check_convention
 from cg.support.shared_numbers import BlockKind

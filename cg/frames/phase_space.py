@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import Body, Inertia, numbers_of, read_inertia
+from cg.frames.inertia import Body, Inertia, hashable, numbers_of, read_inertia, times
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.caches import cached_by_value
 from cg.support.checks import check_generator, check_real
 
-_ALONG = 1e-2  # largest part of a momentum along its point of a sphere, an error of steps
-_TRIES = 200  # to close the joints of random points
+_ALONG = 1e-2  # part of a momentum along its point of a sphere that may be an error of steps
+_TRIES = 200  # attempts to close the joints of random points
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -141,10 +141,10 @@ class PhaseSpace(Product):
         check_frame(frame)
         numbers, bodies = read_inertia(frame, inertia, gyroscopic=gyroscopic)
         super().__init__(frame, Euclidean(frame.dim))
-        numbers = None if inertia is None else numbers
         vars(self).update(
-            configuration=frame, inertia=numbers, gyroscopic=_hashable(gyroscopic), _bodies=bodies,
-            joints=read_joints(joints), constraints=read_constraints(constraints),
+            configuration=frame, inertia=None if inertia is None else numbers, _bodies=bodies,
+            gyroscopic=hashable(gyroscopic), joints=read_joints(joints),
+            constraints=read_constraints(constraints),
         )  # fmt: skip
         if self.jointed:
             linkage_of(self)
@@ -262,9 +262,8 @@ class PhaseSpace(Product):
         for body in self._bodies:
             if body.sphere:
                 result = result.copy() if result is covector else result
-                q, part = y[..., body.points], covector[..., body.vectors]
-                along = np.vecdot(q, part) / np.vecdot(q, q)
-                result[..., body.vectors] = part - along[..., None] * q
+                q, p = y[..., body.points], covector[..., body.vectors]
+                result[..., body.vectors] = p - (np.vecdot(q, p) / np.vecdot(q, q))[..., None] * q
         return result
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
@@ -273,8 +272,8 @@ class PhaseSpace(Product):
         y = np.full((*check_random(rng, size), *self.point_shape), np.nan)
         for _ in range(_TRIES):
             lost = ~np.isfinite(y).all(axis=-1)
-            parts = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
-            y[lost] = linkage_of(self).close(self._tangential_join(parts))
+            points = [factor.random_point(rng, int(lost.sum())) for factor in self.factors]
+            y[lost] = linkage_of(self).close(self._tangential_join(points))
             if np.isfinite(y).all():
                 return y
         raise ValueError(f"joints must be closed near random points of {self.configuration!r}")
@@ -291,8 +290,8 @@ class PhaseSpace(Product):
             If the last axis of ``y`` hasn't the length of a point.
         """
         momentum = self._points(y)[..., self._point_slices[1]]
-        parts = [body.velocity(momentum[..., body.vectors]) for body in self._bodies]
-        return np.concatenate(parts, axis=-1)
+        velocities = [times(momentum[..., body.vectors], body.inverse) for body in self._bodies]
+        return np.concatenate(velocities, axis=-1)
 
     def kinetic_energy(self, y: ArrayLike) -> Array:
         r"""Return :math:`\tfrac12 \langle\mu, \omega\rangle`, shape ``(...)``.
@@ -329,9 +328,8 @@ class PhaseSpace(Product):
         lead = np.shape(q)[: np.ndim(q) - len(self.configuration.point_shape)]
         xi = np.sqrt(temperature) * rng.standard_normal((*lead, self.configuration.dim))
         for body in self._bodies:
-            at = (..., body.vectors)
-            diagonal = body.root.shape[1] == 1
-            xi[at] = xi[at] * body.root[:, 0] if diagonal else xi[at] @ body.root.T
+            root = body.root if body.root.shape[1] == 1 else body.root.T
+            xi[..., body.vectors] = times(xi[..., body.vectors], root)
         return self.join(q, xi)[..., self._point_slices[1]]
 
     @property
@@ -348,11 +346,11 @@ class PhaseSpace(Product):
         velocity, momentum = self.velocity(y), y[..., self._point_slices[1]]
         slope = np.broadcast_to(self.tangential(y, f), momentum.shape).copy()
         for body in self._bodies:
+            at = (..., body.vectors)
             if body.top is not None:
-                at = (..., body.vectors)
                 slope[at] += np.cross(momentum[at], velocity[at])
             if body.gyroscopic is not None:
-                slope[..., body.vectors] += velocity[..., body.vectors] @ body.gyroscopic.T
+                slope[at] += velocity[at] @ body.gyroscopic.T
         return np.concatenate([velocity, slope], axis=-1)
 
     def membership_error(self, y: ArrayLike) -> Array:
@@ -403,13 +401,6 @@ class PhaseSpace(Product):
         return columns, numbers_of(self._bodies)
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`
-
-
-def _hashable(value: Any) -> Any:
-    """Return nested tuples of the numbers of sequences or arrays."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
 
 
 @cached_by_value

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import prod
 from typing import Any
 
@@ -18,12 +19,96 @@ from cg.support.checks import check_integer, short
 
 _DOUBLE = np.dtype(np.float64)
 
-# Slice of a factor's point, its shape, and whether it has only one axis
+# Slice of a factor's real point, its shape, and whether it has only one axis
 _RealPart = tuple[slice, tuple[int, ...], bool]
 
 
+class Composite(Frame):
+    """A frame of several factors, whose methods are those of its factors."""
+
+    @abstractmethod
+    def _each(self, method: str, *arguments: Any, **options: Any) -> Any:
+        """Return the results of a method of all factors, with the arguments of each."""
+
+    @abstractmethod
+    def _split_vector(self, vector: Array) -> Any:
+        """Return the coefficients of each factor."""
+
+    @abstractmethod
+    def _join_vectors(self, vectors: Any) -> Array:
+        """Return the coefficients of all factors, joined."""
+
+    def _split(self, point: Points) -> Any:
+        """Return the points of the factors: a stack of them is the point itself."""
+        return point
+
+    def _join(self, points: Any) -> Points:
+        """Return the point of the factors' points."""
+        return np.asarray(points)
+
+    def _joined(self, method: str, *arguments: Any, **options: Any) -> Array:
+        """Return the coefficients that a method of all factors returns, joined."""
+        return self._join_vectors(self._each(method, *arguments, **options))
+
+    def _numbers(self, method: str, *points: Points) -> Array:
+        """Return the number that a method of each factor returns, shape ``(..., factors)``."""
+        numbers = self._each(method, *map(self._split, points))
+        return np.stack(numbers, axis=-1) if isinstance(numbers, list) else numbers
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        vector, point = self._arguments(v, y)
+        return self._join(self._each("field", self._split_vector(vector), self._split(point)))
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        vector, point = self._arguments(v, y)
+        return self._join(self._each("flow", self._split_vector(vector), self._split(point)))
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        return self._joined("_bracket", self._split_vector(u), self._split_vector(v))
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        vectors = self._split_vector(u), self._split_vector(v)
+        return self._joined("_dexpinv", *vectors, order=order)
+
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
+        vector, point = self._rows(v, y)
+        return self._joined("without_isotropy", self._split_vector(vector), self._split(point))
+
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        return self._between("local_coordinates", y0, y1)
+
+    def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        return self._between("_nearest_coordinates", y0, y1)
+
+    def _logarithms(self, m: Points, y: Points) -> Array:
+        return self._between("_logarithms", m, y)
+
+    def _between(self, method: str, y0: ArrayLike, y1: ArrayLike) -> Array:
+        points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        return self._joined(method, *map(self._split, points))
+
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        return self._joined("coordinate_sizes", self._split(self._points(y)))
+
+    def _project(self, y: Points) -> Points:
+        return self._join(self._each("project", self._split(y)))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the largest of the factors' membership errors, shape ``(...)``."""
+        return np.asarray(self._numbers("membership_error", self._points(y)).max(axis=-1))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the largest of the factors' relative errors, shape ``(...)``."""
+        return np.asarray(self._numbers("relative_error", self._points(y)).max(axis=-1))
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the root of the sum of the factors' squared distances, shape ``(...)``."""
+        distances = self._numbers("distance", self._points(x, "x"), self._points(y))
+        return np.asarray(np.linalg.norm(distances, axis=-1))
+
+
 @dataclass(frozen=True, init=False)
-class Product(Frame):
+class Product(Composite):
     """A product of manifolds, each with its own frame.
 
     A point is one flat real vector: the points of the factors, each raveled in C order, joined
@@ -54,14 +139,13 @@ class Product(Frame):
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
             check_frame(factor, f"factors[{index}]")
-        places = _slices([real_size(f) for f in factors])
+        places, shapes = _slices(map(real_size, factors)), [f.point_shape for f in factors]
+        real_parts = zip(places, shapes, [len(shape) == 1 for shape in shapes], strict=True)
         vars(self).update(
-            factors=factors,
-            _vector_slices=_slices([f.dim for f in factors]),
-            _point_slices=places,
+            factors=factors, _vector_slices=_slices(f.dim for f in factors), _point_slices=places,
             _point_shape=(places[-1].stop,),
-            _real_parts=_real_parts(factors, places),
-        )
+            _real_parts=None if any(f.dtype != _DOUBLE for f in factors) else tuple(real_parts),
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -115,61 +199,29 @@ class Product(Frame):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the factors' coordinates, joined; None if a factor has none."""
         points = self._split(self._points(y0, "y0")), self._split(self._points(y1, "y1"))
-        each = self._each("exp_coordinates", *points)
-        return None if any(v is None for v in each) else np.concatenate(each, axis=-1)
+        vectors = self._each("exp_coordinates", *points)
+        return None if any(v is None for v in vectors) else self._join_vectors(vectors)
 
-    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        return self._joined("local_coordinates", *map(self._split, points))
-
-    def _logarithms(self, m: Array, y: Array) -> Array:
-        return self._joined("_logarithms", *map(self._split, np.broadcast_arrays(m, y)))
-
-    def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        return self._joined("_nearest_coordinates", *map(self._split, points))
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        return self._joined("coordinate_sizes", self.split(y))  # by the fast path, at each step
 
     def _composed(self, path: Array) -> Array:
         return self._joined("_composed", self._split_vector(path))
 
-    def coordinate_sizes(self, y: ArrayLike) -> Array:
-        return self._joined("coordinate_sizes", self.split(y))
-
-    def _joined(self, method: str, *parts: Iterable[Any]) -> Array:
-        """Return the vectors that a method of all factors returns, joined."""
-        return np.concatenate(self._each(method, *parts), axis=-1)
-
-    def _each(self, method: str, *parts: Iterable[Any]) -> list[Any]:
-        """Return the results of a method of all factors, with the parts of each."""
-        return [
-            getattr(factor, method)(*x) for factor, *x in zip(self.factors, *parts, strict=True)
-        ]
+    def _each(self, method: str, *arguments: Iterable[Any], **options: Any) -> list[Any]:
+        pairs = zip(self.factors, *arguments, strict=True)
+        return [getattr(factor, method)(*own, **options) for factor, *own in pairs]
 
     def _blocks(self) -> Blocks | None:
         blocks: Blocks = ()
         for factor in self.factors:
-            added = factor.compiled_blocks()
-            if added is None:
+            factor_blocks = factor.compiled_blocks()
+            if factor_blocks is None:
                 return None
-            blocks += added
+            blocks += factor_blocks
         # Compiled code measures errors either in coordinates or in entries, for all blocks.
         mixed = len({compared_by_entries((block,)) for block in blocks}) > 1
         return None if mixed else blocks
-
-    def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        vector, point = self._arguments(v, y)
-        return self._join(self._each("field", self._split_vector(vector), self._split(point)))
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        vector, point = self._arguments(v, y)
-        return self._join(self._each("flow", self._split_vector(vector), self._split(point)))
-
-    def _bracket(self, u: Array, v: Array) -> Array:
-        return self._joined("_bracket", *map(self._split_vector, (u, v)))
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        orders = [order] * len(self.factors)
-        return self._joined("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
 
     def _moved_by_derivatives(self) -> Frame:
         factors = [factor._moved_by_derivatives() for factor in self.factors]
@@ -179,50 +231,29 @@ class Product(Frame):
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
         return self._joined("_coefficients_at", self._split(y), self._split(tangent))
 
-    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        vector, point = self._arguments(v, y)
-        lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
-        vector = np.broadcast_to(vector, (*lead, self.dim))
-        point = np.broadcast_to(point, (*lead, *self.point_shape))
-        return self._joined("without_isotropy", self._split_vector(vector), self._split(point))
-
-    def _project(self, y: Array) -> Array:
-        return self._join(self._each("project", self._split(y)))
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the largest of the factors' membership errors, shape ``(...)``."""
-        return np.asarray(np.max(self._each("membership_error", self.split(y)), axis=0))
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the largest of the factors' relative errors, shape ``(...)``."""
-        return np.asarray(np.max(self._each("relative_error", self.split(y)), axis=0))
-
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the root of the sum of the factors' squared distances, shape ``(...)``."""
-        distances = self._each("distance", self.split(self._points(x, "x")), self.split(y))
-        return np.asarray(np.sqrt(sum(d * d for d in distances)))
-
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return random points of the factors, joined: shape ``(*size, n)``."""
         return self.join(*(factor.random_point(rng, size) for factor in self.factors))
 
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
-        return np.concatenate([f.random_vector(rng, size) for f in self.factors], axis=-1)
+        return self._join_vectors([factor.random_vector(rng, size) for factor in self.factors])
 
     def _split_vector(self, vector: Array) -> list[Array]:
-        return [vector[..., part] for part in self._vector_slices]
+        return [vector[..., place] for place in self._vector_slices]
+
+    def _join_vectors(self, vectors: list[Array]) -> Array:
+        return np.concatenate(vectors, axis=-1)
 
     def _split(self, point: Array) -> tuple[Points, ...]:
-        lead = point.shape[:-1]
-        parts = []
+        points = []
         for factor, place in zip(self.factors, self._point_slices, strict=True):
-            part = point[..., place]
+            entries = point[..., place]
             if factor.dtype != _DOUBLE:
-                if part.strides[-1] != _DOUBLE.itemsize:
-                    part = np.ascontiguousarray(part)
-                part = part.view(factor.dtype)
-            parts.append(part.reshape(lead + factor.point_shape))
-        return tuple(parts)
+                if entries.strides[-1] != _DOUBLE.itemsize:
+                    entries = np.ascontiguousarray(entries)
+                entries = entries.view(factor.dtype)
+            points.append(entries.reshape(point.shape[:-1] + factor.point_shape))
+        return tuple(points)
 
     def _join_single(self, parts: Sequence[ArrayLike]) -> Array | None:
         """Return the point joined from single real points; None if a part is something else."""
@@ -241,7 +272,7 @@ class Product(Frame):
             for factor, point in zip(self.factors, points, strict=True)
         ]
         lead = leads[0]
-        if any(other != lead for other in leads):
+        if len(set(leads)) > 1:
             try:
                 lead = np.broadcast_shapes(*leads)
             except ValueError:
@@ -249,19 +280,9 @@ class Product(Frame):
                     f"parts must have leading axes that broadcast, got {sorted(set(leads))}"
                 ) from None
         joined = np.empty(lead + self._point_shape)
-        for part, point in zip(self._split(joined), points, strict=True):
-            part[...] = point
+        for place, point in zip(self._split(joined), points, strict=True):
+            place[...] = point
         return joined
-
-
-def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_RealPart, ...] | None:
-    """Return the slice and the shape of each factor's point; None if one is complex."""
-    if any(factor.dtype != _DOUBLE for factor in factors):
-        return None
-    return tuple(
-        (place, factor.point_shape, len(factor.point_shape) == 1)
-        for factor, place in zip(factors, places, strict=True)
-    )
 
 
 def real_size(factor: Frame) -> int:
@@ -269,13 +290,12 @@ def real_size(factor: Frame) -> int:
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 
 
-def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
-    stops = list(accumulate(lengths))
-    return tuple(slice(stop - n, stop) for stop, n in zip(stops, lengths, strict=True))
+def _slices(lengths: Iterable[int]) -> tuple[slice, ...]:
+    return tuple(slice(*ends) for ends in pairwise(accumulate(lengths, initial=0)))
 
 
 @dataclass(frozen=True, repr=False)
-class Power(Frame):
+class Power(Composite):
     """The product of n equal frames, for n spins, links of a lattice or bodies.
 
     Unlike those of `Product`, points keep their shape, and all flows are computed in one batch.
@@ -322,14 +342,6 @@ class Power(Frame):
         """Return arrays of numbers, and whatever else the factor takes for a stack of points."""
         return self.factor.read_points(value, name)
 
-    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        vector, point = self._arguments(v, y)
-        return self.factor.field(self._split_vector(vector), point)
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        vector, point = self._arguments(v, y)
-        return self.factor.flow(self._split_vector(vector), point)
-
     def _moved_by_derivatives(self) -> Frame:
         return Power(self.factor._moved_by_derivatives(), self.n)
 
@@ -337,56 +349,14 @@ class Power(Frame):
         rows = (x.reshape(-1, *self.factor.point_shape) for x in (y, tangent))
         return self.factor._coefficients_at(*rows).reshape(-1, self.dim)
 
-    def _bracket(self, u: Array, v: Array) -> Array:
-        each = self.factor._bracket(self._split_vector(u), self._split_vector(v))
-        return self._join_vectors(each)
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        each = self.factor._dexpinv(self._split_vector(u), self._split_vector(v), order)
-        return self._join_vectors(each)
-
-    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        vector, point = self._arguments(v, y)
-        return self._join_vectors(self.factor.without_isotropy(self._split_vector(vector), point))
-
-    def _project(self, y: Points) -> Points:
-        return self.factor.project(y)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the largest of all membership errors, shape ``(...)``."""
-        return np.asarray(np.max(self.factor.membership_error(self._points(y)), axis=-1))
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the largest of all relative errors, shape ``(...)``."""
-        return np.asarray(np.max(self.factor.relative_error(self._points(y)), axis=-1))
-
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the root of the sum of all squared distances, shape ``(...)``."""
-        each = self.factor.distance(self._points(x, "x"), self._points(y))
-        return np.asarray(np.linalg.norm(each, axis=-1))
-
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coordinates of all points, ``(..., dim)``; None if the factor has none."""
         v = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
         return None if v is None else self._join_vectors(v)
 
-    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._join_vectors(self.factor.local_coordinates(start, end))
-
-    def _logarithms(self, m: Points, y: Points) -> Array:
-        return self._join_vectors(self.factor._logarithms(m, y))
-
-    def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._join_vectors(self.factor._nearest_coordinates(start, end))
-
     def _composed(self, path: Array) -> Array:
-        each = path.reshape(len(path), self.n, self.factor.dim).swapaxes(0, 1)
-        return np.concatenate([self.factor._composed(flows) for flows in each])
-
-    def coordinate_sizes(self, y: ArrayLike) -> Array:
-        return self._join_vectors(self.factor.coordinate_sizes(self._points(y)))
+        paths = self._split_vector(path).swapaxes(0, 1)
+        return np.concatenate([self.factor._composed(flows) for flows in paths])
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, n, *factor.point_shape)``."""
@@ -399,6 +369,9 @@ class Power(Frame):
     def _split_vector(self, vector: Array) -> Array:
         """Return the coefficients of each point, shape ``(..., n, factor.dim)``."""
         return vector.reshape(*vector.shape[:-1], self.n, self.factor.dim)
+
+    def _each(self, method: str, *arguments: Points, **options: Any) -> Any:
+        return getattr(self.factor, method)(*arguments, **options)
 
     def _join_vectors(self, vectors: Array) -> Array:
         return np.asarray(vectors.reshape(*vectors.shape[:-2], self.dim))

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.compiled import SCALAR_FIRST, Block, Blocks, convention_option, coordinates_between
-from cg.frames.compiled_flow import CompiledFlow
+from cg.frames.base import CompiledFlow
+from cg.frames.compiled import Blocks, convention_option, coordinates_between
 from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -100,7 +100,7 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         Its flow ends at ``y1``, even where ``-y1`` is nearer; see `attitude_difference`.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return coordinates_between(self._block, 3, 1, start, end)
+        return coordinates_between(self._blocks()[0], 3, 1, start, end)
 
     def attitude_difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the shortest rotation vector from one attitude to another.
@@ -120,13 +120,9 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         opposite = np.vecdot(start, end) < 0.0
         return self.exp_coordinates(start, np.where(opposite[..., None], -end, end))
 
-    @property
-    def _block(self) -> Block:
-        options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
-        return BlockKind.QUATERNION, 3, options
-
-    def _blocks(self) -> Blocks | None:
-        return (self._block,)
+    def _blocks(self) -> Blocks:
+        scalar_option = BlockOption.SCALAR_FIRST if self.scalar_first else 0
+        return ((BlockKind.QUATERNION, 3, convention_option(self.convention) + scalar_option),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the quaternions of ``Rotation`` of SciPy."""

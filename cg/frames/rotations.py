@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.compiled import Blocks, convention_option
-from cg.frames.matrix_frame import Entries, entries_of
 from cg.frames.matrix_functions import rotation_log1p
-from cg.frames.matrix_group import MAX_DENSE, MatrixGroup
+from cg.frames.matrix_group import MAX_DENSE, Entries, MatrixGroup, entries_of
 from cg.frames.matrix_groups import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.support.arrays import Array, Convention, Points, Size, check_random, real_array

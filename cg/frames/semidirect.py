@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.compiled import Blocks, convention_option, dexpinv
-from cg.frames.matrix_frame import Entries
-from cg.frames.matrix_group import MatrixGroup
+from cg.frames.matrix_group import Entries, MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
@@ -88,6 +87,10 @@ class Semidirect(MatrixGroup):
         fields = np.concatenate([linear.fields, self.group.dim + moves])
         return Entries(fields, places, np.concatenate([linear.values, np.ones(len(moves))]))
 
+    def _linear_and_columns(self, point: Array) -> tuple[Array, Array]:
+        n = self.group.size
+        return point[..., :n, :n], point[..., :n, n:]
+
     def _assemble(self, linear: Array, columns: Array) -> Array:
         n = self.group.size
         lead = np.broadcast_shapes(linear.shape[:-2], columns.shape[:-2])
@@ -113,30 +116,30 @@ class Semidirect(MatrixGroup):
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
-        point = self._points(x, "x")
-        n = self.group.size
-        linear = self.group.inverse(point[..., :n, :n])
-        return self._assemble(linear, -linear @ point[..., :n, n:])
+        linear, columns = self._linear_and_columns(self._points(x, "x"))
+        inverse = self.group.inverse(linear)
+        return self._assemble(inverse, -inverse @ columns)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        """Return those of the linear part, and of columns moved by it alone."""
-        n = self.group.size
-        linear, columns = y[..., :n, :n], tangent[..., :n, n:]
-        v = self.group._coefficients_at(linear, tangent[..., :n, :n])
+        """Return coefficients of the linear part, and of what else moves the columns."""
+        linear, columns = self._linear_and_columns(y)
+        linear_rate, rates = self._linear_and_columns(tangent)
+        v = self.group._coefficients_at(linear, linear_rate)
         if self.convention == "body":
-            columns = self.group._quotient(linear, columns)
+            rates = self.group._quotient(linear, rates)
         else:
-            columns = columns - self.group.algebra(v) @ y[..., :n, n:]
-        return np.concatenate([v, columns.mT.reshape(*v.shape[:-1], n * self.copies)], axis=-1)
+            rates = rates - self.group.algebra(v) @ columns
+        flat = rates.mT.reshape(*v.shape[:-1], self.dim - self.group.dim)
+        return np.concatenate([v, flat], axis=-1)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` with its linear part restored and the constant rows exact."""
-        n = self.group.size
-        return self._assemble(self.group.restore(y[..., :n, :n]), y[..., :n, n:])
+        linear, columns = self._linear_and_columns(y)
+        return self._assemble(self.group.restore(linear), columns)
 
     def _project(self, y: Array) -> Array:
-        n = self.group.size
-        return self._assemble(self.group.project(y[..., :n, :n]), y[..., :n, n:])
+        linear, columns = self._linear_and_columns(y)
+        return self._assemble(self.group.project(linear), columns)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the group's error and the constant rows', shape ``(...)``."""
@@ -157,19 +160,17 @@ class Semidirect(MatrixGroup):
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the sum of the squared distances of group and columns."""
-        first, second = self._points(x, "x"), self._points(y)
-        n = self.group.size
-        linear = self.group.distance(first[..., :n, :n], second[..., :n, :n])
-        columns = np.linalg.norm(first[..., :n, n:] - second[..., :n, n:], axis=(-2, -1))
-        return np.asarray(np.hypot(linear, columns))
+        linear, columns = self._linear_and_columns(self._points(x, "x"))
+        other_linear, other_columns = self._linear_and_columns(self._points(y))
+        shift = np.linalg.norm(columns - other_columns, axis=(-2, -1))
+        return np.asarray(np.hypot(self.group.distance(linear, other_linear), shift))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return ones for the group, and the length of its column for each entry of one."""
         point = self._points(y)
-        n = self.group.size
         sizes = super().coordinate_sizes(point)
-        columns = np.linalg.norm(point[..., :n, n:], axis=-2)
-        sizes[..., self.group.dim :] = np.repeat(columns, n, axis=-1)
+        lengths = np.linalg.norm(self._linear_and_columns(point)[1], axis=-2)
+        sizes[..., self.group.dim :] = np.repeat(lengths, self.group.size, axis=-1)
         return sizes
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:

@@ -1,4 +1,4 @@
-"""Stiefel manifolds, orthonormal k-frames in R^n, and Grassmann manifolds, subspaces of R^n."""
+"""Subspaces of R^n, the Grassmann manifolds, and their orthonormal bases, the Stiefel manifolds."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame, Sized
+from cg.frames.base import CompiledFlow, Frame, Sized
 from cg.frames.compiled import Blocks
-from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary, rotation_log1p
 from cg.frames.matrix_group import MatrixGroup
@@ -24,17 +23,26 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _Columns(Sized, OrthonormalColumns):
-    """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
+class _Subspaces(Sized):
+    """A manifold of k-dimensional subspaces of R^n, or of bases of them."""
 
     k: int
 
     smallest: ClassVar[int] = 2
+    _codimension: ClassVar[int] = 0  # the smallest one
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
+        largest = self.n - self._codimension
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, largest))
 
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """The rotations of the ambient space."""
+        return SO(self.n, "space")
+
+
+class _Columns(_Subspaces, OrthonormalColumns):
     @property
     def point_shape(self) -> tuple[int, ...]:
         return (self.n, self.k)
@@ -77,16 +85,11 @@ class Stiefel(_Columns, HomogeneousSpace):
     True
     """
 
-    @cached_property
-    def group(self) -> MatrixGroup:
-        """The rotations of the ambient space."""
-        return SO(self.n, "space")
-
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y)
 
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y)
+        return self._act(omega, y)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         return self.group._algebra_projection(least_generator(y, tangent))
@@ -129,8 +132,6 @@ class LowRankStiefel(CompiledFlow, _Columns):
        manifold", Numer. Algorithms 32 (2003), 163-183.
     """
 
-    __repr__ = Stiefel.__repr__
-
     @property
     def dim(self) -> int:
         return self.n * self.k
@@ -149,7 +150,7 @@ class LowRankStiefel(CompiledFlow, _Columns):
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(Sized, Orbit):
+class Grassmann(_Subspaces, Orbit):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -186,18 +187,7 @@ class Grassmann(Sized, Orbit):
            [0., 0., 1.]])
     """
 
-    k: int
-
-    smallest: ClassVar[int] = 2
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
-
-    @cached_property
-    def group(self) -> MatrixGroup:
-        """The rotations of the ambient space."""
-        return SO(self.n, "space")
+    _codimension: ClassVar[int] = 1
 
     @cached_property
     def _eigenvalues(self) -> Array:
@@ -216,16 +206,10 @@ class Grassmann(Sized, Orbit):
         return self.group._algebra_projection(tangent @ y - y @ tangent)
 
     def _first_coordinates(self, y0: Points, y1: Points) -> Array:
-        # those of the geodesic: two reflections turn by twice the principal angles
+        # Two reflections turn by twice the angles of the geodesic, the principal ones.
         turn = 2.0 * (y1 - y0) @ (2.0 * y0 - np.eye(self.n))
         finite = np.isfinite(turn).all(axis=(-2, -1), keepdims=True)
         return self.group._algebra_projection(0.5 * rotation_log1p(np.where(finite, turn, 0.0)))
-
-    def _project(self, y: Points) -> Points:
-        values, vectors = np.linalg.eigh(0.5 * (y + y.mT))
-        basis = vectors[..., self.n - self.k :]
-        unique = values[..., self.n - self.k] > values[..., self.n - self.k - 1]
-        return np.where(unique[..., None, None], basis @ basis.mT, np.nan)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the sum of the squared principal angles, shape ``(...)``."""

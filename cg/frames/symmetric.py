@@ -18,15 +18,7 @@ from cg.frames.matrix_functions import eigh_where_finite, two_norm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.matrix_groups import GL, SU
 from cg.frames.rotations import SO
-from cg.support.arrays import (
-    Array,
-    Points,
-    Size,
-    check_random,
-    complex_array,
-    is_complex_array,
-    real_array,
-)
+from cg.support.arrays import Array, Points, Size, check_random, number_array, real_array
 from cg.support.shared_numbers import BlockKind
 
 
@@ -77,7 +69,7 @@ class SPD(Sized, ConjugationSpace):
         return np.asarray(0.5 * (y + y.mT))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # Those of least norm are x y with a symmetric x that solves x y^2 + y^2 x = y'.
+        # The generator of least norm is x y, where a symmetric x solves x y^2 + y^2 x = y'.
         values, vectors = eigh_where_finite(y)
         row, column = values[..., :, None], values[..., None, :]
         slope = (tangent + tangent.mT) / 2
@@ -85,8 +77,8 @@ class SPD(Sized, ConjugationSpace):
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             larger = np.maximum(row, column)
             row, column = row / larger, column / larger
-            solved = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
-        return self.group._algebra_projection(vectors @ solved @ vectors.mT)
+            x = (vectors.mT @ slope @ vectors) / larger * (column / (row**2 + column**2))
+        return self.group._algebra_projection(vectors @ x @ vectors.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the asymmetry and the negative of the least eigenvalue."""
@@ -110,7 +102,7 @@ class SPD(Sized, ConjugationSpace):
         return np.asarray(np.linalg.norm(_log_ratios(start, end)[0], axis=-1))
 
     def _first_coordinates(self, y0: Points, y1: Points) -> Array:
-        # those of the geodesic: half the logarithm of y1 y0^-1
+        # The geodesic has half the logarithm of y1 y0^-1.
         logarithms, vectors, inverse = _log_ratios(y0, y1)
         with np.errstate(invalid="ignore", over="ignore"):
             generator = vectors @ (0.5 * logarithms[..., None] * inverse)
@@ -161,6 +153,23 @@ class Orbit(ConjugationSpace):
         eigenvalues, _ = eigh_where_finite(symmetric)
         error = np.abs(eigenvalues - self._eigenvalues).max(axis=-1)
         return np.asarray(np.maximum(two_norm(skew), error))
+
+    def _project(self, y: Points) -> Points:
+        # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
+        # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose
+        # prescribed values differ.
+        values, vectors = np.linalg.eigh(0.5 * (y + y.mT.conj()))
+        rounding = y.shape[-1] * np.finfo(np.float64).eps
+        close, prescribed = (
+            np.diff(x) <= rounding * np.abs(x).max(axis=-1)[..., None]
+            for x in (values, self._eigenvalues)
+        )
+        unique = (~close | prescribed).all(axis=-1)
+        return np.where(unique[..., None, None], self._with_eigenvectors(vectors), np.nan)
+
+    def _with_eigenvectors(self, vectors: Points) -> Points:
+        product = (vectors * self._eigenvalues) @ vectors.mT.conj()
+        return np.asarray(0.5 * (product + product.mT.conj()))
 
 
 @dataclass(frozen=True, repr=False)
@@ -215,14 +224,13 @@ class IsospectralOrbit(Orbit):
     @classmethod
     def through(cls, y0: ArrayLike) -> IsospectralOrbit:
         """Return the orbit of a matrix, symmetric, or Hermitian if complex, ``(n, n)``."""
-        is_complex = is_complex_array(y0)
-        point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
+        point = number_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
             raise ValueError(f"y0 must be a finite square matrix, got {y0!r}")
         largest = np.abs(point).max(initial=0.0)
         if np.abs(point - point.mT.conj()).max(initial=0.0) > MEMBERSHIP_TOLERANCE * largest:
             raise ValueError(f"y0 must be symmetric, or Hermitian if complex, got {y0!r}")
-        frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=is_complex)
+        frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=np.iscomplexobj(point))
         frame.check_point(point, name="y0")
         return frame
 
@@ -260,24 +268,8 @@ class IsospectralOrbit(Orbit):
         )
         weights = np.divide(1.0, gaps, out=np.zeros_like(gaps), where=apart)
         _, vectors = eigh_where_finite(y)
-        turned = weights * (vectors.mT.conj() @ tangent @ vectors)
-        return self.group._algebra_projection(vectors @ turned @ vectors.mT.conj())
-
-    def _project(self, y: Points) -> Points:
-        # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
-        # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose
-        # prescribed values differ.
-        symmetric, n = 0.5 * (y + y.mT.conj()), len(self.spectrum)
-        close, prescribed = (
-            np.diff(values) <= n * np.finfo(np.float64).eps * np.abs(values).max(axis=-1)[..., None]
-            for values in (np.linalg.eigvalsh(symmetric), self._eigenvalues)
-        )
-        unique = (~close | prescribed).all(axis=-1)
-        return np.where(unique[..., None, None], self.restore(symmetric), np.nan)
-
-    def _with_eigenvectors(self, vectors: Points) -> Points:
-        product = (vectors * self._eigenvalues) @ vectors.mT.conj()
-        return np.asarray(0.5 * (product + product.mT.conj()))
+        generator = weights * (vectors.mT.conj() @ tangent @ vectors)
+        return self.group._algebra_projection(vectors @ generator @ vectors.mT.conj())
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""

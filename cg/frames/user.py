@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeGuard
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,8 @@ from cg.support.arrays import Array, Points, Size, check_random, complex_array, 
 from cg.support.checks import check_integer
 
 Function = Callable[..., Any]
+
+_BRACKET_IDENTITY = 1e-9  # tolerance of identities, relative to the largest term
 
 
 class UserFrame(Frame):
@@ -126,9 +128,6 @@ class UserFrame(Frame):
         return normal
 
 
-_BRACKET_ROUNDING = 1e-9  # tolerance of identities, relative to the largest term
-
-
 class FieldFrame(UserFrame):
     r"""Vector fields given as functions, together with the flow of their combinations.
 
@@ -200,7 +199,7 @@ class FieldFrame(UserFrame):
         random_point: Function | None = None,
         bracket: Function | None = None,
     ) -> None:
-        if callable(fields) or not _is_iterable(fields):
+        if callable(fields) or not np.iterable(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
@@ -211,13 +210,12 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        lengths = point_shape if _is_iterable(point_shape) else (point_shape,)
+        lengths = point_shape if np.iterable(point_shape) else (point_shape,)
         shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
-        parts = {"_fields": functions, "_flow": flow, "_point_shape": shape}
-        vars(self).update(parts, _dtype=np.dtype(dtype))
+        vars(self).update(_fields=functions, _flow=flow, _point_shape=shape, _dtype=np.dtype(dtype))
         self._store_functions(
             membership_error=membership_error,
             restore=restore,
@@ -234,15 +232,15 @@ class FieldFrame(UserFrame):
         """Raise ValueError if the bracket of random vectors violates a Lie algebra's identities."""
         u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
         b = self.bracket
-        one, other = b(u, v), b(v, u)
-        size = float(np.abs([one, other]).max())
-        if not np.abs(one + other).max() <= _BRACKET_ROUNDING * size:
+        forward, backward = b(u, v), b(v, u)
+        size = float(np.abs([forward, backward]).max())
+        if not np.abs(forward + backward).max() <= _BRACKET_IDENTITY * size:
             raise ValueError(
                 "bracket must change its sign when its arguments are exchanged, got "
-                f"{one.tolist()} and {other.tolist()} for {u.tolist()} and {v.tolist()}"
+                f"{forward.tolist()} and {backward.tolist()} for {u.tolist()} and {v.tolist()}"
             )
         terms = np.array([b(u, b(v, w)), b(v, b(w, u)), b(w, b(u, v))])
-        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_ROUNDING * np.abs(terms).max():
+        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_IDENTITY * np.abs(terms).max():
             raise ValueError(
                 "bracket must satisfy Jacobi's identity, [u, [v, w]] + [v, [w, u]] + [w, [u, v]] = "
                 f"0; got {terms.sum(axis=0).tolist()} for {u.tolist()}, {v.tolist()}, {w.tolist()}"
@@ -294,8 +292,3 @@ class FieldFrame(UserFrame):
         arguments = [(vector, 1), (point, len(self._point_shape))]
         moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)
         return self.restore(moved)
-
-
-def _is_iterable(value: Any) -> TypeGuard[Iterable[Any]]:
-    """Return whether a value can be iterated over; zero-dimensional arrays cannot."""
-    return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

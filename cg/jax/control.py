@@ -30,7 +30,7 @@ from cg.jax.term import rules_in
 from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL
 from cg.tables import MAX_ANGLE, Kind, MethodTable
 
-_CONTROL = SimpleNamespace(**STEP_CONTROL)
+_CONTROL, _ESTIMATE = SimpleNamespace(**STEP_CONTROL), SimpleNamespace(**ERROR_ESTIMATE)
 _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
 
 
@@ -74,11 +74,11 @@ def controller(
     """
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
-    given = f"got rtol = {rtol!r}, atol = {atol!r}"
+    tolerances = f"got rtol = {rtol!r}, atol = {atol!r}"
     try:
         relative, absolute = jnp.asarray(rtol, float), jnp.asarray(atol, float)
     except (TypeError, ValueError):
-        raise ValueError(f"rtol and atol must be numbers, {given}") from None
+        raise ValueError(f"rtol and atol must be numbers, {tolerances}") from None
     if relative.shape != ():
         raise ValueError(f"rtol must be a number, got shape {relative.shape}")
     if absolute.shape not in ((), shape):
@@ -88,7 +88,7 @@ def controller(
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
     ):
-        raise ValueError(f"rtol and atol must not be negative, nor both be zero, {given}")
+        raise ValueError(f"rtol and atol must not be negative, nor both be zero, {tolerances}")
     if not traced and relative + absolute.max() < least:
         warnings.warn(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "
@@ -182,9 +182,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         most = span if self.max_step is None else jnp.minimum(span, self.max_step)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
-        known = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
+        telling = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
         guess = jnp.where(
-            known, 0.01 * size / jnp.where(known, slope, 1.0), _CONTROL.blind_fraction * span
+            telling, 0.01 * size / jnp.where(telling, slope, 1.0), _CONTROL.blind_fraction * span
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, most), least)
         h = guess.astype(scale.dtype)
@@ -291,8 +291,6 @@ def _factor(
     return jnp.where(error <= 1.0, accepted, rejected)
 
 
-_ESTIMATE = SimpleNamespace(**ERROR_ESTIMATE)
-
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
 
 
@@ -301,12 +299,6 @@ class Before(eqx.Module):
 
     h: JaxArray
     values: JaxArray
-
-
-def no_step(table: MethodTable, first: JaxArray) -> Before:
-    """Return the step before a first one."""
-    count = len(table.c)
-    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
 
 
 def error_estimate(
@@ -322,19 +314,19 @@ def error_estimate(
         return rules.field(v, y1), rules.measured(v, y1)
 
     if rules.log is None:
-        estimates = [(y1 - other, y1 - other) for other in stages.others]
+        estimates = [(y1 - result, y1 - result) for result in stages.others]
     else:
-        estimates = [of_vector(rules.log(other, y1)) for other in stages.others]
+        estimates = [of_vector(rules.log(result, y1)) for result in stages.others]
     sums = [of_vector(v) for v in h * stages.errors]
-    if len(estimates) > 1:  # with a third result, whose parts are known
-        rest = [
-            (whole[0] - part[0], whole[1] - part[1])
-            for whole, part in zip(estimates, (sums[0], sums[-1]), strict=True)
+    if len(estimates) > 1:  # A third result splits the errors of two.
+        commutators = [
+            (estimate[0] - quadrature[0], estimate[1] - quadrature[1])
+            for estimate, quadrature in zip(estimates, (sums[0], sums[-1]), strict=True)
         ]
         if table.kind is Kind.LINEAR:
-            estimates, sums = [sums[0], rest[0], sums[1], rest[1]], []
+            estimates, sums = [sums[0], commutators[0], sums[1], commutators[1]], []
         else:
-            estimates, sums = [*sums, *rest], []
+            estimates, sums = [*sums, *commutators], []
     estimates += sums
     if not estimates:
         return None
@@ -373,10 +365,10 @@ def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
 def turning(frame: Frame, v: JaxArray) -> JaxArray:
     """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
     if isinstance(frame, Product):
-        parts = zip(frame.factors, frame._vector_slices, strict=True)
-        return jnp.stack([turning(factor, v[place]) for factor, place in parts]).max()
+        factors = zip(frame.factors, frame._vector_slices, strict=True)
+        return jnp.stack([turning(factor, v[place]) for factor, place in factors]).max()
     if isinstance(frame, Power):
-        return jax.vmap(lambda part: turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
+        return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
     group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
     if not isinstance(group, SO | SU | U):
         return jnp.zeros((), v.dtype)
@@ -430,7 +422,7 @@ def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) 
     if table.record.power == 0:
         return _larger(table, errors, squares)
     sums = len(table.errors)
-    if sums > 1:  # in parts
+    if sums > 1:  # errors of quadratures, then those of commutators
         scaled, sizes = zip(
             _quotient(table, errors[:sums], squares[:sums]),
             _quotient(table, errors[sums:], squares[sums:]),
@@ -445,7 +437,7 @@ def _quotient(
 ) -> tuple[JaxArray, JaxArray]:
     """Return the estimate of DOP853 and the square of its norm."""
     error = errors[0]
-    if len(errors) > 2:  # with `kink_weights`
+    if len(errors) > 2:  # The method has `kink_weights`.
         error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
     further = table.record.factor**2 * squares[1]
@@ -471,15 +463,15 @@ def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: 
     counts as zero. As in ``fortran/steps/error_estimate.f90``.
     """
     c = table.c
-    known = h != 0.0
-    ratio = before.h / jnp.where(known, h, 1.0)
+    moves = h != 0.0
+    ratio = before.h / jnp.where(moves, h, 1.0)
     earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
     fields = before.values
     if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
         earlier, fields = earlier[:-1], fields[:-1]
     times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
     fields = jnp.concatenate([fields, values])
-    used = known & (before.h != 0.0)
+    used = moves & (before.h != 0.0)
     times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
     apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
     weights = 1.0 / apart.prod(axis=1)

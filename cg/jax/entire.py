@@ -17,14 +17,14 @@ from cg.frames.algebra import bernoulli_terms
 
 JaxArray = Any
 
-_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
-_TERMS = 14  # the next term of the series is below rounding
+_STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
+_STUMPFF_TERMS = 14  # the next term of the series is below rounding
 _POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
 _FACTOR_TERMS = [  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
-_ARCTAN_NEAR = 0.04
+_ARCTAN_NEAR = 0.04  # below it the series of arctan is summed
 _ARCTAN_SERIES = [1.0 / (2 * j + 1) for j in range(15)]
 
 
@@ -58,14 +58,16 @@ def _stumpff_sum(weights: tuple[tuple[int, float], ...], q: JaxArray) -> JaxArra
         return jnp.cos(x)
     if weights == ((1, 1.0),):
         return _sinc(x)
-    near, far = jnp.minimum(q, _NEAR), jnp.maximum(q, _NEAR)
-    terms = [sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_TERMS + 1)]
+    near, far = jnp.minimum(q, _STUMPFF_NEAR), jnp.maximum(q, _STUMPFF_NEAR)
+    terms = [
+        sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_STUMPFF_TERMS + 1)
+    ]
     series = power_series(terms, -near)
     root = jnp.sqrt(far)
     functions = [jnp.cos(root), _sinc(root)]
     for k in range(max(k for k, _ in weights) - 1):
         functions.append((1.0 / math.factorial(k) - functions[k]) / far)
-    return jnp.where(q < _NEAR, series, sum(w * functions[k] for k, w in weights))
+    return jnp.where(q < _STUMPFF_NEAR, series, sum(w * functions[k] for k, w in weights))
 
 
 def _sinc(x: JaxArray) -> JaxArray:

@@ -2,8 +2,8 @@
 
 Coefficients have shape ``(dim,)``, points ``point_shape``, and results the type of the point that
 they are made of: float32 or float64, complex64 or complex128. All are smooth wherever the
-mathematics is, at coefficients zero and at equal points too.
-Points of jaxlie become points of frames, and back.
+mathematics is, at coefficients zero and at equal points too. Rotations and poses of jaxlie become
+points of frames, and back.
 """
 
 from __future__ import annotations
@@ -110,7 +110,8 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
         return join(frame, _rolled(frame.factors[0], wxyz, -1), position)
     if isinstance(frame, UnitQuaternion):
         return _rolled(frame, wxyz, -1)
-    rotation = _matrix(wxyz)
+    wedge = linear(wxyz[1:], SO3().basis)
+    rotation = jnp.eye(3, dtype=wxyz.dtype) + 2.0 * (wxyz[0] * wedge + wedge @ wedge)
     if isinstance(frame, SO3):
         return rotation
     upper = jnp.concatenate([rotation, position[:, None]], axis=1)
@@ -137,10 +138,10 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     1.0
     """
     _, size = _attribute(frame)
-    given = getattr(kind, "parameters_dim", size)
-    if given != size:
+    count = getattr(kind, "parameters_dim", size)
+    if count != size:
         raise TypeError(
-            f"kind must have {size} parameters for {frame!r}, got {kind!r}, with {given}"
+            f"kind must have {size} parameters for {frame!r}, got {kind!r}, with {count}"
         )
     y = read_point(frame, y)
     if isinstance(frame, Product):
@@ -170,8 +171,3 @@ def _attribute(frame: Frame) -> tuple[str, int]:
 def _rolled(frame: Any, quaternion: JaxArray, places: int) -> JaxArray:
     """Return a quaternion, its components moved if the frame has the scalar last."""
     return quaternion if frame.scalar_first else jnp.roll(quaternion, places)
-
-
-def _matrix(wxyz: JaxArray) -> JaxArray:
-    wedge = linear(wxyz[1:], SO3().basis)
-    return jnp.eye(3, dtype=wxyz.dtype) + 2.0 * (wxyz[0] * wedge + wedge @ wedge)

@@ -1,4 +1,4 @@
-r"""Matrix groups and unit quaternions.
+r"""Rules of matrix groups and unit quaternions, and rotations as vectors and quaternions.
 
 The flow of v on a matrix group is y exp(v) in the body convention and exp(v) y in the space
 convention. The coefficients that take y to y1 are those of log(1 + x), where x = y⁻¹ (y1 - y), or
@@ -7,9 +7,8 @@ and dexpinv of each kind of group: closed forms for rotations of the plane and o
 rigid motions, else those of `cg.jax.matrices` and the series of dexpinv.
 
 With the bracket :math:`\operatorname{ad}_u v` and Bernoulli's numbers dexpinv, the inverse of the
-derivative of the exponential, is :math:`\sum_k B_k / k!
-\operatorname{ad}_u^k v`, see `cg.frames.algebra`. Where brackets are plus or minus the cross
-product with :math:`q = |u|^2` it is
+derivative of the exponential, is :math:`\sum_k B_k / k! \operatorname{ad}_u^k v`, see
+`cg.frames.algebra`. Where brackets are plus or minus the cross product with :math:`q = |u|^2` it is
 
 .. math:: v \mp \tfrac12 u \times v + g(q)\, u \times (u \times v),
 
@@ -21,7 +20,6 @@ summed, and v where u and v commute.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +27,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
-from cg.frames.algebra import series_terms
+from cg.frames.algebra import COMMUTE, POWERS, RADIUS, series_terms
 from cg.frames.matrix_functions import newton_schulz, symplectic_correction
 from cg.frames.quaternion import _generators
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors, rotation_vector, stumpff
@@ -52,9 +50,7 @@ from cg.jax.rules import (
     zero,
 )
 
-_RADIUS = (2.0 * math.pi) ** 2  # radius of the series of dexpinv, squared
-_COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
-_POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
+_SQUARED_RADIUS = RADIUS**2
 
 
 def motion_dexpinv(side: float) -> Dexpinv:
@@ -71,12 +67,13 @@ def motion_dexpinv(side: float) -> Dexpinv:
         def bracket(w: list[JaxArray]) -> list[JaxArray]:
             value = cross(omega, w[:3])
             for k in range(3, len(w), 3):
-                parts = cross(omega, w[k : k + 3]), cross(x[k : k + 3], w[:3])
-                value += [a + b for a, b in zip(*parts, strict=True)]
+                products = cross(omega, w[k : k + 3]), cross(x[k : k + 3], w[:3])
+                value += [a + b for a, b in zip(*products, strict=True)]
             return value
 
         q = dot(omega, omega)
-        within = jnp.where(q < _RADIUS, q, 0.0)  # so that unused values have finite derivatives
+        # Zero beyond the radius, so that values that aren't used have finite derivatives
+        within = jnp.where(q < _SQUARED_RADIUS, q, 0.0)
         once = bracket(y)
         twice = bracket(once)
         factors, brackets = [-0.5 * side], [once, twice]
@@ -86,9 +83,9 @@ def motion_dexpinv(side: float) -> Dexpinv:
             factors.extend(motion_factors(within))
             brackets.append(bracket(bracket(twice)))
         value = [a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)]
-        bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
+        bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
-        return jnp.where(q < _RADIUS, jnp.stack(value), jnp.where(commutes, v, jnp.nan))
+        return jnp.where(q < _SQUARED_RADIUS, jnp.stack(value), jnp.where(commutes, v, jnp.nan))
 
     return dexpinv
 
@@ -120,7 +117,7 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
     """
     matrix, fixed = jax.lax.stop_gradient((matrix, v))
     bound = jnp.sqrt((matrix**2).sum())
-    rounding = _COMMUTE * jnp.finfo(bound.dtype).eps * bound
+    rounding = COMMUTE * jnp.finfo(bound.dtype).eps * bound
 
     def growth() -> tuple[JaxArray, JaxArray]:
         def multiply(power: JaxArray, _: Any) -> tuple[JaxArray, JaxArray]:
@@ -132,16 +129,14 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
 
         size = jnp.sqrt(fixed @ fixed)
         unit = fixed / jnp.where(size > 0.0, size, 1.0)
-        factors = jax.lax.scan(multiply, unit, None, length=_POWERS)[1]
-        later = factors[_POWERS // 2 :]
+        factors = jax.lax.scan(multiply, unit, None, length=POWERS)[1]
+        later = factors[POWERS // 2 :]
         return jnp.prod(later) ** (1.0 / len(later)), factors[0] == 0.0
 
-    def near() -> tuple[JaxArray, JaxArray]:
-        return jnp.zeros_like(bound), jnp.zeros((), bool)
-
-    rate, commuting = jax.lax.cond(bound * bound >= _RADIUS, growth, near)
+    slow = jnp.zeros_like(bound), jnp.zeros((), bool)
+    rate, commuting = jax.lax.cond(bound * bound >= _SQUARED_RADIUS, growth, lambda: slow)
     # An infinite bound says nothing about eigenvalues.
-    converges = jnp.isfinite(bound) & (rate * rate < _RADIUS)
+    converges = jnp.isfinite(bound) & (rate * rate < _SQUARED_RADIUS)
     return jnp.where(commuting & jnp.isfinite(bound), v, jnp.where(converges, total, jnp.nan))
 
 
@@ -188,10 +183,10 @@ def semidirect_rules(frame: Semidirect) -> Rules:
             f"frame must be a Semidirect of rotations of space in JAX, got {frame!r}; a FieldFrame "
             "takes a flow in jax.numpy"
         )
-    n, turning = frame.group.size, group_rules(frame.group)
+    n, rotations = frame.group.size, group_rules(frame.group)
 
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        v, columns = turning.coefficients(y[:n, :n], tangent[:n, :n]), tangent[:n, n:]
+        v, columns = rotations.coefficients(y[:n, :n], tangent[:n, :n]), tangent[:n, n:]
         if frame.convention == "body":
             columns = y[:n, :n].T @ columns
         else:
@@ -269,7 +264,8 @@ def _general(frame: MatrixGroup) -> Group:
     """Return the functions of a group by exponentials and logarithms of matrices."""
     inverse = adjoint if isinstance(frame, SO | SU | U) else jnp.linalg.inv
     exponential, log1p = (lambda v: expm(linear(v, frame.basis))), logarithm_of(frame, inverse)
-    group = Group(exponential, log1p, series_dexpinv(frame), inverse)
+    restore: Map = same
+    distance: Map = zero
     if isinstance(frame, SO | SU):
 
         def restore(y: JaxArray) -> JaxArray:
@@ -278,24 +274,22 @@ def _general(frame: MatrixGroup) -> Group:
                 return y
             return y * (1.0 - (jnp.linalg.det(y) - 1.0) / frame.n)
 
-        def error(y: JaxArray) -> JaxArray:
+        def distance(y: JaxArray) -> JaxArray:
             return jnp.maximum(column_error(y), jnp.abs(jnp.linalg.det(y) - 1.0))
 
-        return replace(group, restore=restore, distance=error)
-    if isinstance(frame, U):
-        return replace(group, restore=newton_schulz, distance=column_error)
-    if isinstance(frame, SL | Sp):
-        nearest = held(
+    elif isinstance(frame, U):
+        restore, distance = newton_schulz, column_error
+    elif isinstance(frame, SL | Sp):
+        restore = held(
             _with_determinant_one
             if isinstance(frame, SL)
             else lambda y: y + symplectic_correction(y, jnp.asarray(frame._form, y.dtype), jnp)
         )
 
-        def change(y: JaxArray) -> JaxArray:
-            return jnp.linalg.norm(nearest(y) - y, 2) / jnp.linalg.norm(y, 2)
+        def distance(y: JaxArray) -> JaxArray:
+            return jnp.linalg.norm(restore(y) - y, 2) / jnp.linalg.norm(y, 2)
 
-        return replace(group, restore=nearest, distance=change)
-    return group
+    return Group(exponential, log1p, series_dexpinv(frame), inverse, restore, distance)
 
 
 def _with_determinant_one(y: JaxArray) -> JaxArray:
@@ -320,12 +314,12 @@ def _motions(frame: Semidirect) -> Group:
         wedge = linear(omega, frame.group.basis)
         columns = x[:3, 3:]
         once = wedge @ columns
-        moved = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
-        return jnp.concatenate([omega, moved.T.reshape(-1)])
+        columns = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
+        return jnp.concatenate([omega, columns.T.reshape(-1)])
 
     def inverse(y: JaxArray) -> JaxArray:
-        turned = y[:3, :3].T
-        return _assembled(turned, -turned @ y[:3, 3:])
+        transposed = y[:3, :3].T
+        return _assembled(transposed, -transposed @ y[:3, 3:])
 
     def sizes(y: JaxArray) -> JaxArray:
         lengths = jnp.sqrt((y[:n, n:] ** 2).sum(axis=0))
@@ -346,10 +340,10 @@ def _motions(frame: Semidirect) -> Group:
     )
 
 
-def _assembled(linear: JaxArray, columns: JaxArray) -> JaxArray:
+def _assembled(rotation: JaxArray, columns: JaxArray) -> JaxArray:
     n, k = columns.shape
-    lower = jnp.eye(n + k, dtype=linear.dtype)[n:]
-    return jnp.concatenate([jnp.concatenate([linear, columns], axis=1), lower])
+    lower = jnp.eye(n + k, dtype=rotation.dtype)[n:]
+    return jnp.concatenate([jnp.concatenate([rotation, columns], axis=1), lower])
 
 
 def rotation_matrix(v: JaxArray, wedge: JaxArray) -> JaxArray:

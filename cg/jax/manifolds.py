@@ -70,7 +70,6 @@ def sphere_rules(frame: frames.Sphere) -> Rules:
 def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
-
     return Rules(
         frame,
         lambda v, y: group.exponential(v) @ y,

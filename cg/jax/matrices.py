@@ -1,8 +1,9 @@
 """Exponentials and logarithms of matrices.
 
 A logarithm is the series of artanh near the identity. Farther away that of a unitary matrix is
-made of its eigenvalues, from a Hermitian matrix by Cayley's transform, since JAX has no Schur form
-on accelerators; that of another matrix is the series after repeated square roots.
+made of its eigenvalues, which are those of a Hermitian matrix after Cayley's transform, since JAX
+has no Schur form on accelerators; that of any other matrix is the series after repeated square
+roots.
 """
 
 from __future__ import annotations
@@ -23,9 +24,8 @@ from cg.jax.rules import adjoint, linear, real_dtype
 _MAX_SQUARINGS = round(math.log2(MAX_EXPONENT))
 _NEAR_IDENTITY = 0.25
 _ARTANH_TERMS = 12
-_MAX_ROOTS = 60
-_ROOT_STEPS = 60
-_SIGN_STEPS = 12
+_MAX_ROOTS = 60  # most square roots that are taken one after the other
+_ROOT_STEPS, _SIGN_STEPS = 60, 12  # Newton steps for a square root, and for a sign function
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
@@ -33,9 +33,9 @@ _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 def expm(matrix: JaxArray) -> JaxArray:
     """Return the exponential, NaN where the norm is greater than `MAX_EXPONENT`.
 
-    It is a Taylor polynomial of a matrix of norm at most one,
-    squared; the error is a few roundings times the norm. The Padé approximant of
-    ``jax.scipy.linalg.expm`` is used up to norm 11, where it loses eight digits.
+    It is a Taylor polynomial of a matrix of norm at most one, squared; the error is a few roundings
+    times the norm. ``jax.scipy.linalg.expm`` uses its Padé approximant up to norm 11, where that
+    loses eight digits.
     """
     dtype, n = real_dtype(matrix), len(matrix)
     norm = jnp.sqrt((jnp.abs(jax.lax.stop_gradient(matrix)) ** 2).sum())
@@ -43,10 +43,10 @@ def expm(matrix: JaxArray) -> JaxArray:
     scaled = matrix * jnp.ldexp(jnp.ones((), dtype), -halvings)
     square = scaled @ scaled
     powers = jnp.eye(n, dtype=matrix.dtype), scaled, square, square @ scaled
-    parts = [sum(float(c) * power for c, power in zip(row, powers, strict=True)) for row in _TAYLOR]
-    result, fourth = parts[4], square @ square
-    for part in parts[3::-1]:
-        result = result @ fourth + part
+    cubics = [sum(float(c) * x for c, x in zip(row, powers, strict=True)) for row in _TAYLOR]
+    result, fourth = cubics[4], square @ square
+    for cubic in cubics[3::-1]:
+        result = result @ fourth + cubic
 
     def step(x: JaxArray, k: Any) -> tuple[JaxArray, None]:
         return jax.lax.cond(k < halvings, lambda: x @ x, lambda: x), None
@@ -217,10 +217,10 @@ def _root(x: JaxArray) -> JaxArray:
         y, z, _, count = state
         logarithms = jnp.linalg.slogdet(y)[1] + jnp.linalg.slogdet(z)[1]
         scale = jnp.exp(-logarithms / (2 * n))
-        after = 0.5 * (scale * y + jnp.linalg.inv(z) / scale)
-        other = 0.5 * (scale * z + jnp.linalg.inv(y) / scale)
-        change = jnp.sqrt(((after - y) ** 2).sum() / (after**2).sum())
-        return after, other, change, count + 1
+        next_y = 0.5 * (scale * y + jnp.linalg.inv(z) / scale)
+        next_z = 0.5 * (scale * z + jnp.linalg.inv(y) / scale)
+        change = jnp.sqrt(((next_y - y) ** 2).sum() / (next_y**2).sum())
+        return next_y, next_z, change, count + 1
 
     start = x, jnp.eye(n, dtype=x.dtype), jnp.full((), jnp.inf, x.dtype), 0
     root, _, change, _ = jax.lax.while_loop(unfinished, step, start)

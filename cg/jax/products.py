@@ -25,14 +25,13 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     """
     _check_product(frame)
     y = read_point(frame, y)
-    parts = []
+    points = []
     for factor, place in zip(frame.factors, frame._point_slices, strict=True):
-        part = y[place]
+        entries = y[place]
         if factor.dtype.kind == "c":
-            part = part.reshape(-1, 2)
-            part = jax.lax.complex(part[:, 0], part[:, 1])
-        parts.append(part.reshape(factor.point_shape))
-    return tuple(parts)
+            entries = jax.lax.complex(*entries.reshape(-1, 2).T)
+        points.append(entries.reshape(factor.point_shape))
+    return tuple(points)
 
 
 def join(frame: Product, *parts: JaxArray) -> JaxArray:
@@ -49,55 +48,47 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     if len(parts) != len(frame.factors):
         raise ValueError(f"parts must be {len(frame.factors)} points, got {len(parts)}")
     flat = []
-    for index, (factor, part) in enumerate(zip(frame.factors, parts, strict=True)):
-        point = jnp.asarray(part)
-        if point.shape != factor.point_shape:
-            raise ValueError(
-                f"parts[{index}] must have shape {factor.point_shape}, got {point.shape}"
-            )
+    for index, factor in enumerate(frame.factors):
+        point = read_point(factor, parts[index], f"parts[{index}]")
         if factor.dtype.kind == "c":
             point = jnp.stack([point.real, point.imag], axis=-1)
         flat.append(point.reshape(-1))
     return jnp.concatenate(flat)
 
 
-def product_rules(frame: Product, parts: list[Rules]) -> Rules:
+def product_rules(frame: Product, factors: list[Rules]) -> Rules:
     """Return the rules of a product, from those of its factors."""
-    vectors = frame._vector_slices
 
     def cut(v: JaxArray) -> list[JaxArray]:
-        return [v[place] for place in vectors]
+        return [v[..., place] for place in frame._vector_slices]
 
     def each(name: str, *arguments: Any) -> list[JaxArray]:
-        return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
+        pairs = zip(factors, *arguments, strict=True)
+        return [getattr(rules, name)(*own) for rules, *own in pairs]
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        orders = [order] * len(parts)
+        orders = [order] * len(factors)
         return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
 
     def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
 
     def composed(path: JaxArray) -> JaxArray:
-        paths = [path[:, place] for place in vectors]
-        return jnp.concatenate(
-            [
-                jnp.zeros_like(each[0]) if rules.composed is None else rules.composed(each)
-                for rules, each in zip(parts, paths, strict=True)
-            ]
-        )
+        known = [rules.composed or (lambda path: jnp.zeros_like(path[0])) for rules in factors]
+        paths = zip(known, cut(path), strict=True)
+        return jnp.concatenate([composed(own) for composed, own in paths])
 
     return Rules(
         frame,
         lambda v, y: join(frame, *each("flow", cut(v), split(frame, y))),
         lambda y: join(frame, *each("restore", split(frame, y))),
-        None if any(rules.log is None for rules in parts) else together("log"),
-        None if any(rules.dexpinv is None for rules in parts) else dexpinv,
+        None if any(rules.log is None for rules in factors) else together("log"),
+        None if any(rules.dexpinv is None for rules in factors) else dexpinv,
         together("coefficients"),
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
         lambda y: jnp.stack(each("distance", split(frame, y))).max(),
-        unique=all(rules.unique for rules in parts),
-        composed=None if all(rules.composed is None for rules in parts) else composed,
+        unique=all(rules.unique for rules in factors),
+        composed=None if all(rules.composed is None for rules in factors) else composed,
     )
 
 
@@ -107,9 +98,6 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
 
     def on_points(function: Callable[..., JaxArray]) -> Callable[..., JaxArray]:
         return lambda *points: jax.vmap(function)(*points).reshape(-1)
-
-    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        return jax.vmap(rules.flow)(v.reshape(n, m), y)
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
         inverse = rules.dexpinv
@@ -123,7 +111,7 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
 
     return Rules(
         frame,
-        flow,
+        lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y),
         jax.vmap(rules.restore),
         None if rules.log is None else on_points(rules.log),
         None if rules.dexpinv is None else dexpinv,

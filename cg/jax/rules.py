@@ -19,7 +19,7 @@ Map = Callable[[JaxArray], JaxArray]
 Pairing = Callable[[JaxArray, JaxArray], JaxArray]
 Dexpinv = Callable[[JaxArray, JaxArray, int], JaxArray]
 
-_NEARBY_STEPS = 4
+_NEARBY_STEPS = 4  # Gauss-Newton steps of `nearby`
 
 
 def same(y: JaxArray) -> JaxArray:
@@ -72,7 +72,7 @@ class Rules:
         return jnp.linalg.pinv(columns) @ flat
 
     def sizes(self, y: JaxArray) -> JaxArray:
-        """Return those of `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``."""
+        """Return `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``."""
         if self.unequal_sizes is not None:
             return self.unequal_sizes(y)
         return jnp.ones(self.frame.dim, real_dtype(y))
@@ -85,8 +85,7 @@ class Rules:
         """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
         if self.log is not None:
             return self.log(y0, y1)
-        zero = jnp.zeros(self.frame.dim, real_dtype(y0))
-        v = zero if self.first is None else self.first(y0, y1)
+        v = jnp.zeros(self.frame.dim, real_dtype(y0)) if self.first is None else self.first(y0, y1)
         for _ in range(_NEARBY_STEPS):
             y = self.flow(v, y0)
             v = v + self.coefficients(y, y1 - y)

@@ -15,7 +15,7 @@ from cg.frames import Frame, Power, Product
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.user import UserFrame
 from cg.integration.arguments import check_algebra
-from cg.jax.control import Before, error_estimate, no_step, turning
+from cg.jax.control import Before, error_estimate, turning
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, read_point, real_dtype
@@ -33,7 +33,7 @@ from cg.jax.term import (
 from cg.tables import HasTable, Kind, MethodTable, made, unique_table
 
 _DENSE = ("accurate", "steps")
-_LARGEST_ANGLE = math.pi / 6  # as between comparisons in fortran/steps/step_events.f90
+_LARGEST_ANGLE = math.pi / 6  # that between comparisons in fortran/steps/step_events.f90
 
 
 class _State(eqx.Module):
@@ -177,7 +177,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
-        before = no_step(self.table, first) if self.table.kind is Kind.LINEAR else None
+        none = jnp.zeros((), first.dtype), jnp.zeros((len(self.table.c), frame.dim), first.dtype)
+        before = Before(*none) if self.table.kind is Kind.LINEAR else None
         return _State(first, before, has_events())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns

@@ -1,4 +1,4 @@
-"""Stages of a step, and the solution between its ends, `cg.construction.methods.interpolant`."""
+"""Stages of a step, and interpolants: see `cg.construction.methods.interpolant`."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
 from cg.support.caches import cached
 from cg.tables import Kind, MethodTable, basis_polynomials
+
+_NEWTON_STEPS = 3  # Each one squares the error, which is of third order first.
 
 
 @dataclass(frozen=True)
@@ -124,15 +126,15 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
         u = h * sums[path]
         coefficients = f(c, flow(u, y0))
         value = dexpinv(u, coefficients, record.series)
-        added = value - coefficients if in_parts else None
-        return sums + column[:, None] * value, (value, added)
+        correction = value - coefficients if in_parts else None
+        return sums + column[:, None] * value, (value, correction)
 
     def loop(sums: JaxArray, begin: int, end: int) -> JaxArray:
         rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
-        sums, (value, added) = jax.lax.scan(take, sums, rows, unroll=unroll)
-        values.append(value)
+        sums, (stage_values, corrections) = jax.lax.scan(take, sums, rows, unroll=unroll)
+        values.append(stage_values)
         if in_parts:
-            rest.append(added)
+            rest.append(corrections)
         return sums
 
     count = len(table.c)
@@ -168,9 +170,6 @@ def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> 
     return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
 
 
-_ITERATIONS = 3  # steps of Newton's method; each squares the error, which is of third order first
-
-
 @dataclass(frozen=True, eq=False)
 class _Scheme:
     """Weights of flows as polynomials, and whether the interpolant is as accurate as the step.
@@ -196,11 +195,7 @@ class _Interpolant(eqx.Module):
         vectors = (weights @ powers) @ self.fields
         if len(vectors) == 1:
             return self.rules.flow(vectors[0], self.y0)
-
-        def move(y: JaxArray, v: JaxArray) -> tuple[JaxArray, None]:
-            return self.rules.flow(v, y), None
-
-        return jax.lax.scan(move, self.y0, vectors)[0]
+        return jax.lax.scan(lambda y, v: (self.rules.flow(v, y), None), self.y0, vectors)[0]
 
 
 class Within(diffrax.AbstractLocalInterpolation):
@@ -254,15 +249,15 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray
     assert dexpinv is not None
     # all derivatives are times h, which may be zero
     if table.on_algebra:
-        known = h * stages.values
-        if output.final > len(known):
-            u = jnp.asarray(output.basis[0, : len(known)], h.dtype) @ known
-            known = jnp.concatenate([known, dexpinv(u, h * last, series)[None]])
+        derivatives = h * stages.values
+        if output.final > len(derivatives):
+            u = jnp.asarray(output.basis[0, : len(derivatives)], h.dtype) @ derivatives
+            derivatives = jnp.concatenate([derivatives, dexpinv(u, h * last, series)[None]])
     else:
         u = _coordinates(rules, 0.5 * h * (start.first + last), y0, stages.result, series)
-        known = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
-    count, width = len(known), output.basis.shape[1]
-    derivatives = jnp.pad(known, ((0, width - count), (0, 0)))
+        derivatives = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
+    count, width = len(derivatives), output.basis.shape[1]
+    derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
     if len(output.theta):
 
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
@@ -277,9 +272,8 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray
             jnp.asarray(output.rows, h.dtype),
         )
         derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
-    scheme = _algebra_scheme(table)
     fields = jnp.asarray(output.basis, h.dtype) @ derivatives
-    return _Interpolant(y0, fields, rules, scheme)
+    return _Interpolant(y0, fields, rules, _algebra_scheme(table))
 
 
 def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
@@ -291,7 +285,7 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
     def improve(u: JaxArray, _: Any) -> tuple[JaxArray, None]:
         return u + dexpinv(u, log(rules.flow(u, y0), y1), series), None
 
-    return jax.lax.scan(improve, u, None, length=_ITERATIONS)[0]
+    return jax.lax.scan(improve, u, None, length=_NEWTON_STEPS)[0]
 
 
 @cached

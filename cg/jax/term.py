@@ -247,16 +247,15 @@ def _caller(module: str, name: str) -> dict[str, Any] | None:
 
 def check_noise(terms: diffrax.MultiTerm, method: MethodTable) -> None:
     """Raise an error unless terms are a FrameTerm and noise on its frame, and the method fits."""
-    parts = [unwrapped(term) for term in terms.terms]
-    noises = (isinstance(part, NoiseTerm) for part in parts[1:])
-    if not (isinstance(parts[0], FrameTerm) and all(noises)):
-        kinds = ", ".join(type(part).__name__ for part in parts)
+    drift, *noises = users = [unwrapped(term) for term in terms.terms]
+    if not (isinstance(drift, FrameTerm) and all(isinstance(g, NoiseTerm) for g in noises)):
+        kinds = ", ".join(type(term).__name__ for term in users)
         raise TypeError(
             f"terms must be a cg.jax.FrameTerm and then cg.jax.NoiseTerm, got {kinds}; f is "
             "one function with all coefficients"
         )
-    if any(part.frame != parts[0].frame for part in parts[1:]):
-        raise ValueError(f"terms must have one frame, got {[part.frame for part in parts]}")
+    if any(noise.frame != drift.frame for noise in noises):
+        raise ValueError(f"terms must have one frame, got {[term.frame for term in users]}")
     if method.order < 2:
         raise ValueError(
             f"method must be of order two or more for noise, got {method!r}, whose steps have the "

@@ -13,13 +13,8 @@ from cg.plot.errors import convergence, work_precision
 from cg.plot.events import phase_plane, timeline
 from cg.plot.trajectories import bands, bloch, invariants, trajectory_of_axes, trajectory_on_sphere
 
-_OF_METHODS = (
-    "order_star",
-    "points",
-    "stability_region",
-    "tableau",
-    "tree",
-)  # imported at their first use
+# Imported at their first use
+_OF_METHODS = ("order_star", "points", "stability_region", "tableau", "tree")
 
 __all__ = [
     "attitude",

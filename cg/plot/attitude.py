@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-_TOLERANCE = 1e-6
+_MEMBERSHIP_ERROR = 1e-6  # largest one of arrays that are drawn
 POINTS = 1000  # drawn of a solution with dense output
 
 
@@ -73,7 +73,7 @@ def rotations_of(
             )
         check_finite(points, name)
         frame = SO(3) if points.ndim == 3 else UnitQuaternion()
-        if points.size and (distance := frame.membership_error(points).max()) > _TOLERANCE:
+        if points.size and (distance := frame.membership_error(points).max()) > _MEMBERSHIP_ERROR:
             raise ValueError(
                 f"{name} must hold points of {frame!r}; the farthest is {distance:.3g} away"
             )
@@ -90,8 +90,8 @@ def rotations_on(frame: Frame, y: Any) -> Rotation | None:
     if isinstance(frame, SE3):
         return SO(3).as_rotation(y[..., :3, :3])
     if isinstance(frame, Product):
-        parts = map(rotations_on, frame.factors, frame.split(y))
-        return next((part for part in parts if part is not None), None)
+        rotations = map(rotations_on, frame.factors, frame.split(y))
+        return next((rotation for rotation in rotations if rotation is not None), None)
     return None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.plot.style import FAINT, axes_for, check_label, curve_style
-from cg.support.arrays import real_array
+from cg.support.arrays import vectors_of_one_length
 from cg.support.checks import check_real
 
 _MAX_RATIO = 300.0  # ratio of the ends of an axis whose ticks 2 and 5 are labelled too
@@ -90,8 +90,7 @@ def work_precision(
     >>> ax.get_xlabel(), len(ax.lines)
     ('evaluations of f', 2)
     """
-    numbers, values = _pairs("work", work, errors)
-    ax = _draw(numbers, values, ax, label)
+    ax = _draw(*_pairs("work", work, errors), ax, label)
     ax.set_xlabel(unit)
     return ax
 
@@ -101,9 +100,7 @@ def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: s
     ax = axes_for(ax)
     order = np.argsort(x)
     ax.plot(x[order], errors[order], label=label, **curve_style(ax))
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylabel("error")
+    ax.set(xscale="log", yscale="log", ylabel="error")
     ax.grid(True, which="major", color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
     if label is not None:
@@ -125,12 +122,7 @@ def _label_steps(ax: Any) -> None:
 def _pairs(
     name: str, x: ArrayLike, errors: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    numbers, sizes = real_array(x, name), real_array(errors, "errors")
-    if numbers.ndim != 1 or numbers.shape != sizes.shape:
-        raise ValueError(
-            f"{name} and errors must be vectors of one length, got shapes {numbers.shape}, "
-            f"{sizes.shape}"
-        )
+    numbers, sizes = vectors_of_one_length(name, x, errors)
     if not (np.isfinite(numbers).all() and (numbers > 0).all()):
         raise ValueError(f"{name} must be finite and positive, got {numbers}")
     if not (np.isfinite(sizes).all() and (sizes >= 0).all()):

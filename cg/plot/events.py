@@ -45,10 +45,10 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
     rows, (times, points, _) = solution.t_events, _path(solution)
     names = [f"event {i}" for i in range(len(rows))]
     if events is not None:
-        given = events if isinstance(events, list | tuple) else [events]
-        if len(given) != len(rows):
-            raise ValueError(f"events must name {len(rows)} events, got {given!r}")
-        names = list(map(_name, given, names))
+        labels = events if isinstance(events, list | tuple) else [events]
+        if len(labels) != len(rows):
+            raise ValueError(f"events must name {len(rows)} events, got {labels!r}")
+        names = list(map(_name, labels, names))
     values = np.empty(0) if mode is None else _values(mode, "mode", points)
     if len(modes := np.unique(values)) > 20:
         raise ValueError(f"mode must be constant between jumps, got {len(modes)} values")
@@ -134,11 +134,11 @@ def phase_plane(
     return ax
 
 
-def _name(given: Any, otherwise: str) -> str:
+def _name(source: Any, otherwise: str) -> str:
     """Return a string, or the name of an entry, a function, or the function of an event."""
-    if isinstance(given, int | tuple):
-        return f"y[{str(given).strip('(,)')}]"
-    name = getattr(getattr(given, "function", given), "__name__", given)
+    if isinstance(source, int | tuple):
+        return f"y[{str(source).strip('(,)')}]"
+    name = getattr(getattr(source, "function", source), "__name__", source)
     return name if isinstance(name, str) and name != "<lambda>" else otherwise
 
 
@@ -168,7 +168,8 @@ def _path(solution: Any) -> tuple[Any, Any, Any]:
     times, points, rows = solution.t, solution.y, solution.t_events or ()
     if solution.sol is not None:
         ts = solution.sol.ts
-        within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)  # of short steps too
+        # Each step has four points, also if it is short.
+        within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)
         times = np.append(within, np.linspace(ts[0], ts[-1], POINTS))
         points = solution.sol(times)
     parts = [(2 * len(rows), times, points)]

@@ -39,10 +39,8 @@ def axes_for(ax: Any, *, spatial: bool = False) -> Any:
 
 def blank(ax: Any) -> None:
     """Remove ticks and frame."""
-    ax.set_xticks([])
-    ax.set_yticks([])
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+    ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
 
 
 def curve_style(ax: Any) -> dict[str, Any]:

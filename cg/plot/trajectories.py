@@ -24,8 +24,8 @@ from cg.plot.style import (
 from cg.support.arrays import check_finite, is_qobj, real_array
 from cg.support.checks import check_integer
 
-_NAMES = "xyz"
-_ARC = math.radians(3)  # between points that are drawn of a great circle
+_ARC = math.radians(3)  # angle between points that are drawn of a great circle
+_QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 
 def trajectory_on_sphere(
@@ -176,7 +176,7 @@ def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
 def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a path with points between those that are more than a few degrees apart."""
     lengths = np.maximum(np.linalg.norm(path, axis=1), np.finfo(float).tiny)
-    units, parts = path / lengths[:, None], [path[:1]]
+    units, arcs = path / lengths[:, None], [path[:1]]
     for k in range(len(path) - 1):
         cosine = float(np.clip(units[k] @ units[k + 1], -1.0, 1.0))
         angle = math.acos(cosine)
@@ -184,11 +184,11 @@ def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
         same = abs(lengths[k + 1] - lengths[k]) < 1e-3 * lengths[k]
         # opposite points have no great circle
         if len(s) == 1 or not same or math.pi - angle < _ARC:
-            parts.append(path[k + 1 : k + 2])
+            arcs.append(path[k + 1 : k + 2])
             continue
         arc = np.sin((1 - s) * angle) * units[k] + np.sin(s * angle) * units[k + 1]
-        parts.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
-    return np.concatenate(parts)
+        arcs.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
+    return np.concatenate(arcs)
 
 
 def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
@@ -225,7 +225,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
-    for k, name in enumerate(_NAMES):
+    for k, name in enumerate("xyz"):
         _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
     for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
         early = n < len(matrices) - 1
@@ -245,21 +245,15 @@ def _draw_path(
 
 def _draw_sphere(ax: Any, radius: float) -> None:
     """Draw lines of latitude and longitude, unless the axes have a sphere."""
-    if any(part.get_gid() == "cg-sphere" for part in ax.collections):
+    if any(collection.get_gid() == "cg-sphere" for collection in ax.collections):
         return
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
     x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
     grid = ax.plot_wireframe(radius * x, radius * y, radius * z, color="#cccccc", linewidth=0.4)
     grid.set_gid("cg-sphere")
     ax.set_box_aspect((1, 1, 1))
-    ax.set_xlabel("x")
-    ax.set_ylabel("y")
-    ax.set_zlabel("z")
     ticks = [-radius, 0.0, radius]
-    ax.set(xticks=ticks, yticks=ticks, zticks=ticks)
-
-
-_QUANTILES = ((0.05, 0.95), (0.25, 0.75))
+    ax.set(xlabel="x", ylabel="y", zlabel="z", xticks=ticks, yticks=ticks, zticks=ticks)
 
 
 def invariants(

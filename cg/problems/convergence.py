@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.integration.ivp import integrate
 from cg.integration.rhs.python import Coefficients
-from cg.support.arrays import Array, real_array
+from cg.support.arrays import Array, vectors_of_one_length
 from cg.tables import HasTable
 
 
@@ -31,7 +31,7 @@ def observed_order(
 
     Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
     """
-    steps, sizes = _vectors(h, errors)
+    steps, sizes = vectors_of_one_length("h", h, errors)
     # the negated comparisons keep NaN, which `_checked` reports
     used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
     if used.sum() < 2:
@@ -59,18 +59,9 @@ def final_errors(
     return np.array([float(frame.distance(run.y[-1], exact)) for run in runs])
 
 
-def _vectors(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
-    steps, sizes = real_array(h, "h"), real_array(errors, "errors")
-    if steps.ndim != 1 or steps.shape != sizes.shape:
-        raise ValueError(
-            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
-        )
-    return steps, sizes
-
-
 def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
     """Return step sizes and errors as vectors; they must be positive, and steps distinct."""
-    steps, sizes = _vectors(h, errors)
+    steps, sizes = vectors_of_one_length("h", h, errors)
     for name, values in (("h", steps), ("errors", sizes)):
         if not (np.isfinite(values).all() and (values > 0.0).all()):
             raise ValueError(f"{name} must be positive and finite, got {values}")

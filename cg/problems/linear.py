@@ -112,9 +112,6 @@ def moments(value: ArrayLike) -> tuple[float, ...]:
     return three
 
 
-_UNIT = 8
-
-
 class AffineProblem(ReadOnly, QuadraticProblem):
     """An equation with coefficients ``constant + linear @ y.ravel() + t * slope``.
 
@@ -205,18 +202,13 @@ class AffineField(AffineProblem):
             )
         rng = np.random.default_rng(self.seed)
         m, n = self.frame.dim, prod(self.frame.point_shape)
-        numbers = rng.integers(-4, 5, (m, n + 2)) / _UNIT
+        numbers = rng.integers(-4, 5, (m, n + 2)) / 8
         point = self.frame.check_point(self.initial, name="initial")
         point.flags.writeable = False
-        for name, value in (
-            ("initial", point),
-            ("y0", point),
-            ("constant", numbers[:, 0]),
-            ("slope", numbers[:, 1]),
-            ("linear", numbers[:, 2:]),
-        ):
-            object.__setattr__(self, name, value)
-
+        vars(self).update(
+            initial=point, y0=point, constant=numbers[:, 0], slope=numbers[:, 1],
+            linear=numbers[:, 2:],
+        )  # fmt: skip
         y = 2.0 * self.frame.random_point(rng).reshape(n)
         affine = self._origin + self._matrices @ y
         if not np.allclose(affine, self._fields(y), rtol=0.0, atol=1e-12):

@@ -59,8 +59,8 @@ class FreeRigidBody(QuadraticProblem):
     frame = Product(SO3(), Sphere(2))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertia", moments(self.inertia))
-        object.__setattr__(self, "momentum", vector(self.momentum, "momentum", 3))
+        momentum = vector(self.momentum, "momentum", 3)
+        vars(self).update(inertia=moments(self.inertia), momentum=momentum)
         if not any(self.momentum):
             raise ValueError(f"momentum must not vanish, got {self.momentum!r}")
 
@@ -148,10 +148,9 @@ class ForcedRigidBody(QuadraticProblem):
     frame = Product(SO3(), Euclidean(3))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertia", moments(self.inertia))
-        object.__setattr__(self, "frequency", number(self.frequency, "frequency"))
-        for name in ("cosine", "sine", "velocity"):
-            object.__setattr__(self, name, vector(getattr(self, name), name, 3))
+        vectors = {n: vector(getattr(self, n), n, 3) for n in ("cosine", "sine", "velocity")}
+        frequency = number(self.frequency, "frequency")
+        vars(self).update(vectors, inertia=moments(self.inertia), frequency=frequency)
 
     @property
     def y0(self) -> Array:
@@ -162,12 +161,10 @@ class ForcedRigidBody(QuadraticProblem):
         """Return the angular velocity and its derivative at a point, shape ``(12,)``."""
         i1, i2, i3 = self.inertia
         (a1, a2, a3), (b1, b2, b3), nu = self.cosine, self.sine, self.frequency
-        w1, w2, w3 = y[9:].tolist()
+        w1, w2, w3 = omega = y[9:].tolist()
         c, s = math.cos(nu * t), math.sin(nu * t)
         return [
-            w1,
-            w2,
-            w3,
+            *omega,
             ((i2 - i3) * w2 * w3 + a1 * c + b1 * s) / i1,
             ((i3 - i1) * w3 * w1 + a2 * c + b2 * s) / i2,
             ((i1 - i2) * w1 * w2 + a3 * c + b3 * s) / i3,
@@ -176,9 +173,8 @@ class ForcedRigidBody(QuadraticProblem):
     def torque(self, t: float) -> Array:
         """Return the torque at a time, shape ``(3,)``."""
         phase = self.frequency * t
-        return np.asarray(
-            np.cos(phase) * np.array(self.cosine) + np.sin(phase) * np.array(self.sine)
-        )
+        cosine, sine = np.array(self.cosine), np.array(self.sine)
+        return np.asarray(np.cos(phase) * cosine + np.sin(phase) * sine)
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
         """Return the determinant of the rotation, shape ``(...)``, which is one."""
@@ -260,10 +256,9 @@ class HeavyTop(QuadraticProblem):
             angle = read_fraction(self.phi_over_pi)
         except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
             raise ValueError(f"phi_over_pi must be rational, got {self.phi_over_pi!r}") from error
-        object.__setattr__(self, "phi_over_pi", angle)
         # Converted once, since f is called at each stage
         constants = (*(1 / moment for moment in self.inertia), self.mgl)
-        object.__setattr__(self, "_floats", tuple(map(float, constants)))
+        vars(self).update(phi_over_pi=angle, _floats=tuple(map(float, constants)))
 
     @property
     def mgl(self) -> Fraction:
@@ -286,11 +281,9 @@ class HeavyTop(QuadraticProblem):
         """Return the angular velocity and the derivative of ``m`` at a point, shape ``(12,)``."""
         inverse1, inverse2, inverse3, mgl = self._floats
         up1, up2, _, m1, m2, m3 = y[6:].tolist()
-        w1, w2, w3 = inverse1 * m1, inverse2 * m2, inverse3 * m3
+        w1, w2, w3 = omega = inverse1 * m1, inverse2 * m2, inverse3 * m3
         return [
-            w1,
-            w2,
-            w3,
+            *omega,
             m2 * w3 - m3 * w2 + mgl * up2,
             m3 * w1 - m1 * w3 - mgl * up1,
             m1 * w2 - m2 * w1,

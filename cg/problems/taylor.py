@@ -83,7 +83,7 @@ class Reference:
 
     def decimals(self, digits: int = 36) -> tuple[tuple[str, ...], ...]:
         """Return the unknowns as decimal strings, rounded to ``digits`` after the point."""
-        return tuple(tuple(decimal_string(x, digits) for x in row) for row in self.values)
+        return tuple(tuple(_decimal(x, digits) for x in row) for row in self.values)
 
 
 def reference_solution(
@@ -102,15 +102,12 @@ def reference_solution(
         system = build()
         coarse = _solve(system, exact, _STEP, _ORDER)
         fine = _solve(system, exact, _STEP * Fraction(2, 3), _ORDER + _ORDER // 5)
-        errors = tuple(
-            # upper bounds, rounded up
-            max(
-                math.nextafter(float((x - y).abs_upper()), math.inf)
-                for x, y in zip(rough, good, strict=True)
-            )
-            for rough, good in zip(coarse, fine, strict=True)
-        )
-        values = tuple(tuple(exact_midpoint(x) for x in row) for row in fine)
+        bounds = [
+            max(float((x - y).abs_upper()) for x, y in zip(*rows, strict=True))
+            for rows in zip(coarse, fine, strict=True)
+        ]
+        errors = tuple(math.nextafter(bound, math.inf) for bound in bounds)  # rounded up
+        values = tuple(tuple(map(exact_midpoint, row)) for row in fine)
     return Reference(exact, values, errors)
 
 
@@ -122,7 +119,7 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
-def decimal_string(x: Fraction, digits: int) -> str:
+def _decimal(x: Fraction, digits: int) -> str:
     """Return ``x`` rounded to ``digits`` decimals, ties to even."""
     scaled = round(abs(x) * 10**digits)
     whole, rest = divmod(scaled, 10**digits)

@@ -46,6 +46,22 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
+def number_array(value: Any, name: str) -> Points:
+    """Return ``value`` as a complex array if its dtype is complex, else as a real one."""
+    return (complex_array if is_complex_array(value) else real_array)(value, name)
+
+
+def vectors_of_one_length(name: str, x: Any, errors: Any) -> tuple[Array, Array]:
+    """Return x, called ``name``, and errors as vectors; ValueError unless they have one length."""
+    numbers, sizes = real_array(x, name), real_array(errors, "errors")
+    if numbers.ndim != 1 or numbers.shape != sizes.shape:
+        raise ValueError(
+            f"{name} and errors must be vectors of one length, got shapes {numbers.shape}, "
+            f"{sizes.shape}"
+        )
+    return numbers, sizes
+
+
 def is_qobj(value: Any) -> bool:
     """Return whether a value is an operator of QuTiP."""
     return type(value).__name__ == "Qobj" and hasattr(value, "full")

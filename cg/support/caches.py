@@ -22,11 +22,11 @@ def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
     values: dict[int, Result] = {}
 
     @wraps(compute)
-    def recall(one: Keyed) -> Result:
-        key = id(one)
+    def recall(argument: Keyed) -> Result:
+        key = id(argument)
         if key not in values:
-            values[key] = compute(one)
-            weakref.finalize(one, values.pop, key, None)
+            values[key] = compute(argument)
+            weakref.finalize(argument, values.pop, key, None)
         return values[key]
 
     return recall
@@ -38,15 +38,15 @@ def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Res
     last: Any = None, None
 
     @wraps(compute)
-    def recall(one: Keyed) -> Result:
+    def recall(argument: Keyed) -> Result:
         nonlocal last
         known, result = last
-        if known is not one:
+        if known is not argument:
             try:
-                result = results(one)
+                result = results(argument)
             except TypeError:
-                return compute(one)
-            last = one, result
+                return compute(argument)
+            last = argument, result
         return result  # type: ignore[no-any-return]
 
     return recall

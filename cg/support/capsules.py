@@ -4,7 +4,7 @@ import ctypes
 from functools import cache
 from typing import Any
 
-# as in fortran/support/vectors.f90
+# The order is that in fortran/support/vectors.f90.
 _ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs dgemm zgemm dsyevd"
 
 

@@ -16,7 +16,7 @@ from cg.support.parallel import at_forks
 _SLACK = 1 << 20  # memory of f2py and of the allocator
 
 _changed = threading.Condition()
-_in_use = {"bytes": 0}  # by calls that are running
+_in_use = {"bytes": 0}  # memory of calls that are running
 
 
 def _forget_calls() -> None:

@@ -27,7 +27,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
 from itertools import islice
@@ -65,16 +65,20 @@ def _free_properties() -> None:
     """Replace the locks of all cached properties of the package."""
     modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "cg"]
     kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
-    for one in [one for kind in kinds for one in vars(kind).values()]:
-        if isinstance(one, cached_property):
-            one.lock = threading.RLock()  # type: ignore[attr-defined]
+    for member in [member for kind in kinds for member in vars(kind).values()]:
+        if isinstance(member, cached_property):
+            member.lock = threading.RLock()  # type: ignore[attr-defined]
 
 
 if sys.version_info < (3, 12):
     in_children(_free_properties)
 
 
+_AHEAD = 2  # pieces handed out for each worker, so that none waits for this process
+_LOG_SECONDS = 30.0  # time between lines of a bar in a file
+
 Result = TypeVar("Result")
+Item = TypeVar("Item")
 
 StopFlag = NDArray[np.intc]
 """Flag of shape (1,); compiled calls that read it return soon after it is not zero."""
@@ -121,8 +125,9 @@ class _Limit:
             if not self.users:
                 provide_lapack()  # a library that is loaded later would have all threads
                 _take_control()
-                counts = [(one, one.num_threads or 1) for one in _libraries(len(sys.modules))]
-                self._before = [(one, threads) for one, threads in counts if threads > 1]
+                libraries = _libraries(len(sys.modules))
+                counts = [(library, library.num_threads or 1) for library in libraries]
+                self._before = [count for count in counts if count[1] > 1]
                 for library, _ in self._before:
                     library.set_num_threads(1)
             self.users += 1
@@ -218,11 +223,6 @@ def new_flag() -> StopFlag:
     return np.zeros(1, dtype=np.intc)
 
 
-def work_for(stop_flag: StopFlag) -> None:
-    """Make the current thread a worker of the pool with a flag."""
-    _worker.stop_flag = stop_flag
-
-
 def end_with(connection: Connection) -> None:
     """End this process when the other end of a connection closes, also if its owner was killed.
 
@@ -252,12 +252,8 @@ def interrupts_blocked(block: bool) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-Item = TypeVar("Item")
-
 ExecutorLike = Executor | str | None
 """None for threads, ``"processes"``, or an executor."""
-
-_AHEAD = 2  # pieces handed out for each worker, so that none waits for this process
 
 _log = logging.getLogger("cg")
 
@@ -343,33 +339,25 @@ def _pool(
     executor: ExecutorLike, size: int, pending: dict[Future[Result], Item]
 ) -> Iterator[Executor]:
     """Yield the pool; at the end cancel what is pending, and stop workers of a pool made here."""
-    if executor is not None and not isinstance(executor, str):
+    stop_flag = new_flag()
+    with ExitStack() as stack:
+        if executor is None:
+            flag = _worker, "stop_flag", stop_flag
+            pool: Any = ThreadPoolExecutor(size, initializer=setattr, initargs=flag)
+            stack.enter_context(pool)
+        elif isinstance(executor, str):
+            spawn = get_context("spawn")  # a fork of a process with threads may hang
+            theirs, ours = map(stack.enter_context, spawn.Pipe(duplex=False))
+            pool = ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,))
+            stack.enter_context(pool)
+        else:
+            pool = executor
         try:
-            yield executor
+            yield pool
         finally:
+            stop_flag[0] = 1
             _cancel(pending)
-        return
-    if executor is None:
-        stop_flag = new_flag()
-        with ThreadPoolExecutor(size, initializer=work_for, initargs=(stop_flag,)) as pool:
-            try:
-                yield pool
-            finally:
-                stop_flag[0] = 1
-                _cancel(pending)
-        return
-    spawn = get_context("spawn")  # a fork of a process with threads may hang
-    theirs, ours = spawn.Pipe(duplex=False)
-    with (
-        theirs,
-        ours,
-        ProcessPoolExecutor(size, spawn, initializer=end_with, initargs=(theirs,)) as workers,
-    ):
-        try:
-            yield workers
-        finally:
-            _cancel(pending)
-            if pending:  # pieces that nobody waits for
+            if pending and executor == "processes":  # pieces that nobody waits for
                 ours.close()
 
 
@@ -410,9 +398,6 @@ def _travels(error: Exception) -> bool:
         return type(pickle.loads(pickle.dumps(error))) is type(error)
     except Exception:  # any error of the exception's own class
         return False
-
-
-_LOG_SECONDS = 30.0  # between lines in a file
 
 
 def has_bars() -> bool:

@@ -154,10 +154,10 @@ def _check_depth(table: dict[str, Any]) -> None:
     level: list[Any] = [table]
     for _ in range(_MAX_DEPTH):
         level = [
-            part
+            value
             for whole in level
             if isinstance(whole, dict | list)
-            for part in (whole.values() if isinstance(whole, dict) else whole)
+            for value in (whole.values() if isinstance(whole, dict) else whole)
         ]
     if level:
         raise RecursionError
@@ -189,18 +189,18 @@ def write_file(path: str | PathLike[str], data: str | bytes) -> None:
         path.write_bytes(content)
         return
     target = path.resolve()
-    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    temporary = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with part.open("xb") as file:
+        with temporary.open("xb") as file:
             if target.exists():
                 target.open("ab").close()  # raises if the file is read-only
-                shutil.copymode(target, part)
+                shutil.copymode(target, temporary)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, target)
+        os.replace(temporary, target)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     finally:
         with suppress(OSError):
-            part.unlink()
+            temporary.unlink()

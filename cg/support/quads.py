@@ -42,7 +42,7 @@ _PRECISION = 113
 _MIN_EXPONENT = -16494  # exponent of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
 _MAX_DIGITS = 100_000
-_MAX_PLACES = 100  # with more decimal places numbers are written with an exponent
+_MAX_PLACES = 100  # Numbers with more decimal places are written with an exponent.
 
 
 class MissingQuadsError(RuntimeError):

@@ -16,9 +16,9 @@ from cg.construction.formats.code import (
 )
 from cg.construction.formats.digits import Numbers
 from cg.frames.base import Frame
-from cg.frames.compiled import SCALAR_FIRST, SPACE_AXES
+from cg.frames.inertia import times
 from cg.frames.phase_space import PhaseSpace
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 _DEXPINV = """
 /* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
@@ -105,7 +105,7 @@ def _parts_of(
         if body.sphere:
             raise ValueError(f"frame must be a phase space without spheres, got {frame!r}")
         if body.top is None:
-            constants, v = body.velocity(np.eye(size)), f"v[{first} + i]"
+            constants, v = times(np.eye(size), body.inverse), f"v[{first} + i]"
             lines.append(f"""for (int i = 0; i < {size}; i++) {{
         {v} = 0;
         for (int k = 0; k < {size}; k++)
@@ -138,13 +138,14 @@ class _Flows:
         self.turns: list[str] = []  # by the quaternion q
         self._changes, self._kinds, y, v = [], set(), 0, 0
         for kind, n, options, *_ in frame.compiled_blocks() or [(0, 0, 0)]:
-            side = 1 if options & SPACE_AXES or kind == BlockKind.SPHERE else -1
+            side = 1 if options & BlockOption.SPACE_AXES or kind == BlockKind.SPHERE else -1
             match kind:
                 case BlockKind.EUCLIDEAN:
                     move = f"for (int i = 0; i < {n}; i++) y[{y} + i] = y[{y} + i] + v[{v} + i];"
                     size = dim = n
                 case BlockKind.QUATERNION:
-                    vector, scalar = (y + 1, y) if options & SCALAR_FIRST else (y, y + 3)
+                    first = bool(options & BlockOption.SCALAR_FIRST)
+                    vector, scalar = y + first, y + 3 * (not first)
                     move = f"@name@_turn(q, {side}, y + {vector}, y + {scalar});"
                     size, dim = 4, 3
                 case BlockKind.SO3 | BlockKind.SPHERE:
