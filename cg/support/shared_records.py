@@ -177,6 +177,8 @@ VARIATION = {
     "df_dp_data": "address",
     "noise": "address",  # spectral density; without a function its data are the matrix
     "noise_data": "address",
+    "along": "address",  # differences along directions, at a point with its derivatives
+    "along_data": "address",
     "data": "address",  # data for functions without data of their own, if there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",

@@ -68,6 +68,7 @@ contains
     real(wp), intent(in) :: y(self%record%width), x(columns, n)
     real(wp), intent(inout) :: f(n), slope(columns, n)
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
+    real(wp) :: changes(columns, n)                    ! differences along directions, in Python
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
     logical :: along
 
@@ -96,8 +97,13 @@ contains
       if (along) then
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
         if (record%df_dp /= 0) slope = slope + matmul(transpose(p), d)
-        if (self%code == 0) call add_differences(self, record%jac == 0, &
-                                                 record%df_dp == 0 .and. k > 0, y, x, p, slope)
+        if (self%code /= 0) return
+        if (record%along /= 0) then
+          call call_checked(self, record%along, record%along_data, [y, x], f_failed, changes)
+          slope = slope + changes
+        else
+          call add_differences(self, record%jac == 0, record%df_dp == 0 .and. k > 0, y, x, p, slope)
+        end if
       else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
       end if

@@ -113,17 +113,18 @@ class TestDirections:
         np.testing.assert_allclose(first.sensitivity, second.sensitivity, rtol=0, atol=4e-12)
         assert first.transition is None
 
-    @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (np.eye(5, 1), 3)])
-    def test_cost_two_evaluations_of_f_each(self, by, each):
-        """Two directions cost four evaluations at each stage, and all five cost ten."""
+    @pytest.mark.parametrize("frame", [SO3(), GL(2)], ids=repr)
+    @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (1, 3)])
+    def test_cost_two_evaluations_of_f_each(self, by, each, frame):
+        by = np.eye(frame.dim + 2, by) if by == 1 else by
         times = []
 
         def counted(t, y, p):
             times.append(t)
-            return p[0] * y[0] + p[1] * np.arange(3.0)
+            return p[0] * np.sin(y.ravel()[: frame.dim]) + p[1] * np.arange(frame.dim)
 
-        options = {"frame": SO3(), "parameters": [0.5, 1.0], "h": 0.1, "method": "CF4"}
-        cg.solve_variational(counted, (0, 1), np.eye(3), derivatives_by=by, **options)
+        options = {"frame": frame, "parameters": [0.5, 1.0], "h": 0.1, "method": "CF4"}
+        cg.solve_variational(counted, (0, 1), np.eye(frame.size), derivatives_by=by, **options)
         counts = np.unique(times[2:], return_counts=True)[1]
         assert (counts % each == 0).sum() > len(counts) / 2
 

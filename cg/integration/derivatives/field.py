@@ -194,6 +194,37 @@ class VariationalField:
         differences: Array = values[..., :n, :] - values[..., n:, :]
         return np.ascontiguousarray(differences.mT / (2.0 * sizes[..., None, :]))
 
+    def differences_along(self, t: Any, z: Array, *arguments: Any) -> Array:
+        """Return differences of ``f`` along the directions, shape ``(dim, directions)``.
+
+        They are taken as compiled code takes them on its frames, see `add_differences` in
+        ``fortran/interface/variational.f90``.
+        """
+        y, x = self.split(z)
+        shifts, numbers = np.zeros((x.shape[1], 0)), np.zeros(0)
+        if self.df_dp is None and self.chosen is not None and self.count:
+            shifts, numbers = self.chosen[len(x) :].T, arguments[-1]
+        sizes, scales = np.maximum(self.frame.coordinate_sizes(y), 1.0), np.abs(numbers)
+        scales[scales <= _VANISHING] = 1.0
+
+        def at(point: Points, shift: Array) -> Array:
+            shifted = (*arguments[:-1], numbers + shift) if shift.size else arguments
+            return self.coefficients(t, point, shifted)
+
+        slopes = np.zeros_like(x)
+        for j, (v, shift) in enumerate(zip(x.T, shifts, strict=True)):
+            lengths = np.abs(v / sizes).max(), np.abs(shift / scales).max(initial=0.0)
+            changes = [(lengths[0], v, 0.0 * shift), (lengths[1], 0.0 * v, shift)]
+            if min(lengths) * 1000.0 > max(lengths):
+                changes = [(max(lengths), v, shift)]
+            for length, along, change in changes:
+                if length > 0.0:
+                    step = DIFFERENCE_STEP / length
+                    ends = self.frame.flow([step * along, -step * along], np.stack([y, y]))
+                    difference = at(ends[0], step * change) - at(ends[1], -step * change)
+                    slopes[:, j] += difference / (2.0 * step)
+        return slopes
+
     def _at_points(
         self, t: Any, points: Points, arguments: tuple[Any, ...], whole: bool = False
     ) -> Array:
@@ -369,7 +400,7 @@ def compiled_variation(
     contexts = []
     for record, rest in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            frame = variational.frame
+            frame = variational.product if name == "along_data" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
             contexts.append(context_of(function, rest, frame, shape, check, dtype, changing))
             setattr(record, name, id(contexts[-1]))
@@ -432,7 +463,10 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
         def difference(t: float, y: Points, *arguments: Any) -> Array:
             return variational.differences(t, y, arguments)
 
-        functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
+        choice: tuple[Any, ...] = "jac", difference, (frame.dim, frame.dim)
+        if variational.chosen is not None:
+            choice = "along", variational.differences_along, (frame.dim, variational.directions)
+        functions.append((*choice, lambda value, t, y: value))
     for derivative in (jac, variational.df_dp, variational.noise):
         if isinstance(derivative, Derivative):
             function = derivative.function
