@@ -25,9 +25,9 @@ module conditions_m
   use weights_m, only: split_word, weights_t
   implicit none
   private
-  public :: order_conditions_t, weights_jacobian
+  public :: order_conditions_t
 
-  integer, parameter, public :: abscissa = 2  ! the tree whose weight at a stage is c
+  integer, parameter :: abscissa = 2  ! the tree whose weight at a stage is c
 
   type, extends(least_squares_t) :: order_conditions_t
     type(weights_t) :: weights

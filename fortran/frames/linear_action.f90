@@ -14,7 +14,7 @@ module linear_action_m
   implicit none
   private
   public :: inner_points_t, linear_action_t, linear_tangent, make_linear_action, move_linearly, &
-            move_polynomially, multiply, spectral_bound
+            move_polynomially, spectral_bound
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
@@ -50,8 +50,8 @@ module linear_action_m
   ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less
   ! than a digit to cancellation, Chebyshev polynomials none.
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
-  real(wp), parameter, public :: max_parts = 1e7_wp
-  integer, parameter, public :: max_terms = 200
+  real(wp), parameter :: max_parts = 1e7_wp
+  integer, parameter :: max_terms = 200
 
   ! Products of linear combinations of generators with points, for benchmarks; some are missing if
   ! several threads count.

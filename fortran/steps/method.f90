@@ -9,7 +9,7 @@ module method_m
   implicit none
   private
   public :: method_t, make_method, middle_path
-  public :: kind_group, kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
+  public :: kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
             kind_implicit, kind_collocation
 
   ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
@@ -82,7 +82,12 @@ contains
     method%embedded = int(record%embedded)
     method%third = int(record%third)
     method%final_stage = int(record%final_stage)
-    method%kind = kind_of(record)
+    method%kind = kind_group
+    if (record%series > 0) method%kind = kind_algebra
+    if (record%registers /= 0) method%kind = kind_registers
+    if (record%polynomial /= 0) method%kind = kind_polynomial
+    if (record%drifts /= 0) method%kind = kind_splitting
+    if (record%blocks > 0) method%kind = merge(kind_collocation, kind_implicit, record%series > 0)
     if (method%kind == kind_registers) then
       numbers = reals(record%registers, 2 * record%stages)
       method%a = numbers(:stages)
@@ -112,18 +117,6 @@ contains
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
   end subroutine make_method
-
-  ! The kind of a method, by what its record has
-  pure integer function kind_of(record)
-    type(method_record_t), intent(in) :: record
-
-    kind_of = kind_group
-    if (record%series > 0) kind_of = kind_algebra
-    if (record%registers /= 0) kind_of = kind_registers
-    if (record%polynomial /= 0) kind_of = kind_polynomial
-    if (record%drifts /= 0) kind_of = kind_splitting
-    if (record%blocks > 0) kind_of = merge(kind_collocation, kind_implicit, record%series > 0)
-  end function kind_of
 
   ! The path in whose flow the middle of a step of a symmetric splitting method is
   pure integer function middle_path(method)

@@ -39,8 +39,7 @@ module paths_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: add_brackets, combine_coordinates, follow_paths, move_with_joints, request_explicit, &
-            start_explicit, store_explicit
+  public :: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
 
 contains
 

@@ -50,7 +50,13 @@ contains
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
-      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes))) call prepare_grid(x, stop)
+      ! an interrupted segment goes on with its grid
+      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes)) .and. &
+          (abs(x%grid%stop - stop) > 0 &
+           .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) then
+        call make_grid(x%t, stop, x%problem%h, x%grid)
+        x%grid_done = 0
+      end if
       x%h = sign(x%h, stop - x%t)
     end associate
     x%phase = phase_choose_step
@@ -59,17 +65,6 @@ contains
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end if
   end subroutine begin_segment
-
-  ! Makes the grid of equal steps to a stop, unless the present one leads there.
-  subroutine prepare_grid(x, stop)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: stop
-
-    if (.not. (abs(x%grid%stop - stop) > 0 &
-               .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) return
-    call make_grid(x%t, stop, x%problem%h, x%grid)
-    x%grid_done = 0
-  end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
   subroutine guess_size(x)
