@@ -287,16 +287,12 @@ contains
     integer, intent(in) :: order, layout(:)              ! layout: see weights_t
     integer, intent(in) :: trees(:)            ! (conditions) of stages: at most order nodes
     integer, intent(in), optional :: owner(:)  ! (conditions) all zero by default
-    integer :: i
 
     call self%weights%set_up(order, layout)
     self%trees = trees
     allocate (self%owner(size(trees)), source=0)
     if (present(owner)) self%owner = owner
-    allocate (self%target(size(trees)), source=0.0_wp)
-    do i = 1, size(trees)
-      if (trees(i) > 0) self%target(i) = 1.0_wp/real(density(trees(i)), wp)
-    end do
+    self%target = merge(1.0_wp/real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
   ! Computes the residuals of all conditions.
