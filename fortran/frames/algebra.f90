@@ -153,7 +153,7 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! In matrices: the series up to the power `order` of u. The order of a step needs two powers less,
+  ! Replaces v by the series in matrices up to the power `order` of u. The order of a step needs two powers less,
   ! but then errors of long steps exceed their estimates by far. Beyond the radius of convergence it
   ! is used only if the brackets of this v don't grow.
   subroutine dexpinv_matrix(block, sign, order, u, v, exists)

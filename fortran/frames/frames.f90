@@ -25,7 +25,7 @@ module frames_m
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
-    ! of a mechanical system, the number of momenta, and of the entries of a point before them;
+    ! numbers of momenta of a mechanical system, and of the entries of a point before them;
     ! right-hand sides give as many forces
     integer :: forces = 0, before = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta

@@ -92,11 +92,12 @@ contains
 
   contains
 
-    subroutine take(length, part)
+    ! Reads the next array of integers.
+    subroutine take(length, array)
       integer, intent(in) :: length
-      integer, allocatable, intent(out) :: part(:)
+      integer, allocatable, intent(out) :: array(:)
 
-      part = nint(numbers(used + 1:used + length))
+      array = nint(numbers(used + 1:used + length))
       used = used + length
     end subroutine take
 
@@ -284,6 +285,7 @@ contains
     end select
   end subroutine multiply
 
+  ! Computes the product for real entries.
   pure subroutine multiply_real(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(n)
@@ -300,6 +302,7 @@ contains
     end do
   end subroutine multiply_real
 
+  ! Computes the product for imaginary entries, of which the imaginary parts are stored.
   pure subroutine multiply_imaginary(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(2, n)
@@ -319,6 +322,7 @@ contains
     end do
   end subroutine multiply_imaginary
 
+  ! Computes the product for complex entries.
   pure subroutine multiply_complex(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(2, *), y(2, n)

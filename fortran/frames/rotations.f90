@@ -264,7 +264,7 @@ contains
     end if
   end subroutine rotate_matrix
 
-  ! The cross product
+  ! The cross product: a copy of that of vectors_m, which isn't inlined in another file
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)

@@ -23,7 +23,7 @@ module accepted_step_m
             prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
-  ! of an event's function, relative to its values at both ends
+  ! a value of an event's function that counts as zero, relative to its values at both ends
   real(wp), parameter :: small_value = 1e-9_wp
 
 contains

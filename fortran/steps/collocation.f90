@@ -227,7 +227,7 @@ contains
   end subroutine request_column
 
   ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
-  ! of derivatives it would be second differences, which have no digits.
+  ! for derivatives of a solution it would be second differences, which have no digits.
   subroutine store_column(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%u))
@@ -269,6 +269,7 @@ contains
     end do
   end subroutine add_brackets
 
+  ! Marks the Jacobian as that of the present point, which its factors don't belong to.
   subroutine finish_jacobian(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -43,7 +43,7 @@ contains
     real(wp), intent(in) :: t                ! that of the step
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: noise(frame%forces + 3), kept, part
+    real(wp) :: noise(frame%forces + 3), kept, deviation
     integer(int64) :: tick
     integer :: i, k
 
@@ -54,15 +54,15 @@ contains
                            [tick, int(k / 4, int64)], noise(k:k + 3))
     end do
     kept = exp(-bath%friction * time)
-    part = sqrt(bath%temperature * (1 - kept) * (1 + kept))
+    deviation = sqrt(bath%temperature * (1 - kept) * (1 + kept))
     k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
         associate (momentum => y(k + v:k + last), xi => noise(v:last))
           if (size(root, 2) == 1) then
-            momentum = kept * momentum + part * root(:, 1) * xi
+            momentum = kept * momentum + deviation * root(:, 1) * xi
           else
-            momentum = kept * momentum + part * matmul(root, xi)
+            momentum = kept * momentum + deviation * matmul(root, xi)
           end if
         end associate
       end associate

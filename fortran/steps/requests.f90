@@ -76,7 +76,7 @@ contains
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
-  ! Of mechanical systems the answer is forces; splitting methods take them alone.
+  ! Answers of mechanical systems are forces; splitting methods take them alone.
   subroutine check_coefficients(x, y, f)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: y(x%frame%point_size)      ! where f was evaluated

@@ -66,15 +66,15 @@ contains
   end subroutine values_at
 
   ! Evaluates the function at a fraction of the step.
-  subroutine value(self, theta, found)
+  subroutine value(self, theta, at_theta)
     class(event_function_t), intent(inout) :: self
     real(wp), intent(in) :: theta
-    real(wp), intent(out) :: found
+    real(wp), intent(out) :: at_theta
     real(wp) :: values(1)
 
     values = 0.0_wp
     call values_at(self%trajectory, self%event, theta, self%y, values)
-    found = values(1)
+    at_theta = values(1)
     self%stopped = self%trajectory%status /= finished
   end subroutine value
 

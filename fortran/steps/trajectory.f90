@@ -155,7 +155,8 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
-    ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
+    ! coefficients at the nodes of the step before and its size, of a Magnus method; the size is zero
+    ! where they aren't to be used
     real(wp), allocatable :: f_before(:, :)
     real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
@@ -163,7 +164,7 @@ module trajectory_m
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
-    type(stage_solver_t) :: solver                 ! of another implicit method
+    type(stage_solver_t) :: solver           ! of another implicit method
     type(joints_t) :: joints
     ! output
     type(interpolant_t) :: interpolant
