@@ -199,13 +199,9 @@ contains
     short = y - sign(1.0_wp, cosine) * x
     v = cross(x, short)
     sine = sqrt(dot_product(v, v))
-    if (cosine < 0 .and. .not. sine > opposite * norm2(short)) then
-      v = nan
-    else if (sine > 0) then
-      v = (atan2(sine, cosine) / sine) * v
-    else if (.not. cosine > 0) then
-      v = nan
-    end if
+    if (sine > 0) v = (atan2(sine, cosine) / sine) * v
+    if ((cosine < 0 .and. .not. sine > opposite * norm2(short)) &
+        .or. .not. (sine > 0 .or. cosine > 0)) v = nan
   end function smallest_rotation
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
