@@ -114,7 +114,7 @@ contains
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
     real(wp) :: whole(1, weights%stage_trees), z(size(path), weights%order)
-    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
+    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! numbers on the path, else 0
 
     n = size(path)
     if (n == 0 .or. .not. any(mine)) return

@@ -22,8 +22,7 @@ contains
   ! Computes the coefficients of a derivative at a point, and reports the largest part dropped.
   subroutine coefficients_of(frame, t, y, slope, v)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(frame%point_size), slope(frame%point_size)
+    real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, q(4), matrix(8)
     integer :: i

@@ -26,7 +26,7 @@ module gyroscopic_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: carry_tangents, move_linearly, rotor_momentum, substeps, turn_with_rotor
+  public :: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
 
   ! The first four of the nine parts of a leapfrog step; the last four repeat them backward.
   real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
@@ -70,7 +70,7 @@ contains
   end subroutine turn_with_rotor
 
   ! Moves a block of a vector space, by a series for each piece of the motion.
-  subroutine move_linearly(body, time, momentum, point)
+  subroutine move_by_series(body, time, momentum, point)
     type(body_t), intent(in) :: body
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(:), point(:)
@@ -91,17 +91,16 @@ contains
         momentum = momentum + term
       end do
     end do
-  end subroutine move_linearly
+  end subroutine move_by_series
 
   ! Moves tangents along the drift that starts at a point.
   subroutine carry_tangents(frame, time, momentum, x)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: time
-    real(wp), intent(in) :: momentum(frame%forces)
+    real(wp), intent(in) :: time, momentum(frame%forces)
     ! tangents are rows; columns are coordinates, then momenta
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
     real(wp), dimension(frame%dimension) :: u, xi, moved, term
-    real(wp) :: fraction                     ! of the motion in a piece
+    real(wp) :: fraction                     ! part of the motion in a piece
     integer :: i, j, k, piece, pieces
     integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
@@ -158,7 +157,7 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: angle = 0.02_wp             ! of a difference; its error is below rounding
+    real(wp), parameter :: angle = 0.02_wp   ! that a difference turns by; its error is below rounding
     real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side

@@ -20,7 +20,7 @@ module linear_action_m
 
   ! Points within a flow along a polynomial
   type :: inner_points_t
-    logical :: wanted = .false.              ! whether the next flow computes them
+    logical :: awaited = .false.             ! whether the next flow computes them
     integer :: owner = 0, count = 0          ! owner: the member of the step
     real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
@@ -218,7 +218,7 @@ contains
     real(wp) :: bessel(0:max_terms), bound
     integer :: k, last
 
-    bound = 1.0_wp                           ! of J_k(norm), (norm / 2)^k / k!
+    bound = 1.0_wp                           ! J_k(norm) is at most (norm / 2)^k / k!
     last = 0
     do while (last < max_terms .and. (bound > epsilon(norm) / 8 .or. last < 2))
       last = last + 1
@@ -371,7 +371,7 @@ contains
       end do
       first = last + 1
       if (associated(action%inner)) then
-        if (action%inner%wanted) last = count(action%inner%theta(:action%inner%count) &
+        if (action%inner%awaited) last = count(action%inner%theta(:action%inner%count) &
                                               <= real(part, wp) / real(parts, wp))
       end if
       if (last < first) then
@@ -386,7 +386,7 @@ contains
         end do
       end if
     end do
-    if (associated(action%inner)) action%inner%wanted = .false.
+    if (associated(action%inner)) action%inner%awaited = .false.
     if (action%skew .and. length > 0) y = y * (length / norm2(y))
 
   contains
@@ -452,7 +452,7 @@ contains
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
     real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
     real(wp) :: argument(size(y)), product(size(y)), term(size(y))
-    real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
+    real(wp) :: norms(size(d, 2))            ! those of y_k, y_(k - 1), ...
     real(wp) :: bounds(size(d, 2)), start, tolerance, negligible
     integer :: i, k, m, n
 

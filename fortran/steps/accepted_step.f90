@@ -292,8 +292,8 @@ contains
       inner%count = inner%count + 1
       inner%theta(inner%count) = theta
     end do
-    inner%wanted = inner%count > 0
-    if (.not. inner%wanted) return
+    inner%awaited = inner%count > 0
+    if (.not. inner%awaited) return
     if (allocated(inner%y)) then
       if (size(inner%y, 2) < inner%count) deallocate (inner%y)
     end if

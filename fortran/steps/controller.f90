@@ -76,7 +76,7 @@ contains
   pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
-    integer, intent(in) :: iterations      ! of Newton's method
+    integer, intent(in) :: iterations      ! those of Newton's method
     logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error

@@ -235,7 +235,7 @@ contains
   pure subroutine node_difference(c, f, ratio, f_before, v)
     real(wp), intent(in) :: c(:)             ! (nodes) in a step
     real(wp), intent(in) :: f(:, :)          ! (dimension, nodes)
-    real(wp), intent(in) :: ratio            ! of the size of the step before to that of this one
+    real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
     real(wp) :: t(2 * size(c)), sizes(size(v)), largest

@@ -39,7 +39,7 @@ contains
   subroutine exchange_heat(bath, frame, member, t, time, y)
     type(bath_t), intent(in) :: bath
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: member            ! of the run, from 1
+    integer, intent(in) :: member            ! its number in the run, from 1
     real(wp), intent(in) :: t                ! that of the step
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)

@@ -49,7 +49,7 @@ module interpolant_m
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
-    integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
+    integer :: columns = 0                   ! number of those of `field`; 0: not yet known
     logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
@@ -432,7 +432,7 @@ contains
     inner%count = size(theta)
     inner%theta = theta(order)
     inner%y = y
-    inner%wanted = .true.
+    inner%awaited = .true.
     call evaluate_interpolant(self, 1.0_wp, reached)
     y(:, order) = inner%y
   end subroutine evaluate_inner

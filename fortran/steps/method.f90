@@ -30,7 +30,7 @@ module method_m
     ! (paths) the path to its start, 0 for the start of the step
     integer, allocatable :: origin(:)
     integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
-    type(flow_sequence_t) :: flows           ! of all paths; their fields are those of the stages
+    type(flow_sequence_t) :: flows           ! flows of all paths, with fields at the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
@@ -47,11 +47,11 @@ module method_m
     logical :: has_nodes = .false.
     logical :: of_time = .false.             ! whether no stage needs a point, of a Magnus method
     logical :: in_parts = .false.            ! whether error estimates are of two parts
-    integer :: blocks = 0                    ! of stages that an implicit method solves together
-    type(transformation_t) :: transformation ! of a collocation method
+    integer :: blocks = 0                    ! number of sets of stages solved together
+    type(transformation_t) :: transformation ! for a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
-    integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
-    real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
+    integer :: power = 1                     ! power of a quotient; 0: see error_estimate_m
+    real(wp) :: factor = 1.0_wp              ! that of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (columns, estimates)
     ! weights of both sides of brackets of fields, which are columns after those of the stages

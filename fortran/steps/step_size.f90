@@ -96,7 +96,7 @@ contains
       call apply_flows(x%frame, 1, x%u, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%received)
+      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%answer)
     end associate
   end subroutine request_curvature
 
@@ -106,9 +106,9 @@ contains
     real(wp) :: start_value(size(x%control%v)), curvature
 
     x%request%shared = x%control%guessed_size
-    if (all(abs(x%request%received) < huge(1.0_wp))) then
+    if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%received, x%y(:, x%result), x%control%v)
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
       curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
                   / x%control%guessed_size
       x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
@@ -221,7 +221,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
     real(wp) :: v(x%frame%dimension), values(-1:1), time, change, density
-    real(wp), parameter :: near = 1e-2_wp              ! of a step, where s is compared
+    real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
     associate (size => x%control%step_size)
