@@ -25,9 +25,9 @@ module conditions_m
   use weights_m, only: split_word, weights_t
   implicit none
   private
-  public :: order_conditions_t, weights_jacobian
+  public :: order_conditions_t
 
-  integer, parameter, public :: abscissa = 2  ! the tree whose weight at a stage is c
+  integer, parameter :: abscissa = 2  ! the tree whose weight at a stage is c
 
   type, extends(least_squares_t) :: order_conditions_t
     type(weights_t) :: weights
@@ -114,7 +114,7 @@ contains
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
     real(wp) :: whole(1, weights%stage_trees), z(size(path), weights%order)
-    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
+    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! numbers on the path, else 0
 
     n = size(path)
     if (n == 0 .or. .not. any(mine)) return
@@ -287,16 +287,12 @@ contains
     integer, intent(in) :: order, layout(:)              ! layout: see weights_t
     integer, intent(in) :: trees(:)            ! (conditions) of stages: at most order nodes
     integer, intent(in), optional :: owner(:)  ! (conditions) all zero by default
-    integer :: i
 
     call self%weights%set_up(order, layout)
     self%trees = trees
     allocate (self%owner(size(trees)), source=0)
     if (present(owner)) self%owner = owner
-    allocate (self%target(size(trees)), source=0.0_wp)
-    do i = 1, size(trees)
-      if (trees(i) > 0) self%target(i) = 1.0_wp/real(density(trees(i)), wp)
-    end do
+    self%target = merge(1.0_wp/real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
   ! Computes the residuals of all conditions.

@@ -232,7 +232,7 @@ contains
   function weight(self, t, second) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t
-    logical, intent(in) :: second  ! of the second result
+    logical, intent(in) :: second  ! whether of the second result
     real(wp) :: phi
 
     if (t <= self%stage_trees) then

@@ -31,7 +31,7 @@ module algebra_m
   ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
   ! precision, which no frame exceeds.
   integer, parameter :: last_term = 11
-  real(wp), parameter :: series_below = 1.0_wp             ! of the square of an angle
+  real(wp), parameter :: series_below = 1.0_wp             ! the largest square of an angle
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
   ! The radius of the series: at a full turn of rotations
   real(wp), parameter :: radius = 8 * atan(1.0_wp)
@@ -100,7 +100,7 @@ contains
   ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: order                     ! of the method, where the series ends
+    integer, intent(in) :: order                     ! the method's, where the series ends
     real(wp), contiguous, intent(in) :: u(:)         ! (dimension)
     real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
     ! whether the whole series converges; if not, v is undefined
@@ -153,7 +153,7 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! In matrices: the series up to the power `order` of u. The order of a step needs two powers less,
+  ! Replaces v by the series in matrices up to the power `order` of u. The order of a step needs two powers less,
   ! but then errors of long steps exceed their estimates by far. Beyond the radius of convergence it
   ! is used only if the brackets of this v don't grow.
   subroutine dexpinv_matrix(block, sign, order, u, v, exists)
@@ -296,7 +296,7 @@ contains
 
   ! The coefficients a and b of dexpinv_motion
   pure subroutine motion_factors(square, a, b)
-    real(wp), intent(in) :: square           ! of the angle
+    real(wp), intent(in) :: square           ! the angle's
     real(wp), intent(out) :: a, b
     real(wp) :: half, sine, cotangent, value, slope
     integer :: k
@@ -304,7 +304,7 @@ contains
     if (square < series_below) then
       a = 0.0_wp
       b = 0.0_wp
-      do k = last_term - 1, 1, -1            ! of the series
+      do k = last_term - 1, 1, -1            ! terms of the series
         a = (real(1 - k, wp) * b11(k + 1) + a) * square
         b = b * square - real(k, wp) * b11(k + 1)
       end do

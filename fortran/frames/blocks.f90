@@ -27,7 +27,7 @@ module blocks_m
   ! The inertia of a block of a mechanical system
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
-    real(wp), allocatable :: root(:, :)      ! of the inertia, R with J = R R', (n, n) or (n, 1)
+    real(wp), allocatable :: root(:, :)      ! R of the inertia, with J = R R', (n, n) or (n, 1)
     ! the matrix of a force that is linear in the velocity, if there is one, and whether its flow
     ! commutes with free motion
     real(wp), allocatable :: gyroscopic(:, :)

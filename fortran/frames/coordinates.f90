@@ -50,40 +50,32 @@ contains
 
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
-        if (block%kind == callback_block) then
+        select case (block%kind)
+        case (euclidean_block)
+          v(block%v1:block%v2) = y(p:last) - x(p:last)
+        case (quaternion_block, su2_block)
+          v(block%v1:block%v2) = logarithm(quaternion_quotient( &
+            get_quaternion(block, x(p:last)), get_quaternion(block, y(p:last) - x(p:last)), &
+            block%space))
+        case (so3_block)
+          v(block%v1:block%v2) = logarithm(quaternion_of(quotient(block, &
+            transpose(reshape(x(p:last), [3, 3])), &
+            transpose(reshape(y(p:last) - x(p:last), [3, 3])))))
+        case (se3_block)
+          call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
+        case (sphere_block)
+          v(block%v1:block%v2) = smallest_rotation(x(p:last), y(p:last))
+        case (so_block, su_block, u_block)
+          call unitary_difference(block%kind, block%n, block%space, x(p:last), y(p:last), &
+                                  v(block%v1:block%v2))
+        case (callback_block)
           call frame%callback%apply(coordinates_operation, x, y, v)
-        else
-          call difference_in_block(block, x(p:last), y(p:last), v(block%v1:block%v2))
-        end if
+        case default                         ! no coordinates are known
+          v(block%v1:block%v2) = nan
+        end select
       end associate
     end do
   end subroutine difference
-
-  ! Computes the difference in one block.
-  subroutine difference_in_block(block, x, y, v)
-    type(block_t), intent(in) :: block
-    real(wp), contiguous, intent(in) :: x(:), y(:)
-    real(wp), contiguous, intent(out) :: v(:)
-
-    select case (block%kind)
-    case (euclidean_block)
-      v = y - x
-    case (quaternion_block, su2_block)
-      v = logarithm(quaternion_quotient(get_quaternion(block, x), get_quaternion(block, y - x), &
-                                        block%space))
-    case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, transpose(reshape(x, [3, 3])), &
-                                           transpose(reshape(y - x, [3, 3])))))
-    case (se3_block)
-      call find_twist(block, x, y, v)
-    case (sphere_block)
-      v = smallest_rotation(x, y)
-    case (so_block, su_block, u_block)
-      call unitary_difference(block%kind, block%n, block%space, x, y, v)
-    case default                           ! no coordinates are known
-      v = nan
-    end select
-  end subroutine difference_in_block
 
   ! Computes the magnitude that the error in each coordinate is relative to: |y_i| on Euclidean
   ! space, the distance from the origin for the translations of a rigid motion, 1 for angles
@@ -207,27 +199,23 @@ contains
     short = y - sign(1.0_wp, cosine) * x
     v = cross(x, short)
     sine = sqrt(dot_product(v, v))
-    if (cosine < 0 .and. .not. sine > opposite * norm2(short)) then
-      v = nan
-    else if (sine > 0) then
-      v = (atan2(sine, cosine) / sine) * v
-    else if (.not. cosine > 0) then
-      v = nan
-    end if
+    if (sine > 0) v = (atan2(sine, cosine) / sine) * v
+    if ((cosine < 0 .and. .not. sine > opposite * norm2(short)) &
+        .or. .not. (sine > 0 .or. cosine > 0)) v = nan
   end function smallest_rotation
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.
-  subroutine tangent(frame, tolerances, v, y, found)
+  subroutine tangent(frame, tolerances, v, y, change)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+    real(wp), contiguous, intent(out) :: change(:)     ! (width)
     integer :: i
 
     if (tolerances%in_coordinates) then
-      found = v
+      change = v
       return
     end if
     do i = 1, size(frame%blocks)
@@ -235,13 +223,13 @@ contains
                  p => frame%blocks(i)%p1, n => frame%blocks(i)%p2)
         select case (block%kind)
         case (callback_block)
-          call frame%callback%apply(tangent_operation, v, y, found)
+          call frame%callback%apply(tangent_operation, v, y, change)
         case (linear_action_block)
-          call linear_tangent(block%action, v(k:m), y(p:n), found(p:n))
+          call linear_tangent(block%action, v(k:m), y(p:n), change(p:n))
         case (stiefel_block)
-          call stiefel_tangent(block%k, block%n, v(k:m), y(p:n), found(p:n))
+          call stiefel_tangent(block%k, block%n, v(k:m), y(p:n), change(p:n))
         case default
-          call isospectral_tangent(block%n, v(k:m), y(p:n), found(p:n))
+          call isospectral_tangent(block%n, v(k:m), y(p:n), change(p:n))
         end select
       end associate
     end do
@@ -249,33 +237,33 @@ contains
 
   ! Computes the magnitudes that relative errors refer to; for entries, the root mean square of all
   ! entries whose tolerance is finite.
-  subroutine point_sizes(frame, tolerances, y, found)
+  subroutine point_sizes(frame, tolerances, y, magnitudes)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+    real(wp), contiguous, intent(out) :: magnitudes(:) ! (width)
     integer :: counted
 
     if (tolerances%in_coordinates) then
-      call sizes(frame, y, found)
+      call sizes(frame, y, magnitudes)
       return
     end if
     counted = count(tolerances%atol <= huge(1.0_wp))
-    found = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
+    magnitudes = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
             / sqrt(real(counted / tolerances%parts, wp))
   end subroutine point_sizes
 
   ! Computes the tolerances at the larger of two points, all positive.
-  subroutine scales(frame, tolerances, x, y, spare, found)
+  subroutine scales(frame, tolerances, x, y, spare, scale)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
     real(wp), contiguous, intent(out) :: spare(:)      ! (width) workspace
-    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+    real(wp), contiguous, intent(out) :: scale(:)      ! (width)
 
     call point_sizes(frame, tolerances, x, spare)
-    call point_sizes(frame, tolerances, y, found)
-    found = max(tolerances%rtols * max(found, spare) + tolerances%atol, tiny(1.0_wp))
+    call point_sizes(frame, tolerances, y, scale)
+    scale = max(tolerances%rtols * max(scale, spare) + tolerances%atol, tiny(1.0_wp))
   end subroutine scales
 
   ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left

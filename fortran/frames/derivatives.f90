@@ -22,10 +22,9 @@ contains
   ! Computes the coefficients of a derivative at a point, and reports the largest part dropped.
   subroutine coefficients_of(frame, t, y, slope, v)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(frame%point_size), slope(frame%point_size)
+    real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
-    real(wp) :: dropped
+    real(wp) :: dropped, q(4), matrix(8)
     integer :: i
 
     if (frame%python_derivatives) then
@@ -43,26 +42,38 @@ contains
           call in_motion(block, y(first), slope(first), v(k), dropped)
         case (quaternion_block)
           call in_quaternion(block, y(first), slope(first), v(k), dropped)
+        case (su2_block)
+          q = get_quaternion(block, slope(first:last))
+          call in_quaternion(block, get_quaternion(block, y(first:last)), q, v(k), dropped)
+          call set_quaternion(q, matrix)
+          ! matrices are longer by the root of 2
+          dropped = 2 * dropped + sum((slope(first:last) - matrix)**2)
+        case (sphere_block)
+          v(k:block%v2) = cross(y(first:last), slope(first:last))
+          dropped = dot_product(y(first:last), slope(first:last))**2
         case (so_block)
           call in_rotation(block, y(first), slope(first), v(k), dropped)
+        case (isospectral_block)
+          call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y(first), &
+                                        slope(first), v(k:block%v2), dropped)
         case (stiefel_block)
           call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k), dropped)
         case default
-          call in_block(frame, block, y(first:last), slope(first:last), v(k:block%v2), dropped)
+          call in_unitary(block, y(first:last), slope(first:last), v(k:block%v2), dropped)
         end select
         if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
       end associate
     end do
   end subroutine coefficients_of
 
-  ! Reports a part of a derivative, by squares of lengths.
-  subroutine report(frame, t, part, whole)
+  ! Reports what is dropped of a derivative; both lengths are squared.
+  subroutine report(frame, t, dropped, whole)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t, part, whole
+    real(wp), intent(in) :: t, dropped, whole
 
-    if (.not. (associated(frame%dropped) .and. part > relative**2 * whole)) return
-    if (.not. part > frame%dropped**2 * whole) return
-    frame%dropped = sqrt(part / whole)
+    if (.not. (associated(frame%dropped) .and. dropped > relative**2 * whole)) return
+    if (.not. dropped > frame%dropped**2 * whole) return
+    frame%dropped = sqrt(dropped / whole)
     frame%dropped_at = t
   end subroutine report
 
@@ -79,33 +90,9 @@ contains
     if (answer(size(answer)) > absolute) call report(frame, t, answer(size(answer))**2, sum(slope**2))
   end subroutine by_python
 
-  ! The coefficients in one block, and the square of the length of what is dropped
-  subroutine in_block(frame, block, y, slope, v, dropped)
-    type(frame_t), intent(in) :: frame
-    type(block_t), intent(in) :: block
-    real(wp), contiguous, intent(in) :: y(:), slope(:) ! (point_size)
-    real(wp), contiguous, intent(out) :: v(:)          ! (dimension)
-    real(wp), intent(out) :: dropped
-    real(wp) :: q(4), matrix(8)
-
-    select case (block%kind)
-    case (su2_block)
-      q = get_quaternion(block, slope)
-      call in_quaternion(block, get_quaternion(block, y), q, v, dropped)
-      call set_quaternion(q, matrix)
-      dropped = 2 * dropped + sum((slope - matrix)**2)   ! matrices are longer by the root of 2
-    case (sphere_block)
-      v = cross(y, slope)
-      dropped = dot_product(y, slope)**2
-    case (isospectral_block)
-      call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y, slope, v, &
-                                    dropped)
-    case default
-      call in_unitary(block, y, slope, v, dropped)
-    end select
-  end subroutine in_block
-
-  ! Of a quaternion p with the derivative q: twice the vector part of p^-1 q, or of q p^-1
+  ! The coefficients of the derivative q of a quaternion p, and the square of the length of what is
+  ! dropped, as in the procedures below: twice the vector part of p^-1 q, or of
+  ! q p^-1
   pure subroutine in_quaternion(block, p, q, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: p(4), q(4)
@@ -124,7 +111,8 @@ contains
     dropped = (p(x) * q(x) + p(y) * q(y) + p(z) * q(z) + p(w) * q(w))**2
   end subroutine in_quaternion
 
-  ! Of rotations of space, with translations or without them. Matrices are stored by rows.
+  ! The coefficients of a derivative of a rotation of space, with translations or without them.
+  ! Matrices are stored by rows.
   pure subroutine in_motion(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)
@@ -154,7 +142,7 @@ contains
     end do
   end subroutine in_motion
 
-  ! Of rotation matrices of any size
+  ! The coefficients of a derivative of a rotation matrix of any size
   subroutine in_rotation(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(block%n, block%n), slope(block%n, block%n)
@@ -171,7 +159,7 @@ contains
     dropped = sum((x + transpose(x))**2) / 4
   end subroutine in_rotation
 
-  ! Of unitary matrices
+  ! The coefficients of a derivative of a unitary matrix
   subroutine in_unitary(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: y(:), slope(:)

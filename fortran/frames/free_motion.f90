@@ -7,7 +7,7 @@
 module free_motion_m
   use blocks_m, only: body_t, find_velocities, flow_sequence_t
   use frames_m, only: apply_flows, frame_t
-  use gyroscopic_m, only: carry_tangents, move_linearly, rotor_momentum, substeps, turn_with_rotor
+  use gyroscopic_m, only: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
   use joints_m, only: axes_coincide, constraint_impulse, constraints_t, evaluate_constraints, &
        factor_constraints, rates, solve_constraints
   use kinds, only: wp
@@ -28,7 +28,7 @@ contains
     ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
     ! free to turn about any axis
     integer, intent(in) :: columns(:)
-    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, its root, 0 or 1 or
+    real(wp), intent(in) :: constants(:)     ! each one's inverse inertia, its root, 0 or 1 or
     ! 2 and a gyroscopic matrix that commutes with free motion or doesn't, top_t
     type(frame_t), intent(in) :: frame
     type(body_t), intent(out) :: bodies(:)
@@ -161,7 +161,7 @@ contains
           if (.not. allocated(body%gyroscopic)) then
             call move_body(frame, i, time, momentum, y)
           else if (block%kind == euclidean_block) then
-            call move_linearly(body, time, momentum, y(block%p1:block%p2))
+            call move_by_series(body, time, momentum, y(block%p1:block%p2))
           else
             momentum = momentum + rotor_momentum(body)
             parts = time * substeps(body)

@@ -26,10 +26,10 @@ module gyroscopic_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: carry_tangents, move_linearly, rotor_momentum, substeps, turn_with_rotor
+  public :: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
 
-  ! half of the nine parts
-  real(wp), parameter :: part(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
+  ! The first four of the nine parts of a leapfrog step; the last four repeat them backward.
+  real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
 
 contains
@@ -42,13 +42,13 @@ contains
     momentum = [body%gyroscopic(3, 2), body%gyroscopic(1, 3), body%gyroscopic(2, 1)]
   end function rotor_momentum
 
-  ! The parts of a step
+  ! The leapfrog steps that a step is divided into
   pure function substeps(body)
     type(body_t), intent(in) :: body
     real(wp), allocatable :: substeps(:)
 
     substeps = [1.0_wp]
-    if (.not. body%commutes) substeps = [part, 1 - 2 * sum(part), part(4:1:-1)]
+    if (.not. body%commutes) substeps = [half, 1 - 2 * sum(half), half(4:1:-1)]
   end function substeps
 
   ! Follows the linear part of the energy of block i; the momentum is that of body and rotor.
@@ -70,7 +70,7 @@ contains
   end subroutine turn_with_rotor
 
   ! Moves a block of a vector space, by a series for each piece of the motion.
-  subroutine move_linearly(body, time, momentum, point)
+  subroutine move_by_series(body, time, momentum, point)
     type(body_t), intent(in) :: body
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(:), point(:)
@@ -91,17 +91,16 @@ contains
         momentum = momentum + term
       end do
     end do
-  end subroutine move_linearly
+  end subroutine move_by_series
 
   ! Moves tangents along the drift that starts at a point.
   subroutine carry_tangents(frame, time, momentum, x)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: time
-    real(wp), intent(in) :: momentum(frame%forces)
+    real(wp), intent(in) :: time, momentum(frame%forces)
     ! tangents are rows; columns are coordinates, then momenta
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
     real(wp), dimension(frame%dimension) :: u, xi, moved, term
-    real(wp) :: part                         ! of the motion, a piece
+    real(wp) :: fraction                     ! part of the motion in a piece
     integer :: i, j, k, piece, pieces
     integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
@@ -115,8 +114,8 @@ contains
     end do
     pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%v1:frame%blocks(i)%v2)), &
                                          i = 1, size(frame%bodies))])))
-    part = 1.0_wp / real(pieces, wp)
-    u = part * u
+    fraction = 1.0_wp / real(pieces, wp)
+    u = fraction * u
     do j = 1, size(x, 1)
       xi = 0.0_wp
       moved = 0.0_wp                         ! J^-1 eta times a piece
@@ -126,7 +125,7 @@ contains
           if (body%turns) cycle
           xi(v:last) = x(j, v:last)
           call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
-          moved(v:last) = time * part * moved(v:last)
+          moved(v:last) = time * fraction * moved(v:last)
         end associate
       end do
       do piece = 1, pieces
@@ -158,14 +157,14 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: part = 0.02_wp              ! of a turn by one, error below rounding
-    real(wp) :: q(4), other(4), change(4), moved(3), step, after(3)
+    real(wp), parameter :: angle = 0.02_wp   ! that a difference turns by; its error is below rounding
+    real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side
 
     after = momentum
     call turn_freely(body%top, time, after, q)
-    step = part / (abs(time) * maxval(body%top%inverse))
+    step = angle / (abs(time) * maxval(body%top%inverse))
     do j = 1, 3
       change = 0.0_wp
       by_momentum(:, j) = 0.0_wp
@@ -173,9 +172,9 @@ contains
         do side = -1, 1, 2
           moved = momentum
           moved(j) = moved(j) + real(side * k, wp) * step
-          call turn_freely(body%top, time, moved, other)
-          other = sign(1.0_wp, dot_product(q, other)) * other - q
-          change = change + real(side, wp) * weight(k) / step * other
+          call turn_freely(body%top, time, moved, q_moved)
+          q_moved = sign(1.0_wp, dot_product(q, q_moved)) * q_moved - q
+          change = change + real(side, wp) * weight(k) / step * q_moved
           by_momentum(:, j) = by_momentum(:, j) &
                               + real(side, wp) * weight(k) / step * (moved - after)
         end do

@@ -27,12 +27,12 @@ module joints_m
     integer :: body(2) = 0
     real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
     real(wp) :: axis(3, 2) = 0.0_wp
-    real(wp) :: length = 0.0_wp              ! of a fixed length
+    real(wp) :: length = 0.0_wp              ! the fixed length
     logical :: repeats = .false.             ! whether the row before has the same bodies and points
   end type row_t
 
   type :: linkage_t
-    integer :: rows = 0, own = 0             ! of joints, of one's own
+    integer :: rows = 0, own = 0             ! rows of joints, and of one's own
     integer :: forces = 0                    ! momenta
     integer :: before = 0                    ! entries of a point before the momenta
     integer :: after = 0                     ! and up to their end
@@ -126,9 +126,9 @@ contains
     logical, intent(out) :: failed                     ! whether Python raised an exception
     real(wp), dimension(3, size(linkage%attitude)) :: x, velocity, turning
     real(wp) :: r(3, 3, size(linkage%attitude)), omega(merge(linkage%forces, 0, depth == 2))
-    ! of a row, and those that repeat its points: these, from the bodies and from the origin
+    ! points of a row and of those that repeat them, from the bodies and from the origin
     real(wp) :: arm(3, 2), end(3, 2), d(3), length
-    real(wp) :: axis(3, 2), n(3)             ! of a row; n: its derivative along d
+    real(wp) :: axis(3, 2), n(3)             ! axes of a row, and its derivative along d
     integer :: i, k
 
     call reserve(linkage, c)

@@ -14,13 +14,13 @@ module linear_action_m
   implicit none
   private
   public :: inner_points_t, linear_action_t, linear_tangent, make_linear_action, move_linearly, &
-            move_polynomially, multiply, spectral_bound
+            move_polynomially, spectral_bound
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
   ! Points within a flow along a polynomial
   type :: inner_points_t
-    logical :: wanted = .false.              ! whether the next flow computes them
+    logical :: awaited = .false.             ! whether the next flow computes them
     integer :: owner = 0, count = 0          ! owner: the member of the step
     real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
@@ -50,8 +50,8 @@ module linear_action_m
   ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less
   ! than a digit to cancellation, Chebyshev polynomials none.
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
-  real(wp), parameter, public :: max_parts = 1e7_wp
-  integer, parameter, public :: max_terms = 200
+  real(wp), parameter :: max_parts = 1e7_wp
+  integer, parameter :: max_terms = 200
 
   ! Products of linear combinations of generators with points, for benchmarks; some are missing if
   ! several threads count.
@@ -92,11 +92,12 @@ contains
 
   contains
 
-    subroutine take(length, part)
+    ! Reads the next array of integers.
+    subroutine take(length, array)
       integer, intent(in) :: length
-      integer, allocatable, intent(out) :: part(:)
+      integer, allocatable, intent(out) :: array(:)
 
-      part = nint(numbers(used + 1:used + length))
+      array = nint(numbers(used + 1:used + length))
       used = used + length
     end subroutine take
 
@@ -217,7 +218,7 @@ contains
     real(wp) :: bessel(0:max_terms), bound
     integer :: k, last
 
-    bound = 1.0_wp                           ! of J_k(norm), (norm / 2)^k / k!
+    bound = 1.0_wp                           ! J_k(norm) is at most (norm / 2)^k / k!
     last = 0
     do while (last < max_terms .and. (bound > epsilon(norm) / 8 .or. last < 2))
       last = last + 1
@@ -284,6 +285,7 @@ contains
     end select
   end subroutine multiply
 
+  ! Computes the product for real entries.
   pure subroutine multiply_real(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(n)
@@ -300,6 +302,7 @@ contains
     end do
   end subroutine multiply_real
 
+  ! Computes the product for imaginary entries, of which the imaginary parts are stored.
   pure subroutine multiply_imaginary(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(2, n)
@@ -319,6 +322,7 @@ contains
     end do
   end subroutine multiply_imaginary
 
+  ! Computes the product for complex entries.
   pure subroutine multiply_complex(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(2, *), y(2, n)
@@ -367,7 +371,7 @@ contains
       end do
       first = last + 1
       if (associated(action%inner)) then
-        if (action%inner%wanted) last = count(action%inner%theta(:action%inner%count) &
+        if (action%inner%awaited) last = count(action%inner%theta(:action%inner%count) &
                                               <= real(part, wp) / real(parts, wp))
       end if
       if (last < first) then
@@ -382,7 +386,7 @@ contains
         end do
       end if
     end do
-    if (associated(action%inner)) action%inner%wanted = .false.
+    if (associated(action%inner)) action%inner%awaited = .false.
     if (action%skew .and. length > 0) y = y * (length / norm2(y))
 
   contains
@@ -448,7 +452,7 @@ contains
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
     real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
     real(wp) :: argument(size(y)), product(size(y)), term(size(y))
-    real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
+    real(wp) :: norms(size(d, 2))            ! those of y_k, y_(k - 1), ...
     real(wp) :: bounds(size(d, 2)), start, tolerance, negligible
     integer :: i, k, m, n
 

@@ -48,7 +48,7 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: e(n, n)
-    real(wp) :: scaled(n, n), length, max_terms
+    real(wp) :: scaled(n, n), length, max_length
     integer :: k, squarings
 
     if (n == 2) then                       ! one angle
@@ -61,10 +61,10 @@ contains
     ! bounds of the largest angle, of which each counts twice
     length = sqrt(sum(x**2) / 2)
     if (n > largest_own) length = min(length, maxval(sum(abs(x), dim=1)))
-    max_terms = merge(longest_reduced, longest, n <= largest_reduced)
+    max_length = merge(longest_reduced, longest, n <= largest_reduced)
     squarings = 0
     if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
-    if (length > max_terms) squarings = exponent(length / max_terms)
+    if (length > max_length) squarings = exponent(length / max_length)
     scaled = scale(1.0_wp, -squarings) * x
     if (n <= largest_reduced) then
       call reduced_series(n, scaled, scale(length, -squarings), e)

@@ -35,8 +35,8 @@ module rigid_body_m
     real(wp) :: inverse(3) = 0.0_wp, gap(3) = 0.0_wp
   end type top_t
 
-  ! Of Gauss's formula with 14 nodes those that are positive, to double precision, since no other
-  ! core has mechanical systems: their squares, and weights
+  ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes. They have the digits of
+  ! double precision, since no other core has mechanical systems.
   real(wp), parameter :: square(7) = [0.01167587194014667_wp, 0.1018327040027696_wp, &
                                       0.2654811572689373_wp, 0.4723715370044845_wp, &
                                       0.6842620156531486_wp, 0.8619913332033933_wp, &
@@ -45,7 +45,7 @@ module rigid_body_m
                                       0.1855383974779378_wp, 0.1572031671581935_wp, &
                                       0.1215185706879032_wp, 0.08015808715976021_wp, &
                                       0.03511946033175186_wp]
-  ! of a piece: the error of the formula is below rounding
+  ! the longest piece in u, for which the error of the formula is below rounding
   real(wp), parameter :: longest = 1.1_wp
   ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
   real(wp), parameter :: aside = 0.7_wp

@@ -28,7 +28,7 @@ contains
   subroutine rotate(block, flows, m, v, y)
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows, m          ! m: coefficients of the frame
-    real(wp), intent(in) :: v(m, *)          ! of which the first three are used
+    real(wp), intent(in) :: v(m, *)          ! the first three rows are used
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), sinc, side
     integer :: j
@@ -76,7 +76,7 @@ contains
   subroutine move_rigid_body(block, flows, m, all_v, y)
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows, m          ! m: coefficients of the frame
-    real(wp), intent(in) :: all_v(m, *)      ! of which the first 3 + 3 k are used
+    real(wp), intent(in) :: all_v(m, *)      ! the first 3 + 3 k rows are used
     real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
     real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
     integer :: i, j
@@ -264,7 +264,7 @@ contains
     end if
   end subroutine rotate_matrix
 
-  ! The cross product
+  ! The cross product: a copy of that of vectors_m, which isn't inlined in another file
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)

@@ -91,7 +91,7 @@ contains
   ! The sums of m^j / (2 j + 1)! and m^j / (2 j + 2)!
   subroutine sum_series(k, bound, m, s, d)
     integer, intent(in) :: k
-    real(wp), intent(in) :: bound                  ! of the norm of m, at most 1
+    real(wp), intent(in) :: bound                  ! the norm's, at most 1
     real(wp), intent(in) :: m(k, k)
     real(wp), intent(out) :: s(k, k), d(k, k)
     real(wp) :: power(k, k), next(k, k), size_of_term

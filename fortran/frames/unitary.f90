@@ -106,7 +106,7 @@ contains
   ! all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
   pure subroutine series_of_three(x, length, e)
     complex(wp), intent(in) :: x(3, 3)
-    real(wp), intent(in) :: length           ! of eigenvalues without the trace, at most
+    real(wp), intent(in) :: length           ! no eigenvalue without the trace is larger
     complex(wp), intent(out) :: e(3, 3)
     complex(wp), dimension(3, 3) :: q1, q2
     real(wp) :: trace, c, d, p, q, r, next, bound, factor, even(3), odd(3)

@@ -99,43 +99,41 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
         return PyErr_NoMemory();
     }
     arguments[0] = NULL; /* the function may use this place during the call */
-    Py_ssize_t given = 0, first = 0;
-    PyObject *input = NULL, *numbers = NULL, *shape = PyTuple_GET_ITEM(context, CHANGING);
+    Py_ssize_t nargs = 0, first = 0;
+    PyObject *value = NULL, *input = NULL, *numbers = NULL;
+    PyObject *shape = PyTuple_GET_ITEM(context, CHANGING);
     if (shape != Py_None) {
         PyArrayObject *last = (PyArrayObject *)PyTuple_GET_ITEM(extra, --count);
         numbers = make_array(context, NUMBERS, shape, NPY_DOUBLE, PyArray_DATA(last));
         if (numbers == NULL) {
-            PyMem_Free(arguments);
-            return NULL;
+            goto done;
         }
     }
-    arguments[++given] = time;
+    arguments[++nargs] = time;
     if (PyTuple_GET_ITEM(context, OF_TIME) != Py_True) {
-        arguments[++given] = point;
+        arguments[++nargs] = point;
     }
     if (PyTuple_GET_ITEM(context, INPUT) == Py_True) {
         input = PyObject_CallOneArg(PyTuple_GET_ITEM(extra, first++), time);
         if (input == NULL) {
-            Py_XDECREF(numbers);
-            PyMem_Free(arguments);
-            return NULL;
+            goto done;
         }
-        arguments[++given] = input;
+        arguments[++nargs] = input;
     }
     for (Py_ssize_t i = first; i < count; i++) {
-        arguments[++given] = PyTuple_GET_ITEM(extra, i);
+        arguments[++nargs] = PyTuple_GET_ITEM(extra, i);
     }
     if (numbers != NULL) {
-        arguments[++given] = numbers;
+        arguments[++nargs] = numbers;
     }
-    PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
-                                          (size_t)given | PY_VECTORCALL_ARGUMENTS_OFFSET,
-                                          NULL);
-    PyMem_Free(arguments);
+    value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
+                                (size_t)nargs | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL);
     if (numbers != NULL) {
         keep_spare(context, NUMBERS, numbers);
-        Py_DECREF(numbers);
     }
+done:
+    PyMem_Free(arguments);
+    Py_XDECREF(numbers);
     Py_XDECREF(input);
     return value;
 }

@@ -33,7 +33,7 @@ module run_m
 
   type :: run_t
     type(problem_t) :: problem
-    type(frame_t) :: frame                   ! of the plan, with the callback of this run
+    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
     type(body_t), allocatable :: bodies(:, :)          ! (bodies, members) where they differ
     type(callback_t) :: python
     type(events_t) :: events
@@ -269,9 +269,9 @@ contains
         associate (lane => run%lanes(requests(i)))
           if (run%frame%derivatives) then
             call coefficients_of(run%frame, lane%request%t, lane%request%y, &
-                                 slopes((i - 1) * m + 1:i * m), lane%request%received)
+                                 slopes((i - 1) * m + 1:i * m), lane%request%answer)
           else
-            lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
+            lane%request%answer(:m) = slopes((i - 1) * m + 1:i * m)
           end if
           lane%request%flag = merge(raised_in_python, 0, failed)
         end associate
@@ -292,14 +292,14 @@ contains
     waits = run%asks .and. run%lanes%status == needs_events
     for_all = waits
     do i = 1, size(waits)
-      if (waits(i)) for_all(i) = .not. run%lanes(i)%wanted_at(1, 1) > 0
+      if (waits(i)) for_all(i) = .not. run%lanes(i)%query(1, 1) > 0
     end do
     of_all = count(for_all)
     allocate (waiting(count(waits)), taken(count(waits)), source=0)
     waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
     waiting(of_all + 1:) = pack([(i, i=1, size(waits))], waits .and. .not. for_all)
     run%asks(waiting) = .false.
-    total = sum(run%lanes(waiting)%wanted)
+    total = sum(run%lanes(waiting)%queries)
     associate (lanes => run%lanes, n => run%frame%point_size)
       allocate (t(total), member(total), points(n * total), values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
@@ -309,13 +309,13 @@ contains
         do i = merge(1, of_all + 1, event == 1), size(waiting)
           k = last(i - 1)
           associate (lane => lanes(waiting(i)))
-            do while (taken(i) < lane%wanted)
-              if (nint(lane%wanted_at(1, taken(i) + 1)) > event) exit
+            do while (taken(i) < lane%queries)
+              if (nint(lane%query(1, taken(i) + 1)) > event) exit
               taken(i) = taken(i) + 1
               k = k + 1
-              t(k) = lane%wanted_at(2, taken(i))
+              t(k) = lane%query(2, taken(i))
               member(k) = real(lane%member - 1, wp)
-              points((k - 1) * n + 1:k * n) = lane%wanted_at(3:, taken(i))
+              points((k - 1) * n + 1:k * n) = lane%query(3:, taken(i))
             end do
           end associate
           last(i) = k

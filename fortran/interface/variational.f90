@@ -27,8 +27,8 @@ module variational_m
   ! What one evaluation refers to
   type :: evaluation_t
     type(variation_t), pointer :: record => null()
-    type(plan_t), pointer :: plan => null()            ! of the frame alone
-    type(c_ptr) :: parameters = c_null_ptr             ! of a member
+    type(plan_t), pointer :: plan => null()            ! it has the frame alone
+    type(c_ptr) :: parameters = c_null_ptr             ! those of a member
     real(wp) :: t = 0.0_wp
     integer(c_int) :: code = 0                         ! what the last function returned
   end type evaluation_t
@@ -129,7 +129,7 @@ contains
 
     call c_f_pointer(self%parameters, parameters, [size(p, 1)])
     call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [size(p, 1)])
-    if (along_fields) then                           ! of compiled frames only
+    if (along_fields) then                           ! the frame is a compiled one
       call sizes(self%plan%frame, y, widths)
       widths = max(widths, 1.0_wp)
     end if

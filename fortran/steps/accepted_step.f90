@@ -23,7 +23,7 @@ module accepted_step_m
             prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
-  ! of an event's function, relative to its values at both ends
+  ! a value of an event's function that counts as zero, relative to its values at both ends
   real(wp), parameter :: small_value = 1e-9_wp
 
 contains
@@ -205,7 +205,7 @@ contains
     if (ends) x%phase = phase_begin_segment
     if (.not. ended) then
       x%events%before(:) = x%events%after
-    else if (ends_trajectory(x) .and. .not. x%problem%goes_on) then
+    else if (any(x%events%count >= x%problem%events%limit) .and. .not. x%problem%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
     else if (x%events%jumps_in_place > max_stuck) then
@@ -218,13 +218,6 @@ contains
     end if
   end subroutine begin_next_step
 
-  ! Whether an event has happened as often as it may
-  pure logical function ends_trajectory(x)
-    type(trajectory_t), intent(in) :: x
-
-    ends_trajectory = any(x%events%count >= x%problem%events%limit)
-  end function ends_trajectory
-
   ! Prepares the functions of events for the step after one that an event ended.
   subroutine begin_after_events(x)
     type(trajectory_t), intent(inout) :: x
@@ -234,7 +227,7 @@ contains
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
-    if (.not. ends_trajectory(x)) return
+    if (.not. any(x%events%count >= x%problem%events%limit)) return
     x%status = terminal_event                        ! from which a stepper goes on
     where (x%events%count >= x%problem%events%limit) x%events%count = 0
   end subroutine begin_after_events
@@ -299,8 +292,8 @@ contains
       inner%count = inner%count + 1
       inner%theta(inner%count) = theta
     end do
-    inner%wanted = inner%count > 0
-    if (.not. inner%wanted) return
+    inner%awaited = inner%count > 0
+    if (.not. inner%awaited) return
     if (allocated(inner%y)) then
       if (size(inner%y, 2) < inner%count) deallocate (inner%y)
     end if

@@ -55,7 +55,7 @@ contains
     call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
     x%counts%nexp = x%counts%nexp + 1
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
-                 phase_stage_received, x%request%received)
+                 phase_stage_received, x%request%answer)
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
@@ -73,7 +73,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    x%f(:, x%stage) = x%request%received
+    x%f(:, x%stage) = x%request%answer
     call dexpinv(x%frame, x%method%series, x%newton%z(:, x%stage - 1), x%f(:, x%stage), exists)
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%t)
@@ -222,12 +222,12 @@ contains
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call apply_flows(x%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%received)
+      call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%answer)
     end associate
   end subroutine request_column
 
   ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
-  ! of derivatives it would be second differences, which have no digits.
+  ! for derivatives of a solution it would be second differences, which have no digits.
   subroutine store_column(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%u))
@@ -235,7 +235,7 @@ contains
     associate (newton => x%newton, column => x%newton%column, series => x%method%series)
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
-      newton%jacobian(:, column) = x%request%received
+      newton%jacobian(:, column) = x%request%answer
       call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
       uncontrolled = without_control(x)
@@ -269,6 +269,7 @@ contains
     end do
   end subroutine add_brackets
 
+  ! Marks the Jacobian as that of the present point, which its factors don't belong to.
   subroutine finish_jacobian(x)
     type(trajectory_t), intent(inout) :: x
 

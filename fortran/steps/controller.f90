@@ -15,7 +15,7 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
 
-  ! Of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
+  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
   ! the factored matrices, and Newton's method has this many iterations.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
@@ -76,7 +76,7 @@ contains
   pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
-    integer, intent(in) :: iterations      ! of Newton's method
+    integer, intent(in) :: iterations      ! those of Newton's method
     logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error

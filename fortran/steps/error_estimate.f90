@@ -6,9 +6,9 @@
 !   e1 (e1 / hypot(e1, factor e2))^power,
 !
 ! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
-! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. With a power of 0 (same
-! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
-! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
+! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. With a
+! power of 0 (same file) sums see the end of the step, which results don't, and the larger of e1 and
+! factor e2 counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
 !
 ! Two such differences have two parts: that of the quadratures, where all values of f commute, and the
 ! rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is all
@@ -235,7 +235,7 @@ contains
   pure subroutine node_difference(c, f, ratio, f_before, v)
     real(wp), intent(in) :: c(:)             ! (nodes) in a step
     real(wp), intent(in) :: f(:, :)          ! (dimension, nodes)
-    real(wp), intent(in) :: ratio            ! of the size of the step before to that of this one
+    real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
     real(wp) :: t(2 * size(c)), sizes(size(v)), largest

@@ -39,11 +39,11 @@ contains
   subroutine exchange_heat(bath, frame, member, t, time, y)
     type(bath_t), intent(in) :: bath
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: member            ! of the run, from 1
+    integer, intent(in) :: member            ! its number in the run, from 1
     real(wp), intent(in) :: t                ! that of the step
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: noise(frame%forces + 3), kept, part
+    real(wp) :: noise(frame%forces + 3), kept, deviation
     integer(int64) :: tick
     integer :: i, k
 
@@ -54,15 +54,15 @@ contains
                            [tick, int(k / 4, int64)], noise(k:k + 3))
     end do
     kept = exp(-bath%friction * time)
-    part = sqrt(bath%temperature * (1 - kept) * (1 + kept))
+    deviation = sqrt(bath%temperature * (1 - kept) * (1 + kept))
     k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
         associate (momentum => y(k + v:k + last), xi => noise(v:last))
           if (size(root, 2) == 1) then
-            momentum = kept * momentum + part * root(:, 1) * xi
+            momentum = kept * momentum + deviation * root(:, 1) * xi
           else
-            momentum = kept * momentum + part * matmul(root, xi)
+            momentum = kept * momentum + deviation * matmul(root, xi)
           end if
         end associate
       end associate

@@ -45,7 +45,7 @@ contains
     path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
     call follow_paths(x, path)
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
-                 x%request%received)
+                 x%request%answer)
   end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
@@ -97,16 +97,16 @@ contains
     associate (solver => x%solver, n => size(x%f, 1))
       block = merge(solver%first, 1, x%method%blocks > 1)
       if (x%method%blocks > 1 .and. .not. is_implicit(x%method, x%stage)) then
-        x%f(:, x%stage) = x%request%received
+        x%f(:, x%stage) = x%request%answer
         call next_block(x)
         return
       end if
       if (solver%column == 0) then
-        solver%value(:, x%stage) = x%request%received
+        solver%value(:, x%stage) = x%request%answer
       else
         associate (row => (x%stage - solver%first) * n)
           solver%lu(row + 1:row + n, solver%column, block) = &
-            (solver%value(:, x%stage) - x%request%received) / solver%moved
+            (solver%value(:, x%stage) - x%request%answer) / solver%moved
         end associate
       end if
       x%stage = x%stage + 1

@@ -12,7 +12,7 @@ module inputs_m
   implicit none
   private
   public :: call_python_field, call_python_member, evaluate, field_at, grid_t, inputs_t, &
-            last_before, longest_step, make_grid, rhs_i, vector_field_t
+            longest_step, make_grid, rhs_i, vector_field_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward

@@ -1,8 +1,8 @@
 ! The solution within one step, on the manifold and as accurate as the step, in one of two forms,
 ! whose coefficients cg/construction/methods/interpolant.py derives: by flows, or on a Lie algebra.
 !
-! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at nodes
-! 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
+! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at
+! nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
 ! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
 ! One more flow moves z(1) to y1:
 !
@@ -43,14 +43,13 @@ module interpolant_m
   use vectors_m, only: combine
   implicit none
   private
-  public :: add_flow_node, add_node, begin_flows, begin_interpolant, difference_nearby, &
-            evaluate_inner, evaluate_interpolant, flows_of_evaluation, follow_flows, &
-            interpolant_t, make_cubic, next_count, next_node, reserve_interpolant, scheme_t, &
-            set_ends
+  public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, &
+            flows_of_evaluation, interpolant_t, make_cubic, next_node, reserve_interpolant, &
+            scheme_t, set_ends
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
-    integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
+    integer :: columns = 0                   ! number of those of `field`; 0: not yet known
     logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
@@ -128,14 +127,6 @@ contains
     self%field(:, 2) = last
   end subroutine set_ends
 
-  ! Starts an interpolant by flows.
-  subroutine begin_flows(self)
-    type(interpolant_t), intent(inout) :: self
-
-    self%known = 2
-    call add_last_flow(self)
-  end subroutine begin_flows
-
   ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position
   ! alone, whose error is smaller by a power of the step, so that two nodes are added at a time.
   pure integer function next_count(self)
@@ -146,29 +137,16 @@ contains
     if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
   end function next_count
 
-  ! Stores the coefficients at a node. After the last one the interpolant has more nodes.
-  subroutine add_flow_node(f, self)
-    real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
-    type(interpolant_t), intent(inout) :: self
-    integer :: n
-
-    n = next_count(self)
-    self%next(:, self%node) = f
-    self%node = self%node + 1
-    if (self%node < n) return
-    self%field(:, n) = self%field(:, self%known)
-    self%field(:, 2:n - 1) = self%next(:, 2:n - 1)
-    self%known = n
-    call add_last_flow(self)
-  end subroutine add_flow_node
-
-  ! Computes the last flow, which reaches the end of the step.
-  subroutine add_last_flow(self)
+  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of the
+  ! step.
+  subroutine add_last_flow(nodes, self)
+    integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
     real(wp), dimension(self%frame%point_size) :: reached, aim
     real(wp) :: v(self%frame%dimension)
 
-    self%field(:, self%known + 1) = 0.0_wp
+    self%known = nodes
+    self%field(:, nodes + 1) = 0.0_wp
     reached = self%y0
     aim = self%y1
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
@@ -182,10 +160,10 @@ contains
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
-    if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
+    if (all(abs(v) <= huge(v))) self%field(:, nodes + 1) = v
     self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
     self%node = 2
-    self%complete = self%known == self%scheme%nodes
+    self%complete = nodes == self%scheme%nodes
   end subroutine add_last_flow
 
   ! Computes a difference of nearby points on any frame, by an operation where it isn't known here.
@@ -273,7 +251,7 @@ contains
       return
     end if
     if (.not. self%on_algebra) then
-      call begin_flows(self)
+      call add_last_flow(2, self)
       return
     end if
     associate (k => self%next, final => self%scheme%final, h => self%h, &
@@ -311,7 +289,7 @@ contains
     else if (.not. self%scheme%flat) then
       exists = .true.
       self%on_algebra = .false.
-      call begin_flows(self)
+      call add_last_flow(2, self)
     end if
   end subroutine finish_or_fall_back
 
@@ -380,15 +358,23 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node.
+  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the coefficients
+  ! at all inner ones are known.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self
     logical, intent(out) :: exists
+    integer :: n
 
     exists = .true.
     if (.not. self%on_algebra) then
-      call add_flow_node(f, self)
+      n = next_count(self)
+      self%next(:, self%node) = f
+      self%node = self%node + 1
+      if (self%node < n) return
+      self%field(:, n) = self%field(:, self%known)
+      self%field(:, 2:n - 1) = self%next(:, 2:n - 1)
+      call add_last_flow(n, self)
       return
     end if
     self%known = self%known + 1
@@ -446,7 +432,7 @@ contains
     inner%count = size(theta)
     inner%theta = theta(order)
     inner%y = y
-    inner%wanted = .true.
+    inner%awaited = .true.
     call evaluate_interpolant(self, 1.0_wp, reached)
     y(:, order) = inner%y
   end subroutine evaluate_inner

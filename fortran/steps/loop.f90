@@ -3,7 +3,7 @@
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
-! of events at wanted_at; needs_minimum, needs_maximum: of a number over all trajectories with common
+! of events at `query`; needs_minimum, needs_maximum: of a number over all trajectories with common
 ! steps; buffer_full; paused) and is called again with the answer. The phase says where to continue.
 ! Phases follow each other as
 !
@@ -44,13 +44,13 @@ contains
 
     select case (x%status)
     case (needs_field)
-      call check_coefficients(x, x%request%y, x%request%received)
+      call check_coefficients(x, x%request%y, x%request%answer)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
     case (needs_events)
       x%status = finished
       x%used = 0
-      x%wanted = 0
+      x%queries = 0
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
@@ -128,7 +128,7 @@ contains
   subroutine store_slope(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+    if (.not. associated(x%problem%field)) x%slope(:) = x%request%answer
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return

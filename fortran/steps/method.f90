@@ -9,7 +9,7 @@ module method_m
   implicit none
   private
   public :: method_t, make_method, middle_path
-  public :: kind_group, kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
+  public :: kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
             kind_implicit, kind_collocation
 
   ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
@@ -30,7 +30,7 @@ module method_m
     ! (paths) the path to its start, 0 for the start of the step
     integer, allocatable :: origin(:)
     integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
-    type(flow_sequence_t) :: flows           ! of all paths; their fields are those of the stages
+    type(flow_sequence_t) :: flows           ! flows of all paths, with fields at the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
@@ -47,11 +47,11 @@ module method_m
     logical :: has_nodes = .false.
     logical :: of_time = .false.             ! whether no stage needs a point, of a Magnus method
     logical :: in_parts = .false.            ! whether error estimates are of two parts
-    integer :: blocks = 0                    ! of stages that an implicit method solves together
-    type(transformation_t) :: transformation ! of a collocation method
+    integer :: blocks = 0                    ! number of sets of stages solved together
+    type(transformation_t) :: transformation ! for a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
-    integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
-    real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
+    integer :: power = 1                     ! power of a quotient; 0: see error_estimate_m
+    real(wp) :: factor = 1.0_wp              ! that of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (columns, estimates)
     ! weights of both sides of brackets of fields, which are columns after those of the stages
@@ -82,7 +82,12 @@ contains
     method%embedded = int(record%embedded)
     method%third = int(record%third)
     method%final_stage = int(record%final_stage)
-    method%kind = kind_of(record)
+    method%kind = kind_group
+    if (record%series > 0) method%kind = kind_algebra
+    if (record%registers /= 0) method%kind = kind_registers
+    if (record%polynomial /= 0) method%kind = kind_polynomial
+    if (record%drifts /= 0) method%kind = kind_splitting
+    if (record%blocks > 0) method%kind = merge(kind_collocation, kind_implicit, record%series > 0)
     if (method%kind == kind_registers) then
       numbers = reals(record%registers, 2 * record%stages)
       method%a = numbers(:stages)
@@ -112,18 +117,6 @@ contains
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
   end subroutine make_method
-
-  ! The kind of a method, by what its record has
-  pure integer function kind_of(record)
-    type(method_record_t), intent(in) :: record
-
-    kind_of = kind_group
-    if (record%series > 0) kind_of = kind_algebra
-    if (record%registers /= 0) kind_of = kind_registers
-    if (record%polynomial /= 0) kind_of = kind_polynomial
-    if (record%drifts /= 0) kind_of = kind_splitting
-    if (record%blocks > 0) kind_of = merge(kind_collocation, kind_implicit, record%series > 0)
-  end function kind_of
 
   ! The path in whose flow the middle of a step of a symmetric splitting method is
   pure integer function middle_path(method)

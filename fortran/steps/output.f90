@@ -24,7 +24,7 @@ module output_m
     ! (point_size, capacity), (observations, capacity)
     real(wp), pointer, contiguous :: step_y(:, :) => null(), step_observed(:, :) => null()
     ! interpolants of steps
-    logical :: dense = .false.               ! of all steps
+    logical :: dense = .false.               ! whether all are stored
     integer(int64), pointer, contiguous :: dense_member(:) => null()
     ! (4, capacity) start, size, end, 1 on an algebra
     real(wp), pointer, contiguous :: dense_t(:, :) => null()
@@ -67,7 +67,7 @@ contains
   ! Stores the end of a step.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
-    integer(int64), intent(in) :: number               ! of the step, from 1
+    integer(int64), intent(in) :: number               ! the step's, from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case

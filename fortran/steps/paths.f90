@@ -39,8 +39,7 @@ module paths_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: add_brackets, combine_coordinates, follow_paths, move_with_joints, request_explicit, &
-            start_explicit, store_explicit
+  public :: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
 
 contains
 
@@ -101,7 +100,7 @@ contains
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, parameter :: iterations = 50
     real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
-    real(wp) :: change(size(lambda), iterations)       ! of lambda
+    real(wp) :: change(size(lambda), iterations)       ! changes of lambda
     logical :: failed
     integer :: i
 
@@ -272,7 +271,7 @@ contains
     associate (t => x%t + x%method%c(x%stage) * x%h)
       if (x%method%kind == kind_registers) then
         path = merge(0, 1, x%problem%of_time)
-        call request(x, t, x%y(:, path), phase_stage_received, x%request%received)
+        call request(x, t, x%y(:, path), phase_stage_received, x%request%answer)
       else
         path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
         call follow_paths(x, path)
@@ -289,10 +288,10 @@ contains
     logical :: exists
 
     if (x%method%kind == kind_registers) then
-      x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%received
+      x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%answer
       call move_along_register(x)
     else
-      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%received
+      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%answer
       if (x%stage == x%method%final_stage .or. &
           (x%problem%of_time .and. .not. abs(x%method%c(x%stage) - 1) > 0)) then
         x%end_slope(:) = x%f(:, x%stage)

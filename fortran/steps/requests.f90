@@ -47,7 +47,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
-    ! where a field's coefficients go, other answers go to x%request%received
+    ! where a field's coefficients go, other answers go to x%request%answer
     real(wp), intent(inout) :: f(x%frame%dimension)
     logical, optional, intent(in) :: y_is_used         ! whether other paths start there
     logical :: guarded
@@ -76,7 +76,7 @@ contains
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
-  ! Of mechanical systems the answer is forces; splitting methods take them alone.
+  ! Answers of mechanical systems are forces; splitting methods take them alone.
   subroutine check_coefficients(x, y, f)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: y(x%frame%point_size)      ! where f was evaluated
@@ -129,7 +129,7 @@ contains
     end if
     select case (x%phase)
     case (phase_curvature_received)
-      x%request%received = huge(1.0_wp)               ! choose_first_size keeps the guess
+      x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished
     case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
       x%status = finished
@@ -244,15 +244,15 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), allocatable :: more(:, :)
 
-    if (x%wanted == size(x%wanted_at, 2)) then
-      allocate (more(2 + size(y), 2 * x%wanted + 1))
-      more(:, :x%wanted) = x%wanted_at
-      call move_alloc(more, x%wanted_at)
+    if (x%queries == size(x%query, 2)) then
+      allocate (more(2 + size(y), 2 * x%queries + 1))
+      more(:, :x%queries) = x%query
+      call move_alloc(more, x%query)
     end if
-    x%wanted = x%wanted + 1
-    x%wanted_at(1, x%wanted) = real(event, wp)
-    x%wanted_at(2, x%wanted) = t
-    x%wanted_at(3:, x%wanted) = y
+    x%queries = x%queries + 1
+    x%query(1, x%queries) = real(event, wp)
+    x%query(2, x%queries) = t
+    x%query(3:, x%queries) = y
     x%status = needs_events
   end subroutine request_values
 

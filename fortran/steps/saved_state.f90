@@ -16,8 +16,8 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(out) :: reals(:)        ! reals_of_state, then of each event five numbers
     integer(int64), intent(out) :: integers(integers_of_state)
-    ! (point_size, 2), (dimension, 2 + columns of f, then f_before, impulse, last and jacobian of newton_t,
-    ! or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
+    ! (point_size, 2), (dimension, 2 + columns of f, then f_before, impulse, last and jacobian of
+    ! newton_t, or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
     integer, allocatable :: pivot(:, :)
 

@@ -89,7 +89,7 @@ contains
       return
     end if
     do k = 1, size(times)
-      x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
+      x%request%answer(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
       call store_stage(x)
       if (x%phase /= phase_next_stage) return
     end do
@@ -135,14 +135,14 @@ contains
     x%u = -x%u
     call apply_flows(x%frame, 1, x%u, y)
     x%counts%nexp = x%counts%nexp + 1
-    call request(x, x%t, y, phase_error_received, x%request%received)
+    call request(x, x%t, y, phase_error_received, x%request%answer)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.
   subroutine store_error(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%f(:, 1) = x%request%received
+    x%f(:, 1) = x%request%answer
     call estimate_error(x)
     call share_error(x, x%error)
   end subroutine store_error

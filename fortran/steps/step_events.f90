@@ -1,7 +1,7 @@
-! Events within a step. An event is a zero of a function along the solution. The signs of the function are compared at the
-! ends of parts of the step, and where a parabola through three of these values comes near to zero,
-! since a function may change sign twice within a part. A step has at least four parts, and more if
-! it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
+! Events within a step. An event is a zero of a function along the solution. The signs of the
+! function are compared at the ends of parts of the step, and where a parabola through three of these
+! values comes near to zero, since a function may change sign twice within a part. A step has at
+! least four parts, and more if it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
 ! each function there and at the ends differ by less than their distance from zero.
 !
 ! A zero between two points where the function has opposite signs is found by Brent's method: steps
@@ -23,7 +23,7 @@ module step_events_m
   use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: crosses, event_function_t, find_root, find_zeros, rotates_far, store_zeros, values_at
+  public :: crosses, find_zeros, rotates_far, store_zeros
 
   type :: event_function_t
     type(trajectory_t), pointer :: trajectory => null()
@@ -66,15 +66,15 @@ contains
   end subroutine values_at
 
   ! Evaluates the function at a fraction of the step.
-  subroutine value(self, theta, found)
+  subroutine value(self, theta, at_theta)
     class(event_function_t), intent(inout) :: self
     real(wp), intent(in) :: theta
-    real(wp), intent(out) :: found
+    real(wp), intent(out) :: at_theta
     real(wp) :: values(1)
 
     values = 0.0_wp
     call values_at(self%trajectory, self%event, theta, self%y, values)
-    found = values(1)
+    at_theta = values(1)
     self%stopped = self%trajectory%status /= finished
   end subroutine value
 

@@ -50,7 +50,13 @@ contains
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
-      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes))) call prepare_grid(x, stop)
+      ! an interrupted segment goes on with its grid
+      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes)) .and. &
+          (abs(x%grid%stop - stop) > 0 &
+           .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) then
+        call make_grid(x%t, stop, x%problem%h, x%grid)
+        x%grid_done = 0
+      end if
       x%h = sign(x%h, stop - x%t)
     end associate
     x%phase = phase_choose_step
@@ -59,17 +65,6 @@ contains
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end if
   end subroutine begin_segment
-
-  ! Makes the grid of equal steps to a stop, unless the present one leads there.
-  subroutine prepare_grid(x, stop)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: stop
-
-    if (.not. (abs(x%grid%stop - stop) > 0 &
-               .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) return
-    call make_grid(x%t, stop, x%problem%h, x%grid)
-    x%grid_done = 0
-  end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
   subroutine guess_size(x)
@@ -101,7 +96,7 @@ contains
       call apply_flows(x%frame, 1, x%u, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%received)
+      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%answer)
     end associate
   end subroutine request_curvature
 
@@ -111,9 +106,9 @@ contains
     real(wp) :: start_value(size(x%control%v)), curvature
 
     x%request%shared = x%control%guessed_size
-    if (all(abs(x%request%received) < huge(1.0_wp))) then
+    if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%received, x%y(:, x%result), x%control%v)
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
       curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
                   / x%control%guessed_size
       x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
@@ -226,7 +221,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
     real(wp) :: v(x%frame%dimension), values(-1:1), time, change, density
-    real(wp), parameter :: near = 1e-2_wp              ! of a step, where s is compared
+    real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
     associate (size => x%control%step_size)

@@ -23,7 +23,7 @@ module trajectory_m
   type :: problem_t
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
-    type(scheme_t), pointer :: scheme => null()        ! of the interpolant
+    type(scheme_t), pointer :: scheme => null()        ! the interpolant's
     logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
     type(events_t), pointer :: events => null()
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
@@ -33,14 +33,14 @@ module trajectory_m
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
     logical :: at_once = .false.             ! that is evaluated at all stages in one call
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
-    type(tolerances_t) :: tolerances         ! of adaptive steps
+    type(tolerances_t) :: tolerances         ! for adaptive steps
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
-    real(wp) :: duration = 0.0_wp            ! of an integration with adaptive steps
+    real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
     type(observer_t), pointer :: sizes => null()       ! how steps vary, see step_size_m
-    type(bath_t) :: bath                     ! of a splitting method
+    type(bath_t) :: bath                     ! for a splitting method
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: dense = .true.                ! whether it is stored as a matrix here
   end type problem_t
@@ -50,7 +50,7 @@ module trajectory_m
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
-    integer :: column = 0                    ! of the Jacobian, that is evaluated; 0 for residuals
+    integer :: column = 0                    ! that of the Jacobian that is evaluated, or 0
     real(wp) :: before = 0.0_wp, moved = 0.0_wp        ! value and change of its unknown
     real(wp) :: correction = 0.0_wp          ! the last one, relative
     real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
@@ -64,7 +64,7 @@ module trajectory_m
   type :: request_t
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:)            ! (point_size) a copy
-    real(wp), allocatable :: received(:)     ! (dimension) coefficients
+    real(wp), allocatable :: answer(:)       ! (dimension) coefficients
     real(wp), allocatable :: slope(:)        ! (point_size) a derivative
     integer :: flag = 0                      ! returned by the field
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
@@ -72,14 +72,14 @@ module trajectory_m
 
   ! The control of step sizes
   type :: control_t
-    real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
+    real(wp) :: step_size = 0.0_wp           ! the next step's; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
     integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether a stop or a limit shortens the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(2) = 0.0_wp            ! of point and slope, for the first size
+    real(wp) :: norms(2) = 0.0_wp            ! those of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
@@ -116,14 +116,14 @@ module trajectory_m
   ! The joints of a splitting method's frame
   type :: joints_t
     type(constraints_t) :: here              ! with the factor, at the configuration `place`
-    type(constraints_t) :: ahead             ! of a trial
+    type(constraints_t) :: ahead             ! at the end of a trial
     real(wp), allocatable :: place(:)
     real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
   end type joints_t
 
   type :: trajectory_t
     type(problem_t), pointer :: problem => null()
-    type(frame_t), pointer :: frame => null()          ! of the problem, as those that follow
+    type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
@@ -138,7 +138,7 @@ module trajectory_m
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
     logical :: slope_known = .false.
     integer :: segment = 1
-    type(grid_t) :: grid                     ! of equal steps in the segment
+    type(grid_t) :: grid                     ! equal steps in the segment
     integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
     type(control_t) :: control
     ! the step
@@ -155,15 +155,16 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
-    ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
+    ! coefficients at the nodes of the step before, of a Magnus method, and that step's size, zero
+    ! where they aren't to be used
     real(wp), allocatable :: f_before(:, :)
     real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
-    type(newton_t) :: newton                 ! of a collocation method
-    type(stage_solver_t) :: solver                 ! of another implicit method
+    type(newton_t) :: newton                 ! for a collocation method
+    type(stage_solver_t) :: solver           ! for another implicit method
     type(joints_t) :: joints
     ! output
     type(interpolant_t) :: interpolant
@@ -176,9 +177,9 @@ module trajectory_m
     real(wp), allocatable :: tape(:, :)
     ! (events) how many there are, and have been used by what is done again since some were missing
     integer, allocatable :: known(:), used(:)
-    integer :: wanted = 0                    ! points at which values of events are requested
+    integer :: queries = 0                   ! points at which values of events are requested
     ! (2 + point_size, capacity) an event or 0 for all, then time and point
-    real(wp), allocatable :: wanted_at(:, :)
+    real(wp), allocatable :: query(:, :)
     type(last_step_t) :: last
   end type trajectory_t
 
@@ -205,7 +206,7 @@ contains
                                            method%kind == kind_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%received(frame%dimension), x%slope(frame%dimension), &
+                x%request%answer(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
                 x%weight(size(method%flows%weight)), stat=memory)
@@ -232,7 +233,7 @@ contains
       if (associated(problem%events)) k = problem%events%count
       allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
                 x%events%after(k), x%events%count(k), x%events%time(k), x%events%value_after(k), &
-                x%events%small(k), x%events%came_from(k), x%wanted_at(2 + frame%point_size, 0), &
+                x%events%small(k), x%events%came_from(k), x%query(2 + frame%point_size, 0), &
                 stat=memory)
       if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
       if (memory /= 0) return
@@ -322,7 +323,7 @@ contains
 
     x%known = 0
     x%used = 0
-    x%wanted = 0
+    x%queries = 0
   end subroutine forget_values
 
   ! Stores values of an event that were requested.

@@ -45,9 +45,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%phase == phase_request_begin) then
-      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%received)
+      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
     else
-      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
+      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
     end if
   end subroutine request_ends_of_last
 
@@ -56,9 +56,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%received)
+      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
     else if (.not. x%end_known) then
-      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%received)
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
     else
       call interpolate(x)
     end if
@@ -69,12 +69,12 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
-      x%last%slope(:) = x%request%received
+      x%last%slope(:) = x%request%answer
       x%phase = phase_request_end
       if (x%slope_known) call interpolate(x)
       return
     end if
-    x%slope(:) = x%request%received
+    x%slope(:) = x%request%answer
     x%slope_known = .true.
     call request_ends(x)
   end subroutine store_begin
@@ -84,10 +84,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
-      x%slope(:) = x%request%received
+      x%slope(:) = x%request%answer
       x%slope_known = abs(x%t - x%request%t) <= 0
     else
-      x%end_slope(:) = x%request%received
+      x%end_slope(:) = x%request%answer
       x%end_known = .true.
     end if
     call interpolate(x)
@@ -174,7 +174,7 @@ contains
     call next_node(x%interpolant, theta)
     x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
     call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
-                 x%interpolant%y, phase_node_received, x%request%received)
+                 x%interpolant%y, phase_node_received, x%request%answer)
   end subroutine request_node
 
   ! Stores the coefficients at a node.
@@ -182,7 +182,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    call add_node(x%request%received, x%interpolant, exists)
+    call add_node(x%request%answer, x%interpolant, exists)
     call advance_interpolant(x, exists)
   end subroutine store_node
 
