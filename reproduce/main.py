@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from cg.command.arguments import workers_option
+from cg.command.arguments import count_option
 from cg.command.main import main as run_command
 from cg.construction.runs import StoreError
 from cg.support.parallel import available_cores
@@ -56,7 +56,7 @@ def _read_items(
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of random starts."
 )
-@workers_option
+@count_option("--workers", "Threads; all cores by default.")
 @click.option("--list", "listing", is_flag=True, help="List the items and exit.")
 def reproduce_command(
     out: Path | None,
