@@ -15,7 +15,7 @@ from cg.support.parallel import available_cores
 
 from .blocks import Settings
 from .report import ITEMS, select
-from .run import Display, OutputError, check_output, run
+from .run import Display, check_output, run
 
 FOLDER = Path("reproduce/out")
 
@@ -81,10 +81,7 @@ def reproduce_command(
         return 0
     settings = Settings(seed, full)
     out = out or (FOLDER / "full" if full else FOLDER)
-    try:
-        check_output(out)
-    except OutputError as error:
-        raise click.BadParameter(str(error), param_hint="--out") from error
+    check_output(out)
     items = select(only or ITEMS)
     display = Display(sys.stderr, items)
     begun = time.perf_counter()
