@@ -34,7 +34,7 @@ _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 
 _NODE = "●"
-_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+_MAX_DENOMINATOR_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 
 def tableau(method: str | Method, ax: Any = None) -> Any:
@@ -456,7 +456,7 @@ def _tableau(method: Method, digits: int) -> str:
 
 def _number(x: Fraction, digits: int) -> str:
     # Python may be unable to write a longer fraction
-    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
+    text = str(x) if x.denominator.bit_length() <= _MAX_DENOMINATOR_BITS else ""
     return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
 
 

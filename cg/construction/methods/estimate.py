@@ -71,7 +71,7 @@ _MAX_TURN = 6.0  # largest angle of Munthe-Kaas methods: dexp⁻¹ exists below 
 _POWERS = range(1, 5)  # powers of time in the perturbation
 _STEP = 0.025  # step between angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
-_ROUNDING = 1e-11
+_NO_ERROR = 1e-11  # smaller errors of a step are rounding
 _CONSTANT = np.array([1.0])
 _BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([3.0, -12.0, 12.0])
 """Polynomials g of time, from the constant upwards, of mean one."""
@@ -187,14 +187,14 @@ def _largest_ratio(
     for j in _POWERS:
         exact = np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j)
         error, estimate = _compare(method, response(method.c**j, angles), exact)
-        for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
+        for k in np.flatnonzero((error > _NO_ERROR) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
-            ratios.append(error[k] / max(nearby, _ROUNDING * error[k]))
+            ratios.append(error[k] / max(nearby, _NO_ERROR * error[k]))
     for j in range(max(method.order, method.embedded_order or 0) + 5):
         responses = response(method.c**j, np.zeros(1))
         (error,), (estimate,) = _compare(method, responses, 1 / (j + 1))
-        if error > _ROUNDING:
-            ratios.append(error / max(estimate, _ROUNDING * error))
+        if error > _NO_ERROR:
+            ratios.append(error / max(estimate, _NO_ERROR * error))
     return float(max(ratios))
 
 

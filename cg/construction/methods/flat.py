@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import cache
 from math import prod
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,6 @@ from cg.construction.methods.tableau import Tableau
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
 from cg.construction.trees import RootedTree, density, rooted_trees, rooted_trees_through
 from cg.support.quads import to_flint, to_fraction
-
-if TYPE_CHECKING:
-    from cg.support.flint import fmpq
 
 Row = Sequence[Coefficient]
 Rows = Sequence[Row]
@@ -66,25 +64,25 @@ def flat_residuals(a: Matrix, b: Sequence[Fraction], order: int) -> tuple[Fracti
     return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
 
 
+def stage_weights(a: NDArray[Any], one: Any = 1.0) -> Callable[[Any], NDArray[Any]]:
+    """Return the function from trees to their elementary weights at the stages, shape (s,).
+
+    A tree is the tuple of its children. `one` is the number 1 of the type of the entries of ``a``.
+    """
+    ones = np.full(len(a), one, dtype=a.dtype)
+
+    @cache
+    def at_stages(tree: Any) -> NDArray[Any]:
+        return prod((a @ at_stages(child) for child in tree), start=ones)
+
+    return at_stages
+
+
 def _weights(a: Matrix, b: Sequence[Fraction], trees: Sequence[RootedTree]) -> list[Fraction]:
-    matrix = [[(j, to_flint(x)) for j, x in enumerate(row) if x] for row in a]
-    row, zero, one = list(map(to_flint, b)), to_flint(0), to_flint(1)
-    known: dict[RootedTree, list[fmpq]] = {}
-
-    def at_stages(tree: RootedTree) -> list[fmpq]:
-        if tree not in known:
-            product = [one] * len(row)
-            for child in tree:
-                values = at_stages(child)
-                sums = [sum((x * values[j] for j, x in entries), zero) for entries in matrix]
-                product = [p * s for p, s in zip(product, sums, strict=True)]
-            known[tree] = product
-        return known[tree]
-
-    totals = [
-        sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), zero) for tree in trees
-    ]
-    return list(map(to_fraction, totals))
+    matrix = np.array([list(map(to_flint, row)) for row in a], dtype=object)
+    row = np.array(list(map(to_flint, b)), dtype=object)
+    at_stages = stage_weights(matrix, to_flint(1))
+    return [to_fraction(row @ at_stages(tree)) for tree in trees]
 
 
 def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> list[Fraction]:
@@ -93,12 +91,7 @@ def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> lis
     if not units.any():
         return [Fraction(0)] * len(trees)
     a, b = np.array([to_floats(row) for row in entries]), to_floats(weights)
-    known: dict[RootedTree, NDArray[np.float64]] = {}
-
-    def at_stages(tree: RootedTree) -> NDArray[np.float64]:
-        if tree not in known:
-            known[tree] = prod((a @ at_stages(child) for child in tree), start=np.ones(b.size))
-        return known[tree]
+    at_stages = stage_weights(a)
 
     def gradient(tree: RootedTree, outer: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives by a of ``outer · at_stages(tree)``."""
@@ -115,11 +108,5 @@ def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> lis
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
     """Return the classical order of each row of ``a`` as weights of a step to its abscissa."""
-    orders = []
-    for row in tableau.entries:
-        c = sum((entry.value for entry in row), Fraction(0))
-        if c == 0:
-            orders.append(0)
-            continue
-        orders.append(_order(tableau.entries, row, c))
-    return tuple(orders)
+    rows = zip(tableau.entries, tableau.abscissae, strict=True)
+    return tuple(_order(tableau.entries, row, c) if c else 0 for row, c in rows)

@@ -56,7 +56,7 @@ from cg.support.quads import to_ball
 _DRIFTS: Word = ()
 """Stands for the condition Σ d = 1, which has no tree."""
 
-_MAX_BITS = 1 << 14
+_MAX_PRECISION = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -383,8 +383,8 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     orders = certificate.orders
     if not all(type(order) is int and 1 <= order <= MAX_ORDER for order in orders):
         faults.append(f"orders must be between 1 and {MAX_ORDER}")
-    if not 53 <= certificate.bits <= _MAX_BITS:
-        faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
+    if not 53 <= certificate.bits <= _MAX_PRECISION:
+        faults.append(f"bits must be between 53 and {_MAX_PRECISION}, got {certificate.bits}")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = pack(method, orders)

@@ -19,7 +19,7 @@ from cg.support.checks import check_choice, check_interval, check_real
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
 _MARGIN = 0.01  # by which penalties start before the bounds, relative
-_ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
+_BOUND_ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
 _ALL = "coefficients"  # the group of all coefficients
 
 Bounds = tuple[tuple[str, float, float], ...]
@@ -107,7 +107,7 @@ class Requirements:
     def satisfied(self, candidate: Candidate) -> bool:
         """Return whether a candidate is within the bounds."""
         beyond, _ = self.limits(candidate.system.layout).beyond(candidate.x)
-        return bool((np.abs(beyond) <= _ROUNDING).all())
+        return bool((np.abs(beyond) <= _BOUND_ROUNDING).all())
 
     def improve(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate on the solution set that satisfies them; None if none was reached."""

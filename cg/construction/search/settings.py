@@ -34,7 +34,7 @@ References
    Section 324.
 """
 
-_ROUNDING = 1e-12  # error of residuals
+_RESIDUAL_ROUNDING = 1e-12
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -186,7 +186,7 @@ class Settings:
             raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
         system = self.system(layout)
         x = start_generator(0, 0).uniform(-1, 1, system.size)
-        off = np.abs(system.residual(x)) > _ROUNDING
+        off = np.abs(system.residual(x)) > _RESIDUAL_ROUNDING
         if (lost := off & ~system.jacobian(x).any(axis=1)).any():
             tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
             raise ValueError(
