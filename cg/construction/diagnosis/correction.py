@@ -1,6 +1,6 @@
 """The change of one coefficient, or an exchange of neighbours, that restores the highest order.
 
-Orders are those on manifolds or on vector spaces.
+The order is that on manifolds or on vector spaces, whichever becomes higher.
 
 If entry k is wrong by -δ, the residuals of the conditions are ``r = -J_k δ`` up to O(δ²), with the
 column J_k of their Jacobian. Gauss–Newton steps ``-J_k·r / J_k·J_k`` solve the conditions of one
@@ -80,9 +80,9 @@ def corrections(method: Method) -> tuple[Correction, ...]:
     for owner in (ConditionOwner.FIRST_RESULT, ConditionOwner.SECOND_RESULT):
         if owner == ConditionOwner.FIRST_RESULT or method.embedded_order is not None:
             kinds = (True,) if isinstance(method, MuntheKaas) else (False, True)
-            found = [_highest(method, owner, flat) for flat in kinds]
-            found += [_exchanged(method, owner, flat) for flat in kinds]
-            best = max(found, key=lambda some: some[0].order if some else 0)
+            restoring = [_highest(method, owner, flat) for flat in kinds]
+            restoring += [_exchanged(method, owner, flat) for flat in kinds]
+            best = max(restoring, key=lambda changes: changes[0].order if changes else 0)
             if best:
                 return best
     return ()
@@ -137,7 +137,7 @@ def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correct
     names, second = method.layout.names, owner == ConditionOwner.SECOND_RESULT
     return tuple(
         Correction(names[k], short(method.coefficients[k]), text, reached, flat, second, violated)
-        for text, _, k in sorted(texts, key=lambda one: (len(one[0]), one[1]))
+        for text, _, k in sorted(texts, key=lambda entry: (len(entry[0]), entry[1]))
     )
 
 

@@ -129,7 +129,7 @@ class Diagnosis:
             "embedded_order": self.embedded_order,
             "nominal_order": method.nominal_order,
             "first_failing": None if self.failing is None else self.failing.as_dict(),
-            "corrections": [asdict(one) for one in self.corrections],
+            "corrections": [asdict(change) for change in self.corrections],
             "mistakes": list(self.mistakes),
         }
 
@@ -238,10 +238,10 @@ def _changed(changes: Sequence[Correction]) -> str:
     order = f"the order{' of the second result' if first.embedded else ''} be {first.order}"
     where = " where flows commute" if first.flat else ""
     entries = [
-        f"{one.name} were exchanged"
-        if "," in one.given
-        else f"{one.name} = {one.given} were {one.value}"
-        for one in changes[:_MAX_SHOWN]
+        f"{change.name} were exchanged"
+        if "," in change.given
+        else f"{change.name} = {change.given} were {change.value}"
+        for change in changes[:_MAX_SHOWN]
     ]
     others = f", or one of {more} others changed" if more > 0 else ""
     return (

@@ -223,7 +223,7 @@ class Certificate:
             if self.box.bound is not None:
                 lines.append(f'bound = "{_decimal(self.box.bound)}"')
             for row, key in enumerate(_TREES):
-                trees = [text(one.word) for one in self.box.left_out if one.row == row]
+                trees = [text(word) for r, word in self.box.left_out if r == row]
                 lines.append(f"{key} = {_wrapped(trees, 5)}")
         lines += ["", "[beyond]", *_beyond(self.beyond)]
         if self.embedded_beyond is not None:

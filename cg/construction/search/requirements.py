@@ -89,16 +89,16 @@ class Requirements:
         sums = {name: [k] for k, name in enumerate(layout.names)}
         sums |= {f"c_{stage + 1}": layout.row(stage) for stage in range(layout.stages)}
         for name, least, most in self.bounds:
-            found = [
+            named = [
                 row for key, row in sums.items()
                 if name in (key, key.rpartition("_")[0]) or (name == _ALL and key[:2] != "c_")
             ]  # fmt: skip
-            if not found:
+            if not named:
                 raise ValueError(
                     f"bound, nonnegative: there is no {name}; names are {', '.join(sums)}"
                 )
             inside = margin * min((most - least) / 2, max(1.0, abs(least)), max(1.0, abs(most)))
-            for row in found:
+            for row in named:
                 rows.append(np.isin(np.arange(layout.size), row).astype(float))
                 lower.append(least + inside)
                 upper.append(most - inside)
@@ -134,7 +134,8 @@ def _named(name: Any, interval: Any) -> tuple[str, float, float]:
         raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
     most = np.finfo(float).max
     ends = [
-        end if given is None else given for given, end in zip(interval, (-most, most), strict=True)
+        default if end is None else end
+        for end, default in zip(interval, (-most, most), strict=True)
     ]
     lower, upper = check_interval(f"bound: {name}", ends)
     return name, lower if lower > -most else -np.inf, upper if upper < most else np.inf
