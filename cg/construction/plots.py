@@ -332,7 +332,7 @@ def order_star(
 ) -> Any:  # fmt: skip
     """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
 
-    Of a method of order p, p + 1 fingers and as many gaps meet at the origin.
+    If the method has order p, p + 1 fingers and as many gaps meet at the origin.
 
     Parameters
     ----------

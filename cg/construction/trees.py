@@ -173,10 +173,6 @@ class Forest:
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def count(self, nodes: int) -> int:
-        """Return the number of trees with exactly `nodes` nodes."""
-        return len(self.with_nodes(nodes))
-
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
         nodes = _integer("nodes", nodes)

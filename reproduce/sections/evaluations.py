@@ -58,7 +58,7 @@ def compute(context: Context) -> Data:
 
 def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomStart]]:
     """Search by one plan after another; report progress in evaluations."""
-    costs = [  # of a start, in evaluations in double
+    costs = [  # that of a start, in evaluations in double
         plan.maxfev + (_QUAD_COST * plan.refine_maxfev if plan.refine_below else 0)
         for plan in plans
     ]

@@ -272,7 +272,7 @@ def save(method: Method, path: str | PathLike[str]) -> None:
     ----------
     method
     path
-        Of the file, or of a folder, in which the file is ``NAME.toml`` with the name of the method.
+        The file, or a folder, in which the file is ``NAME.toml`` with the name of the method.
 
     Raises
     ------

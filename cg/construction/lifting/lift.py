@@ -36,7 +36,7 @@ _ITERATIONS = {7: 200, 8: 350}
 _ITERATIONS_BELOW = 150
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
-_DENOMINATOR_DIGITS = 8  # of a rational number that is told from its rounded value
+_DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
 
 _ROUNDED_F = 1e-15  # sum of squared residuals that rounded coefficients leave
 

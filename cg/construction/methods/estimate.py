@@ -312,18 +312,21 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
     With the flat tableau, ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
     """
+    check_instance("method", method, Method)
+    numerator, denominator = _stability_polynomials(method)
+    above, below = (tuple(map(to_fraction, p.coeffs())) for p in (numerator, denominator))
+    return above, below
+
+
+def _stability_polynomials(method: Method) -> tuple[fmpq_poly, fmpq_poly]:
     from cg.support.flint import fmpq_mat, fmpq_poly
 
-    check_instance("method", method, Method)
     a, b = method.exact
     row = list(map(to_flint, b))
     matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
-    moved = matrix - fmpq_mat([row for _ in row])
-
-    def reversed_characteristic(of: fmpq_mat) -> Polynomial:
-        return tuple(map(to_fraction, fmpq_poly(of.charpoly().coeffs()[::-1]).coeffs()))
-
-    return reversed_characteristic(moved), reversed_characteristic(matrix)
+    matrices = matrix - fmpq_mat([row for _ in row]), matrix
+    numerator, denominator = (fmpq_poly(m.charpoly().coeffs()[::-1]) for m in matrices)
+    return numerator, denominator
 
 
 def stability_limits(method: Method) -> StabilityLimits:
@@ -335,12 +338,14 @@ def stability_limits(method: Method) -> StabilityLimits:
     """
     if too_large(method):
         return StabilityLimits(math.nan, math.nan)
-    numerator, denominator = stability_function(method)
+    n, d = _stability_polynomials(method)
+    common = n.gcd(d)
+    n, d = n // common, d // common
     unit = max(coefficient.unit for coefficient in method.coefficients)
-    n, d = _reduced(numerator, denominator)
     noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
-    sizes_n, sizes_d = _sizes(n), _sizes(d)
-    minus = type(n)([0, -1])
+    make = type(n)
+    sizes_n, sizes_d = (make([abs(c) for c in p.coeffs()]) for p in (n, d))
+    minus = make([0, -1])
     back_n, back_d = n(minus), d(minus)
     # on the real axis D² - N² = (D - N) (D + N), factors of half the degree
     sizes = sizes_n + sizes_d
@@ -371,18 +376,6 @@ def too_large(method: Method) -> str | None:
                 "bits or more the exact polynomials would take too long"
             )
     return None
-
-
-def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
-    from cg.support.flint import fmpq_poly
-
-    n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
-    common = n.gcd(d)
-    return n // common, d // common
-
-
-def _sizes(p: fmpq_poly) -> fmpq_poly:
-    return type(p)([abs(c) for c in p.coeffs()])
 
 
 def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:

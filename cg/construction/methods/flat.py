@@ -21,7 +21,6 @@ from cg.support.quads import to_flint, to_fraction
 Row = Sequence[Coefficient]
 Rows = Sequence[Row]
 Matrix = Sequence[Sequence[Fraction]]
-Failing = list[tuple[RootedTree, Fraction, Fraction]]
 
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
@@ -37,18 +36,17 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
 
 
 def _order(entries: Rows, weights: Row, end: Fraction) -> int:
-    for order in range(1, MAX_ORDER + 1):
-        if _failing(entries, weights, end, order):
-            return order - 1
-    return MAX_ORDER
+    orders = range(1, MAX_ORDER + 1)
+    return next((q - 1 for q in orders if failing_rooted(entries, weights, q, end)), MAX_ORDER)
 
 
-def failing_rooted(tableau: Tableau, order: int) -> Failing:
-    """Return the trees with ``order`` nodes whose conditions fail, with Φ(t) and 1/γ(t)."""
-    return _failing(tableau.entries, tableau.weights, Fraction(1), order)
+def failing_rooted(
+    entries: Rows, weights: Row, order: int, end: Fraction = Fraction(1)
+) -> list[tuple[RootedTree, Fraction, Fraction]]:
+    """Return the trees with `order` nodes whose conditions fail, with Φ(t) and ``end**|t| / γ(t)``.
 
-
-def _failing(entries: Rows, weights: Row, end: Fraction, order: int) -> Failing:
+    The weights are those of a step to the time `end`, such as a row of ``a`` to its abscissa.
+    """
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
     trees = rooted_trees(order)
     weights_of_trees, allowed = _weights(a, b, trees), _tolerances(entries, weights, trees)

@@ -45,7 +45,6 @@ _TIME_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
 
-
 Brackets = tuple[tuple[tuple[Fraction, ...], ...], ...]
 
 

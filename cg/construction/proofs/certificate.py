@@ -112,10 +112,10 @@ class Certificate:
     Attributes
     ----------
     name
-        Of the method.
+        Name of the method.
     order
     embedded_order
-        Of the second weights of a pair, together with the same stages.
+        Order of the second weights of a pair, together with the same stages.
     bits
         Precision of the arithmetic.
     box

@@ -234,7 +234,7 @@ class PackedSplitting(Packed):
     """
 
     size: int  # number of coefficients, of the inner row alone in a composition
-    places: tuple[int, ...]  # of the coefficients in the order of a step
+    places: tuple[int, ...]  # indices of the coefficients in the order of a step
     symmetric: bool
     inner: int | None  # the row of γ if this is a composition: 0 for drifts, 1 for kicks
 

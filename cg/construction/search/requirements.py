@@ -62,7 +62,7 @@ class Requirements:
     def check(self, order: int, layout: Layout | None, force: bool) -> None:
         """Raise ValueError if a layout has no such names, or if no method satisfies the bounds.
 
-        Of trees that are drawn, without a layout, only groups have names.
+        If trees are drawn, without a layout, only groups have names.
         """
         if layout is not None:
             self.limits(layout)

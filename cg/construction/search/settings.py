@@ -48,7 +48,7 @@ _EVALUATIONS, _TREE_EVALUATIONS = (120, 500, 1000), 600
 class StartSettings:
     """Default settings of random starts."""
 
-    stages: int  # with which random starts reach the solution set often enough; trees have others
+    stages: int  # with which random starts reach the solution set often enough; unused for trees
     width: float  # guesses are uniform in [-width, width]
     iterations: int
     promising: float  # sum of squares below which the solver runs a second time
