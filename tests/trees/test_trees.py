@@ -100,7 +100,7 @@ def test_bad_index():
     for index in (0, len(ordered) + 1):
         refuses(IndexError, f"index must be between 1 and 4, got {index}", ordered.tree, index)
     refuses(ValueError, "nodes must", ordered.with_nodes, 4)
-    refuses(ValueError, "nodes must", ordered.count, 0)
+    refuses(ValueError, "nodes must", ordered.with_nodes, 0)
 
 
 def test_nodes_and_densities():
