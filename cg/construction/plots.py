@@ -1,4 +1,4 @@
-"""Plots of tableaux, trees of points, ordered trees, stability regions; `cg.plot` has them."""
+"""Drawings of methods and trees: plots, which `cg.plot` has, and text for terminals."""
 
 from __future__ import annotations
 

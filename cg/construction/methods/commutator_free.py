@@ -130,7 +130,7 @@ class CommutatorFree(Method):
             as_index(embedded_result),
         )
         check_tree(tree)
-        if tree.embedded_result is not None and tree.same(tree.result, tree.embedded_result):
+        if len({tree.merged[end] for end in tree.results}) < len(tree.results):
             raise MethodError("embedded_result must differ from result, or it estimates no error")
         values["tree"] = tree
         values["coefficients"] = tuple(

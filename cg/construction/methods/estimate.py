@@ -25,6 +25,9 @@ For Magnus methods X is also multiplied by polynomials of time, g: the weights o
 times g(c_k), and :math:`∫_0^s g` is the time in the solution. There results differ by the
 quadrature of g X, of any size, and by terms in ε that only commutators cause. An estimate that
 divides one by the other is blind.
+
+Regions of linear stability are those of the classical method to which a method reduces where flows
+commute. Their limits are roots of exact polynomials.
 """
 
 from __future__ import annotations
@@ -57,7 +60,7 @@ if TYPE_CHECKING:
 
 
 Vector = NDArray[Any]
-Flow = Mapping[int, Any]
+FlowWeights = Mapping[int, Any]
 Response = Callable[[Vector, Vector], tuple[Vector, Vector, Vector]]
 """The result, and its differences from the second and the third result.
 
@@ -248,7 +251,7 @@ def _letters(method: Method, values: Vector, angles: Vector, lengths: Vector) ->
     return lengths, parts
 
 
-def _at_end(flows: Iterable[Flow], lengths: Vector, values: Any, angles: Vector) -> Vector:
+def _at_end(flows: Iterable[FlowWeights], lengths: Vector, values: Any, angles: Vector) -> Vector:
     total, end = 0.0, np.zeros(len(angles), np.complex128)
     for flow in flows:
         weights = {k: float(weight) for k, weight in flow.items()}

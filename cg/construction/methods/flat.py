@@ -18,8 +18,8 @@ from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
 from cg.construction.trees import RootedTree, density, rooted_trees, rooted_trees_through
 from cg.support.quads import to_flint, to_fraction
 
-Row = Sequence[Coefficient]
-Rows = Sequence[Row]
+CoefficientRow = Sequence[Coefficient]
+CoefficientRows = Sequence[CoefficientRow]
 Matrix = Sequence[Sequence[Fraction]]
 
 
@@ -35,13 +35,13 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     return _order(tableau.entries, weights, Fraction(1))
 
 
-def _order(entries: Rows, weights: Row, end: Fraction) -> int:
+def _order(entries: CoefficientRows, weights: CoefficientRow, end: Fraction) -> int:
     orders = range(1, MAX_ORDER + 1)
     return next((q - 1 for q in orders if failing_rooted(entries, weights, q, end)), MAX_ORDER)
 
 
 def failing_rooted(
-    entries: Rows, weights: Row, order: int, end: Fraction = Fraction(1)
+    entries: CoefficientRows, weights: CoefficientRow, order: int, end: Fraction = Fraction(1)
 ) -> list[tuple[RootedTree, Fraction, Fraction]]:
     """Return the trees with `order` nodes whose conditions fail, with Φ(t) and ``end**|t| / γ(t)``.
 
@@ -83,7 +83,9 @@ def _weights(a: Matrix, b: Sequence[Fraction], trees: Sequence[RootedTree]) -> l
     return [to_fraction(row @ at_stages(tree)) for tree in trees]
 
 
-def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> list[Fraction]:
+def _tolerances(
+    entries: CoefficientRows, weights: CoefficientRow, trees: Sequence[RootedTree]
+) -> list[Fraction]:
     """Return ``2 Σ_k |∂Φ(t)/∂x_k| u_k`` for each tree, u_k the uncertainty of coefficient k."""
     units = np.array([float(e.unit) for row in (*entries, weights) for e in row])
     if not units.any():

@@ -56,12 +56,8 @@ class CertificationError(ArithmeticError):
     """
 
     def __init__(self, message: str, **quantities: Any) -> None:
-        details = ", ".join(
-            f"{name.replace('_', ' ')} = {value:.3g}"
-            if isinstance(value, float)
-            else f"{name.replace('_', ' ')} = {value}"
-            for name, value in quantities.items()
-        )
+        texts = {k: f"{x:.3g}" if isinstance(x, float) else x for k, x in quantities.items()}
+        details = ", ".join(f"{name.replace('_', ' ')} = {x}" for name, x in texts.items())
         super().__init__(f"{message} ({details})" if details else message)
         self.quantities = quantities
 

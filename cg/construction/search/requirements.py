@@ -19,7 +19,7 @@ from cg.support.checks import check_choice, check_interval, check_real
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
 _MARGIN = 0.01  # by which penalties start before the bounds, relative
-_BOUND_ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
+_BOUND_ROUNDING = 1e-9  # largest error of abscissae and coefficients that are at their bounds
 _ALL = "coefficients"  # the group of all coefficients
 
 Bounds = tuple[tuple[str, float, float], ...]
