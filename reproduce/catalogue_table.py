@@ -30,6 +30,7 @@ def describe(method: Method) -> dict[str, Any]:
     tree = method.tree
     used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
     error, singular = method.principal_error, singular_values(method, method.order)
+    proof = certificate_of(method) if method.name in certificate_names() else None
     return {
         "name": method.name,
         "explicit": method.explicit,
@@ -46,15 +47,8 @@ def describe(method: Method) -> dict[str, Any]:
         "largest_residual": method.largest_residual(),
         "rank": int((singular > RANK_THRESHOLD * singular[0]).sum()),
         "conditions": count(method.order, independent=True),
-        "certificate": _certificate(method),
+        "certificate": proof and {"radius": str(proof.radius).lower(), "complete": proof.complete},
     }
-
-
-def _certificate(method: Method) -> Data | None:
-    if method.name not in certificate_names():
-        return None
-    certificate = certificate_of(method)
-    return {"radius": str(certificate.radius).lower(), "complete": certificate.complete}
 
 
 def table(entries: Iterable[Data]) -> Table:

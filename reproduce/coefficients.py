@@ -19,6 +19,7 @@ from cg import conditions
 from cg.construction.catalogue import methods
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
+from cg.construction.methods.tolerance import to_floats
 from cg.support.arrays import Array
 from cg.support.quads import to_decimal
 
@@ -51,26 +52,24 @@ def method_data(method: Tableau, order: int) -> dict[str, Any]:
     ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``; ``condition_number`` of the
     Jacobian of the independent conditions of an order, null where its rank is deficient.
     """
-    a, b = method.exact
-    c = [sum(row, Fraction(0)) for row in a]
-    values = [entry for i, row in enumerate(a) for entry in row[:i]] + [*b, *c]
+    texts = map(to_decimal, _values(method))
     return {
         "name": method.name,
-        "coefficients": [
-            [label, to_decimal(value)]
-            for label, value in zip(labels(method.stages), values, strict=True)
-        ],
+        "coefficients": list(map(list, zip(labels(method.stages), texts, strict=True))),
         "largest_coefficient": largest_coefficient(method),
-        "abscissae_in_unit_interval": all(0 <= entry <= 1 for entry in c),
+        "abscissae_in_unit_interval": all(0 <= entry <= 1 for entry in method.abscissae),
         "condition_number": condition_number(method, order),
     }
 
 
-def condition_number(method: Method, order: int) -> float | None:
-    """Return the condition number of the Jacobian, or None if it has not full rank.
+def _values(method: Method) -> list[Fraction]:
+    """Return the exact values of an explicit method in the order of `labels`."""
+    a, b = method.exact
+    return [*(entry for i, row in enumerate(a) for entry in row[:i]), *b, *method.abscissae]
 
-    The Jacobian is that of the independent conditions.
-    """
+
+def condition_number(method: Method, order: int) -> float | None:
+    """Return that of the Jacobian of the independent conditions; None if it has not full rank."""
     singular = singular_values(method, order)
     if singular[-1] <= RANK_THRESHOLD * singular[0]:
         return None
@@ -79,7 +78,7 @@ def condition_number(method: Method, order: int) -> float | None:
 
 def singular_values(method: Method, order: int) -> Array:
     """Return the decreasing singular values of the Jacobian of the independent conditions."""
-    x = np.array([float(entry.value) for entry in method.coefficients])
+    x = to_floats(method.coefficients)
     derivatives = conditions.jacobian(method.layout, x, order, independent=True)
     return np.asarray(np.linalg.svd(derivatives, compute_uv=False))
 
@@ -123,34 +122,6 @@ class Printed:
                 yield f"{letter}_{i}", entry
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """One printed coefficient beside the exact value of the catalogue.
-
-    The value for c is the exact sum of a row of a.
-    """
-
-    label: str
-    printed: str
-    ours: Fraction
-
-    @property
-    def difference(self) -> Fraction:
-        """Ours minus the paper's, exactly."""
-        return self.ours - Fraction(self.printed)
-
-    @property
-    def units(self) -> float:
-        """The difference in units of the last printed place."""
-        places = len(self.printed.partition(".")[2])
-        return float(self.difference * 10**places)
-
-    @property
-    def kept_zero(self) -> bool:
-        """Whether ours is an exact zero wherever the paper prints one."""
-        return Fraction(self.printed) != 0 or self.ours == 0
-
-
 @cache
 def printed() -> dict[str, Printed]:
     """Return the methods of Appendix A by name, in the paper's order."""
@@ -161,26 +132,20 @@ def printed() -> dict[str, Printed]:
     }
 
 
-def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
-    """Set every printed coefficient of CG4a, CG5a or CG6a beside that of a method.
+def compare(name: str, method: Method | None = None) -> list[tuple[str, str, Fraction]]:
+    """Return each coefficient of CG4a, CG5a or CG6a: label, printed digits, value of a method.
 
-    The method is by default the one of this name in the catalogue. The order is a row by row, then
-    b, then c. KeyError if the paper has no such method; ValueError if the numbers of stages differ.
+    The method is by default the one of this name in the catalogue. Values for c are exact sums of
+    rows of a. KeyError if the paper has no such method; ValueError if numbers of stages differ.
     """
-    paper = printed()[name]
-    compared = methods[name] if method is None else method
-    assert isinstance(compared, Tableau)
-    if compared.stages != len(paper.b):
-        raise ValueError(f"method must have {len(paper.b)} stages, got {compared.stages}")
-    a, b = compared.exact
-    ours = [entry for i, row in enumerate(a) for entry in row[:i]] + [*b, *map(sum, a)]
-    return tuple(
-        Comparison(label, digits, Fraction(value))
-        for (label, digits), value in zip(paper.labelled(), ours, strict=True)
-    )
+    paper, method = printed()[name], methods[name] if method is None else method
+    if method.stages != len(paper.b):
+        raise ValueError(f"method must have {len(paper.b)} stages, got {method.stages}")
+    pairs = zip(paper.labelled(), _values(method), strict=True)
+    return [(label, digits, value) for (label, digits), value in pairs]
 
 
-def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) -> float:
+def nearest_exact(name: str, method: Method | None = None, *, truncated: bool) -> float:
     """Return by how much, at least, exact methods differ from printed coefficients.
 
     This is the largest difference of a coefficient from the middle of what is truncated, or else
@@ -188,13 +153,12 @@ def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) 
     be those of an exact method. It is computed to first order, by linear programming; zeros are
     kept. `name` is CG4a or CG5a, `method` has printed coefficients, by default the paper's.
     """
-    paper = printed()[name]
-    digits = Tableau(paper.a, paper.b) if method is None else method
+    method = method or Tableau(printed()[name].a, printed()[name].b)
     order, unit = methods[name].order, Fraction(1, 10**16)
-    x = np.array([float(entry.value) for entry in digits.coefficients])
-    exact = conditions.residuals(digits, order, arithmetic="exact")
+    x = to_floats(method.coefficients)
+    exact = conditions.residuals(method, order, arithmetic="exact")
     residuals = np.array([float(r / unit) for r in exact])
-    slopes = conditions.jacobian(digits.layout, x, order, independent=False)
+    slopes = conditions.jacobian(method.layout, x, order, independent=False)
     middle = 0.5 * np.sign(x) if truncated else np.zeros_like(x)
     # least d such that |step - middle| <= d and |residuals + slopes step| is next to nothing
     ones, nothing = np.ones((x.size, 1)), np.zeros((residuals.size, 1))

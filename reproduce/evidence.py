@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from cg.construction.catalogue import methods
-from cg.construction.conditions import Rows, count, jacobian, residuals, unknowns, unpack
+from cg.construction.conditions import count, jacobian, residuals
+from cg.construction.layouts import Layout
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
+from cg.construction.methods.tolerance import to_floats
 from cg.construction.trees import catalan, forest
 from cg.frames import Euclidean
 from cg.integration import integrate
@@ -60,7 +62,11 @@ def gather(seed: int) -> Data:
         "drift_times": _DRIFT_TIMES,
         "flat": {name: _flat(methods[name]) for name in _DISTINGUISHED},
         "initial": _initial(),
-        "trees": _trees(),
+        "trees": {
+            "order": _HIGH_ORDER,
+            "generated": len(forest(_HIGH_ORDER + 1)),
+            "expected": sum(map(catalan, range(_HIGH_ORDER + 1))),
+        },
     }
 
 
@@ -68,11 +74,13 @@ def _conditions(order: int, stages: int, seed: int) -> Data:
     ranks, numbers = [], []
     for index in range(_POINTS):
         generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(order, index)))
-        x = generator.uniform(-1, 1, unknowns(stages))
-        a, b = unpack(x.tolist(), stages, Rows.EXPLICIT)
-        every = _singular_values(a, b, order, independent=False)
+        layout = Layout.tableau(stages)
+        x = generator.uniform(-1, 1, layout.size)
+        every, independent = (
+            np.linalg.svd(jacobian(layout, x, order, independent=flag), compute_uv=False)
+            for flag in (False, True)
+        )
         ranks.append(int((every > RANK_THRESHOLD * every[0]).sum()))
-        independent = _singular_values(a, b, order, independent=True)
         numbers.append(float(independent[0] / independent[-1]))
     return {
         "points": _POINTS,
@@ -81,13 +89,6 @@ def _conditions(order: int, stages: int, seed: int) -> Data:
         "all": count(order),
         "condition_number": median(numbers),
     }
-
-
-def _singular_values(a: Any, b: Any, order: int, *, independent: bool) -> Array:
-    derivatives = jacobian(
-        np.array(a, dtype=np.float64), b, order, independent=independent, rows=Rows.EXPLICIT
-    )
-    return np.asarray(np.linalg.svd(derivatives, compute_uv=False), dtype=np.float64)
 
 
 def _method(method: Method) -> Data:
@@ -102,8 +103,9 @@ def _method(method: Method) -> Data:
 def _approximate(method: Method) -> Data:
     sizes = [abs(float(r)) for r in residuals(method, method.order, arithmetic="exact")]
     square = math.sqrt(sum(size * size for size in sizes) / len(sizes))
-    x = np.array([float(entry.value) for entry in method.coefficients])
-    derivatives = jacobian(method.layout, x, method.order, independent=False)
+    derivatives = jacobian(
+        method.layout, to_floats(method.coefficients), method.order, independent=False
+    )
     return {
         "truncation": 10.0**-_PRINTED * float(np.abs(derivatives).sum(axis=1).max()),
         "worst": -math.log10(max(sizes)),
@@ -165,12 +167,4 @@ def _initial() -> Data:
     return {
         "orthogonality": float(np.abs(rotation.T @ rotation - np.eye(3)).max()),
         "determinant": abs(float(np.linalg.det(rotation)) - 1),
-    }
-
-
-def _trees() -> Data:
-    return {
-        "order": _HIGH_ORDER,
-        "generated": len(forest(_HIGH_ORDER + 1)),
-        "expected": sum(map(catalan, range(_HIGH_ORDER + 1))),
     }

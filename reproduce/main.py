@@ -8,14 +8,14 @@ from pathlib import Path
 
 import click
 
-from cg.command.arguments import workers_option
+from cg.command.arguments import count_option
 from cg.command.main import main as run_command
 from cg.construction.runs import StoreError
 from cg.support.parallel import available_cores
 
 from .blocks import Settings
 from .report import ITEMS, select
-from .run import Display, OutputError, check_output, run
+from .run import Display, check_output, run
 
 FOLDER = Path("reproduce/out")
 
@@ -56,7 +56,7 @@ def _read_items(
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of random starts."
 )
-@workers_option
+@count_option("--workers", "Threads; all cores by default.")
 @click.option("--list", "listing", is_flag=True, help="List the items and exit.")
 def reproduce_command(
     out: Path | None,
@@ -81,10 +81,7 @@ def reproduce_command(
         return 0
     settings = Settings(seed, full)
     out = out or (FOLDER / "full" if full else FOLDER)
-    try:
-        check_output(out)
-    except OutputError as error:
-        raise click.BadParameter(str(error), param_hint="--out") from error
+    check_output(out)
     items = select(only or ITEMS)
     display = Display(sys.stderr, items)
     begun = time.perf_counter()

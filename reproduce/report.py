@@ -14,15 +14,12 @@ from . import sections
 from .blocks import Block, Chart, Data, Item, Table, Text
 from .style import render
 
+_NAMES = [
+    f"{sections.__name__}.{module.name}" for module in pkgutil.iter_modules(sections.__path__)
+]
+_ITEMS: list[Item] = [item for name in _NAMES for item in import_module(name).ITEMS]
 
-def _all_items() -> list[Item]:
-    names = [module.name for module in pkgutil.iter_modules(sections.__path__)]
-    modules = [import_module(f"{sections.__name__}.{name}") for name in names]
-    items = [item for module in modules for item in module.ITEMS]
-    return sorted(items, key=lambda item: item.turn)
-
-
-ITEMS = {item.name: item for item in _all_items()}
+ITEMS = {item.name: item for item in sorted(_ITEMS, key=lambda item: item.turn)}
 """All items by name in the order of computation: those of the paper and quick ones first."""
 
 

@@ -6,9 +6,10 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
+
+import click
 
 import cg
 from cg.support.parallel import has_bars, make_bar
@@ -58,25 +59,19 @@ class Display:
 
 FORMAT = "reproduce-paper 2"
 
-_RESULTS = "results.json"
-_REPORT = "report.html"
-
-
-class OutputError(Exception):
-    """The output folder cannot be used; the message gives the reason."""
-
 
 def check_output(out: Path) -> None:
-    """Create the output folder; OutputError unless files can be written there."""
+    """Create the output folder; BadParameter unless files can be written there."""
     try:
         for folder in (out, out / "figures", out / "checkpoints"):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
     except (FileExistsError, NotADirectoryError):
-        raise OutputError(f"{out} is not a directory") from None
+        raise click.BadParameter(f"{out} is not a directory", param_hint="--out") from None
     except OSError as error:
-        raise OutputError(f"{out} is not writable: {error.strerror}") from None
+        problem = f"{out} is not writable: {error.strerror}"
+        raise click.BadParameter(problem, param_hint="--out") from None
 
 
 def run(
@@ -103,21 +98,15 @@ def run(
     }
     for item in items:
         begun = time.perf_counter()
-        context = Context(settings, out / "checkpoints", workers, results=results)
-        if display is not None:
-            context = replace(context, progress=display.begin(item))
-        results[item.name] = _as_json(item.compute(context))
+        progress = Context.progress if display is None else display.begin(item)
+        context = Context(settings, out / "checkpoints", workers, progress, results)
+        # as JSON restores them, so that new and stored data are equal
+        results[item.name] = json.loads(json.dumps(item.compute(context), allow_nan=False))
         seconds[item.name] = round(time.perf_counter() - begun, 2)
         sections[item.name] = section(item, results[item.name], out)
         text = json.dumps(state, indent=1, ensure_ascii=False, allow_nan=False)
-        write_file(out / _RESULTS, f"{text}\n")
-        write_file(out / _REPORT, page(state, sections))
+        write_file(out / "results.json", f"{text}\n")
+        write_file(out / "report.html", page(state, sections))
         if display is not None:
             display.finish(item, seconds[item.name])
     return state
-
-
-def _as_json(numbers: Data) -> Data:
-    """Return the data as JSON restores them, so that new and stored data are equal."""
-    data: Data = json.loads(json.dumps(numbers, allow_nan=False))
-    return data

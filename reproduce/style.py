@@ -63,11 +63,6 @@ def grid(axes: Axes, *, x: bool, y: bool) -> None:
             axis.set_minor_formatter(NullFormatter())
 
 
-def label_panel(axes: Axes, title: str) -> None:
-    """Set the title of a panel, aligned left."""
-    axes.set_title(title, loc="left")
-
-
 def render(chart: Chart, folder: Path) -> str:
     """Draw a chart into ``folder/name.svg`` and ``.png``, and return it for a page.
 
@@ -85,10 +80,6 @@ def render(chart: Chart, folder: Path) -> str:
     svg = stream.getvalue()
     write_file(folder / f"{chart.name}.png", pixels.getvalue())
     write_file(folder / f"{chart.name}.svg", svg)
-    return _for_page(svg, chart)
-
-
-def _for_page(svg: str, chart: Chart) -> str:
     body = svg[svg.index("<svg") :]
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
     body = re.sub(r'\s(xmlns(:\w+)?|version)="[^"]*"', "", body)

@@ -66,15 +66,9 @@ def errors(reading: Reading, method: str, steps: int) -> Errors:
     top = HeavyTop(reading)
     solution = integrate(top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps)
     values = _reference(reading, steps)[1]
-    rotation, momentum = zip(
-        *(
-            _norms(list(map(Fraction, y.tolist())), x)
-            for y, x in zip(solution.y, values, strict=True)
-        ),
-        strict=True,
-    )
+    rotation, momentum = np.transpose(list(map(_norms, solution.y.tolist(), values)))
     off = [_off_group(y[:9].tolist()) for y in solution.y]
-    return Errors(solution.t, np.array(rotation), np.array(momentum), np.array(off))
+    return Errors(solution.t, rotation, momentum, np.array(off))
 
 
 def flow_distances(reading: Reading, method: str, steps: int) -> Array:
@@ -117,7 +111,7 @@ def end_error(reading: Reading, method: str, steps: int) -> float:
     solution = integrate(
         top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps, save_every=steps
     )
-    return _norms(list(map(Fraction, solution.y[-1].tolist())), reference_end(reading)[0])[0]
+    return _norms(solution.y[-1].tolist(), reference_end(reading)[0])[0]
 
 
 def quad_end_error(reading: Reading, method: str, steps: int) -> float:
@@ -126,9 +120,9 @@ def quad_end_error(reading: Reading, method: str, steps: int) -> float:
     return _norms(end, reference_end(reading)[0])[0]
 
 
-def _norms(y: Sequence[Fraction], exact: Sequence[Fraction]) -> tuple[float, float]:
+def _norms(y: Sequence[float | Fraction], exact: Sequence[Fraction]) -> tuple[float, float]:
     """Return the 2-norms of the errors of B and m; differences are taken exactly."""
-    difference = np.array([float(x - z) for x, z in zip(y, exact, strict=True)])
+    difference = np.array([float(Fraction(x) - z) for x, z in zip(y, exact, strict=True)])
     rotation = np.linalg.norm(difference[:9].reshape(3, 3), 2)
     return float(rotation), float(np.linalg.norm(difference[9:]))
 

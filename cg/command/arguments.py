@@ -1,4 +1,4 @@
-"""Arguments and options of several commands, and functions for their output."""
+"""Arguments and options that commands share, and functions for their output."""
 
 import os
 from collections.abc import Callable
@@ -30,20 +30,13 @@ def output_option(help: str) -> Callable[[F], F]:
     return click.option("--output", "-o", type=file, metavar="FILE", help=help)
 
 
-workers_option = count_option("--workers", "Threads; all cores by default.")
-
-
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]
-    """Type of an argument that is the name or the file of a method, and what is made of it."""
+    """Type of an argument that names a method or a file: `make` converts it, or `read`."""
 
     name = "NAME|FILE"
 
-    def __init__(
-        self,
-        make: Callable[[Method], Any] = lambda method: method,
-        read: Callable[[str], Any] | None = None,
-    ) -> None:
-        self._make, self._read = make, read or (lambda file: make(load(file)))
+    def __init__(self, make: Callable[[Method], Any], read: Callable[[str], Any]) -> None:
+        self._make, self._read = make, read
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -61,15 +54,15 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
                 return self._read(value)
             if value in methods:
                 return self._make(methods[value])
-        except (MethodError, OSError, TypeError, ValueError) as problem:
-            self.fail(message_of(problem), param)
+        except (MethodError, OSError, TypeError, ValueError) as error:
+            self.fail(message_of(error), param)
         similar = similar_names(value)
         self.fail(
             f"no method is named {value!r}, and no .toml or .json file is there{similar}", param
         )
 
 
-METHOD = MethodArgument()
+METHOD = MethodArgument(lambda method: method, load)
 
 
 def as_json(data: Any) -> None:
@@ -83,7 +76,7 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def check_output(path: Path | None) -> None:
-    """Raise BadParameter unless a folder can be written to; commands call it first."""
+    """Raise BadParameter unless a file can be written; commands call it before they compute."""
     if path is None:
         return
     folder = path.absolute().parent

@@ -14,6 +14,10 @@ NO, UNUSABLE, MISSING, INTERRUPTED = 1, 2, 3, 130
 """Exit codes: negative result, wrong argument, missing package, interrupt."""
 
 PROGRAM = "crouch-grossman"
+_REFUSED = (
+    click.ClickException, ArithmeticError, BrokenExecutor, MemoryError, MissingFlintError, OSError,
+    ValueError,
+)  # fmt: skip
 _IN_COMMAND = {
     "pass force=True": "pass --force",
     "pass certificate=cg.certify(method)": "crouch-grossman certify FILE -o PROOF makes one; "
@@ -79,27 +83,29 @@ def main(
     command: click.Command = group,
 ) -> int:
     """Run a command with the arguments of the process, or others; return the exit code."""
-    given = None if arguments is None else list(arguments)
     try:
-        code = command.main(given, prog_name=program, standalone_mode=False)
+        code = command.main(arguments, prog_name=program, standalone_mode=False)
     except (click.Abort, KeyboardInterrupt) as end:
         print(f"{program}: {_with_notes('interrupted', end.__cause__ or end)}", file=sys.stderr)
         return INTERRUPTED
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else "")
         return 0
-    except click.ClickException as error:
-        return _refuse(program, error.format_message())
-    except (ArithmeticError, BrokenExecutor, MissingFlintError, OSError, ValueError) as error:
-        code = _refuse(program, _with_notes(message_of(error), error))
-        return MISSING if isinstance(error, MissingFlintError) else code
-    except MemoryError as error:
-        return _refuse(program, f"not enough memory: {error}")
+    except _REFUSED as error:
+        message = _with_notes(message_of(error), error)
+        for words, words_of_command in _IN_COMMAND.items():
+            message = message.replace(words, words_of_command)
+        print(f"{program}: error: {visible(' '.join(message.split()))}", file=sys.stderr)
+        return MISSING if isinstance(error, MissingFlintError) else UNUSABLE
     return code if isinstance(code, int) else 0
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error; of one of a file the path and what is wrong."""
+    """Return the message of an error; that of a file's error has its path and what is wrong."""
+    if isinstance(error, click.ClickException):
+        return error.format_message()
+    if isinstance(error, MemoryError):
+        return f"not enough memory: {error}"
     if isinstance(error, OSError) and error.filename:
         return f"{error.filename}: {error.strerror}"
     return str(error)
@@ -108,10 +114,3 @@ def message_of(error: Exception) -> str:
 def _with_notes(text: str, error: BaseException) -> str:
     """Return the message of an error with the notes added to it."""
     return "; ".join([text, *getattr(error, "__notes__", ())])
-
-
-def _refuse(program: str, message: str) -> int:
-    for words, own in _IN_COMMAND.items():
-        message = message.replace(words, own)
-    print(f"{program}: error: {visible(' '.join(message.split()))}", file=sys.stderr)
-    return UNUSABLE

@@ -1,6 +1,7 @@
 """``list`` and ``show`` the methods of the catalogue, ``export`` one as data, a table or code."""
 
 import ast
+import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict
@@ -32,13 +33,13 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.plots import columns, draw_method
-from cg.construction.proofs import proved
+from cg.construction.proofs import Certificate, CertificationError, certificate_of, check, proved
+from cg.construction.proofs.packed import certificate_beside
 from cg.construction.trees import density, forest, node_count, planted, rooted_trees_through
 from cg.frames import Frame
 from cg.support.parsing import visible, write_file
 from cg.support.quads import MAX_WRITTEN
 
-_KEYS = ("name", "order", "evaluations", "flows", "error")
 _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus", "splitting")
 _FILTERS: dict[str, Callable[[MethodSummary, Any], bool]] = {
     "order": lambda method, order: method.order == order,
@@ -61,8 +62,8 @@ _FILTERS: dict[str, Callable[[MethodSummary, Any], bool]] = {
 @click.option("--proved", "only_proved", is_flag=True, help="Only methods proved in full.")
 @click.option("--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only this kind.")
 @click.option(
-    "--sort", type=click.Choice(_KEYS), default="order", show_default=True,
-    help="First sort key; then evaluations, flows and name.",
+    "--sort", type=click.Choice(("name", "order", "evaluations", "flows", "error")),
+    default="order", show_default=True, help="First sort key; then evaluations, flows and name.",
 )  # fmt: skip
 @json_option
 def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) -> int:
@@ -82,38 +83,36 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
       crouch-grossman list --order 6 --proved
       crouch-grossman list --kind implicit --json
     """
-    given = {name: value for name, value in filters.items() if value is not None}
     selected = [
-        facts
-        for facts in map(summary_of, methods.values())
-        if all(_FILTERS[name](facts, value) for name, value in given.items())
+        (facts, proved(method))
+        for facts, method in zip(map(summary_of, methods.values()), methods.values(), strict=True)
+        if all(_FILTERS[name](facts, value) for name, value in filters.items() if value is not None)
     ]
-    selected.sort(key=lambda facts: (_key(facts, sort), facts.evaluations, facts.flows, facts.name))
-    proofs = {facts.name: proved(methods[facts.name]) for facts in selected}
     if only_proved:
-        selected = [facts for facts in selected if proofs[facts.name] == "yes"]
+        selected = [(facts, proof) for facts, proof in selected if proof == "yes"]
+    selected.sort(key=lambda pair: _sort_key(pair[0], sort))
     if in_json:
-        as_json([asdict(facts) | {"proved": proofs[facts.name]} for facts in selected])
+        as_json([asdict(facts) | {"proved": proof} for facts, proof in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        say(columns([heads, *(_row(facts, proofs[facts.name]) for facts in selected)], left=3))
+        say(columns([heads, *(_row(facts, proof) for facts, proof in selected)], left=3))
     else:
         say("no method of the catalogue matches these options")
     return 0 if selected else NO
 
 
-def _key(summary: MethodSummary, name: str) -> Any:
-    if name == "error":
-        return math.inf if summary.principal_error is None else summary.principal_error
-    return getattr(summary, name)
+def _sort_key(summary: MethodSummary, name: str) -> tuple[Any, ...]:
+    error = math.inf if summary.principal_error is None else summary.principal_error
+    first = error if name == "error" else getattr(summary, name)
+    return first, summary.evaluations, summary.flows, summary.name
 
 
 def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
     pair = "" if summary.embedded_order is None else f"({summary.embedded_order})"
     error = "" if summary.principal_error is None else f"{summary.principal_error:.3g}"
-    about = "≈" if summary.approximate else ""
-    numbers = (f"{about}{summary.order}{pair}", str(summary.evaluations), summary.all_flows, error)
-    return visible(summary.name), summary.kind, proof, *numbers
+    order = f"{'≈' * summary.approximate}{summary.order}{pair}"
+    costs = str(summary.evaluations), summary.all_flows
+    return visible(summary.name), summary.kind, proof, order, *costs, error
 
 
 @click.command("show", short_help="Show all data of one method.")
@@ -144,29 +143,21 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
     summary, certificate = summary_of(method), _certificate(method)
     listed = [] if conditions is None else _conditions(method, conditions)
     if in_json:
-        import json
-
         data = {**asdict(summary), "certificate": certificate, "source": method.source}
         data |= {} if conditions is None else {"conditions": listed}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
     if digits is not None and digits > (known_digits(method) or digits):
         method = numbers_of(method, digits, None).rounded()
-    drawing = draw_method(method, digits=digits or 6)
     say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
-    lines = {
-        **_numbers(summary),
-        "certificate": certificate or "none",
-        "source": visible(method.source),
-    }
-    width = max(map(len, lines))
-    for label, value in lines.items():
-        say(f"  {label.ljust(width)}  {value}".rstrip())
-    say(f"\n{drawing}")
+    lines = _numbers(summary) | {"certificate": certificate or "none"}
+    lines |= {"source": visible(method.source)}
+    say(columns([("", label, value) for label, value in lines.items()], left=3))
+    say(f"\n{draw_method(method, digits=digits or 6)}")
     if listed:
         rows = [
-            [str(one["order"]), one["tree"], one["right_side"], f"{one['residual']:.3g}"]
-            for one in listed
+            [str(entry["order"]), entry["tree"], entry["right_side"], f"{entry['residual']:.3g}"]
+            for entry in listed
         ]
         say("\n" + columns([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
 
@@ -175,8 +166,7 @@ def _numbers(summary: MethodSummary) -> dict[str, str]:
     order, flows = str(summary.order), str(summary.flows)
     if summary.embedded_order is not None:
         order += f", of the second result {summary.embedded_order}"
-    if summary.pair_flows != summary.flows:
-        flows += f", {summary.pair_flows} with the estimate"
+    flows += f", {summary.pair_flows} with the estimate" * (summary.pair_flows != summary.flows)
     lines = {
         "order": order + ", up to a residual that is stored" * summary.approximate,
         "evaluations": str(summary.evaluations),
@@ -199,9 +189,6 @@ def _number(x: float | None, other: str) -> str:
 
 
 def _certificate(method: Method) -> str | None:
-    from cg.construction.proofs import CertificationError, certificate_of, check
-    from cg.construction.proofs.packed import certificate_beside
-
     try:
         beside = certificate_beside(method)
         if beside is not None:  # nothing of a file of the user's is believed
@@ -223,37 +210,30 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
     if isinstance(method, MuntheKaas | Splitting):
         splits = isinstance(method, Splitting)
         rooted = nystrom_trees(order) if splits else rooted_trees_through(order)
-        trees = ["sum of drifts"] * splits + [str(planted(tree)) for tree in rooted]
+        trees: list[Any] = ["sum of drifts"] * splits + list(map(planted, rooted))
         residuals = list(map(float, method.residuals(order)))
         orders = [1] * splits + list(map(node_count, rooted))
         sides = [Fraction(1)] * splits + [Fraction(1, density(tree)) for tree in rooted]
     else:
-        indices = conditions.condition_trees(order)
-        ordered = [forest(order + 1).tree(index) for index in indices]
-        trees = list(map(str, ordered))
+        trees = list(map(forest(order + 1).tree, conditions.condition_trees(order)))
         balls = conditions.residuals(method.tree, order, arithmetic="balls")
         residuals = [0.0 if ball.contains(0) else float(ball.mid()) for ball in balls]
-        orders = [tree.nodes - 1 for tree in ordered]
+        orders = [tree.nodes - 1 for tree in trees]
         sides = list(conditions.right_sides(order))
     names = "order", "tree", "right_side", "residual"
-    rows = zip(orders, trees, map(str, sides), residuals, strict=True)
+    rows = zip(orders, map(str, trees), map(str, sides), residuals, strict=True)
     return [dict(zip(names, row, strict=True)) for row in rows]
 
 
-class FrameArgument(click.ParamType):  # type: ignore[type-arg]
-    """Type of an option that is a frame, written as in Python."""
-
-    name = "FRAME"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Frame:
-        """Return the frame; end the command with an error if there is none."""
-        try:
-            frame = _evaluated(ast.parse(value, mode="eval").body)
-        except (SyntaxError, TypeError, ValueError) as error:
-            self.fail(f"{value!r} is no frame: {error}", param, ctx)
-        if not isinstance(frame, Frame):
-            self.fail(f"{value!r} is no frame such as SO3()", param, ctx)
-        return frame
+def _frame(text: str) -> Frame:
+    """Return the frame of an option, written as in Python."""
+    try:
+        frame = _evaluated(ast.parse(text, mode="eval").body)
+    except (SyntaxError, TypeError, ValueError) as error:
+        raise click.BadParameter(f"{text!r} is no frame: {error}") from None
+    if not isinstance(frame, Frame):
+        raise click.BadParameter(f"{text!r} is no frame such as SO3()")
+    return frame
 
 
 def _evaluated(node: ast.expr) -> Any:
@@ -284,17 +264,12 @@ def _evaluated(node: ast.expr) -> Any:
     help="Certificate of the method; by default that of the catalogue, or the one beside FILE.",
 )  # fmt: skip
 @click.option(
-    "--frame", type=FrameArgument(), metavar="FRAME",
+    "--frame", type=_frame, metavar="FRAME",
     help='A frame whose flow a file in C has, as in Python, such as "SO3()".',
 )  # fmt: skip
 @output_option("Output file; standard output by default.")
 def export_command(
-    method: Method,
-    format: str,
-    digits: int | None,
-    certificate: Path | None,
-    frame: Frame | None,
-    output: Path | None,
+    method: Method, format: str, certificate: Path | None, output: Path | None, **options: Any
 ) -> None:
     """Write a method as a data file, a LaTeX table, or code for one step.
 
@@ -311,11 +286,9 @@ def export_command(
       crouch-grossman export CG5a json --digits 60
       crouch-grossman export mine.toml c --digits 40 --certificate proof.toml
     """
-    from cg.construction.proofs import Certificate
-
     check_output(output)
     proof = None if certificate is None else Certificate.load(certificate)
-    text = export(method, format, digits=digits, certificate=proof, frame=frame)
+    text = export(method, format, certificate=proof, **options)
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:

@@ -1,7 +1,6 @@
 """``certify`` proves the orders of methods, ``check`` diagnoses one."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +57,11 @@ def certify_command(
     if again:
         if complete or output is not None:
             raise click.UsageError("--check excludes --complete and --output")
-        return _check(items or tuple(map(methods.__getitem__, certificate_names())), in_json)
+        return _check_stored(items or tuple(map(methods.__getitem__, certificate_names())), in_json)
     if len(items) != 1:
         raise click.UsageError(f"name one method, or pass --check; got {len(items)} methods")
     check_output(output)
-    certificate, entry = _proved(items[0], lambda method: certify(method, complete=complete))
+    certificate, entry = _prove(items[0], complete=complete)
     if certificate is not None and output is not None:
         certificate.save(output)
     if in_json:
@@ -74,37 +73,33 @@ def certify_command(
     return 0 if certificate else NO
 
 
-def _check(items: tuple[Method, ...], in_json: bool) -> int:
+def _check_stored(items: tuple[Method, ...], in_json: bool) -> int:
     entries = []
     for method in items:
         begin = time.perf_counter()
-        certificate, entry = _proved(method, _proved_again)
+        certificate, entry = _prove(method, again=True)
         entries.append(entry)
         if not in_json:
             failed = "" if certificate else f"FAILED {method.name}: "
             say(f"{failed}{entry['message']} [{time.perf_counter() - begin:.1f} s]")
-    kinds = [entry["proved"] for entry in entries]
+    outcomes = [entry["proved"] for entry in entries]
     if in_json:
         as_json(entries)
     else:
         words = {"in part": "in part", "no": "failed"}
-        others = (f", {kinds.count(k)} {word}" for k, word in words.items() if k in kinds)
-        say(f"{kinds.count('yes')} proved{''.join(others)}")
-    return NO if "no" in kinds else 0
+        others = (f", {outcomes.count(k)} {word}" for k, word in words.items() if k in outcomes)
+        say(f"{outcomes.count('yes')} proved{''.join(others)}")
+    return NO if "no" in outcomes else 0
 
 
-def _proved_again(method: Method) -> Certificate:
-    certificate = certificate_of(method)
-    check(certificate, method)
-    return certificate
-
-
-def _proved(
-    method: Method, prove: Callable[[Method], Certificate]
+def _prove(
+    method: Method, *, complete: bool = False, again: bool = False
 ) -> tuple[Certificate | None, dict[str, Any]]:
-    """Return a certificate and its summary; None and why if the proof fails."""
+    """Return a new or a stored certificate, proved, and its summary; None and why if that fails."""
     try:
-        certificate = prove(method)
+        certificate = certificate_of(method) if again else certify(method, complete=complete)
+        if again:
+            check(certificate, method)
     except TypeError as error:
         raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:

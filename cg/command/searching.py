@@ -4,6 +4,8 @@ import inspect
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import reduce
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args
@@ -12,7 +14,7 @@ import click
 
 from cg.command.arguments import F, MethodArgument, as_json, check_output, json_option, say
 from cg.command.main import NO
-from cg.construction.catalogue import dumps, save
+from cg.construction.catalogue import dumps, load, save
 from cg.construction.formats import export
 from cg.construction.layouts import Layout, MethodError, Rows
 from cg.construction.methods.commutator_free import MuntheKaas
@@ -28,100 +30,82 @@ from cg.support.parallel import has_bars
 
 def _shape(method: Method) -> Layout:
     """Return the tree of points of a method."""
-    try:
+    with suppress(MethodError, TypeError):  # the method is implicit
         if not isinstance(method, MuntheKaas):
             return layout_of(method)
-    except (MethodError, TypeError):  # it is implicit
-        pass
     raise ValueError(f"{method!r} isn't an explicit method with a tree of points")
 
 
 class _Member(click.Choice):  # type: ignore[type-arg]
     """A member of an enumeration, by its name in small letters with hyphens."""
 
-    def __init__(self, kind: type[Rows] | type[Structure]) -> None:
-        self._members = {member.name.lower().replace("_", "-"): member for member in kind}
-        super().__init__(list(self._members))
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value in self._members.values():
-            return value
-        return self._members[super().convert(value, param, ctx)]
+    def normalize_choice(self, choice: Any, ctx: click.Context | None) -> str:
+        if isinstance(choice, Rows | Structure):
+            return choice.name.lower().replace("_", "-")
+        return str(choice)
 
 
-class _Value(click.ParamType):  # type: ignore[type-arg]
-    """A name and its value."""
-
-    name = "NAME=VALUE"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        name, equals, number = value.partition("=")
-        return (name, number) if equals else self.fail(f"{value!r} isn't NAME=VALUE", param)
+def _held(text: str) -> tuple[str, str]:
+    """Return a name and its value."""
+    name, equals, number = text.partition("=")
+    if not equals:
+        raise click.BadParameter(f"{text!r} isn't NAME=VALUE")
+    return name, number
 
 
-class _Bound(click.ParamType):  # type: ignore[type-arg]
-    """A bound on all magnitudes, or a name and its interval, of which an end may be left out."""
-
-    name = "X|NAME=LOWER:UPPER"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        name, equals, interval = value.rpartition("=")
-        try:
-            ends = [float(end) if end else None for end in interval.split(":")]
-        except ValueError:
-            ends = []
-        if len(ends) != 1 + bool(equals):
-            self.fail(f"{value!r} isn't a number or NAME=LOWER:UPPER", param)
-        return (name, ends) if equals else ends[0]
+def _bound(text: str) -> Any:
+    """Return a bound on all magnitudes, or a name and its interval, whose ends may be None."""
+    name, equals, interval = text.rpartition("=")
+    try:
+        ends = [float(end) if end else None for end in interval.split(":")]
+    except ValueError:
+        ends = []
+    if len(ends) != 1 + bool(equals):
+        raise click.BadParameter(f"{text!r} isn't a number or NAME=LOWER:UPPER")
+    return (name, ends) if equals else ends[0]
 
 
 _SPECIAL: dict[str, dict[str, Any]] = {
     "abscissae": {"type": float, "nargs": 2, "metavar": "LOWER UPPER"},
     "algorithm": {"type": click.Choice(ALGORITHMS), "help": "How starts are solved."},
-    "bound": {"type": _Bound(), "multiple": True},
+    "bound": {"type": _bound, "multiple": True},
     "nonnegative": {"type": str, "multiple": True, "metavar": "NAME"},
-    "hold": {"type": _Value(), "multiple": True,
+    "hold": {"type": _held, "multiple": True, "metavar": "NAME=VALUE",
              "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
     "minimise": {"type": click.Choice(OBJECTIVES)},
-    "rows": {"type": _Member(Rows)},
+    "rows": {"type": _Member(Rows), "default": "explicit"},
     "stages": {"type": int, "required": False,
                "help": "Evaluations in a step; required unless --tree is given."},
     "store": {"type": click.Path(dir_okay=False), "metavar": "FILE"},
     "structure": {"type": _Member(Structure)},
-    "tree": {"type": MethodArgument(_shape), "metavar": "NAME|FILE",
-             "help": "Methods with the tree of points of a method."},
+    "tree": {"type": MethodArgument(_shape, lambda file: _shape(load(file))),
+             "metavar": "NAME|FILE", "help": "Methods with the tree of points of a method."},
 }  # fmt: skip
 
 
-def options_of(function: Callable[..., Any]) -> Callable[[F], F]:
+def _options_of(function: Callable[..., Any]) -> Callable[[F], F]:
     """Return a decorator that adds an option for each argument of a function, and others."""
     options = [
         _option(parameter, _help(function, name))
         for name, parameter in inspect.signature(function).parameters.items()
         if name not in ("executor", "progress")
     ]
-    path = click.Path(path_type=Path)
     options += [
         click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
         click.option("--quiet", "-q", is_flag=True, help="Don't show progress."),
-        click.option("--output", "-o", type=path, metavar="PATH",
+        click.option("--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
                      help="Write the methods there: a folder, or a file for one method."),
         json_option,
     ]  # fmt: skip
 
-    def decorate(command: F) -> F:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return decorate
+    return lambda command: reduce(lambda made, option: option(made), options[::-1], command)
 
 
 def _option(parameter: inspect.Parameter, help: str) -> Callable[[F], F]:
     default, kind = parameter.default, parameter.annotation
     required = default is parameter.empty
     if isinstance(kind, UnionType):
-        (kind, *_) = (one for one in get_args(kind) if one is not NoneType)
+        (kind, *_) = (member for member in get_args(kind) if member is not NoneType)
     facts: dict[str, Any] = {"type": kind, "help": help, "required": required}
     if kind is bool:
         facts = {"is_flag": True, "help": help}
@@ -130,46 +114,43 @@ def _option(parameter: inspect.Parameter, help: str) -> Callable[[F], F]:
     if not required and default is not None and kind is not bool:
         facts |= {"default": default, "show_default": True}
     facts |= _SPECIAL.get(parameter.name, {})
-    if isinstance(default, Rows):
-        facts["default"] = default.name.lower()
     return click.option(f"--{parameter.name.replace('_', '-')}", **facts)
 
 
 def _help(function: Callable[..., Any], name: str) -> str:
     """Return the first sentence about an argument in a docstring that doesn't list values."""
     doc = inspect.getdoc(function) or ""
-    found = re.search(rf"^(?:\w+, )*{name}(?:, \w+)*\n((?:    .*\n)+)", doc, re.MULTILINE)
-    text = " ".join(found.group(1).split()) if found else ""
+    match = re.search(rf"^(?:\w+, )*{name}(?:, \w+)*\n((?:    .*\n)+)", doc, re.MULTILINE)
+    text = " ".join(match.group(1).split()) if match else ""
     sentences = re.split(r"(?<=\.) ", text.replace("`", ""))
-    return next((one for one in sentences if not one.startswith("One of ")), "")
+    return next((sentence for sentence in sentences if not sentence.startswith("One of ")), "")
 
 
-def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
+def _arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a function for options; `stages` is by default that of the tree."""
     stages, tree = options["stages"], options["tree"]
-    if stages is None:
-        if tree is None:
-            raise click.UsageError("Missing option '--stages', or '--tree'.")
-        stages = tree.stages
+    if stages is None and tree is None:
+        raise click.UsageError("Missing option '--stages', or '--tree'.")
+    stages = tree.stages if stages is None else stages
     arguments = {**options, "stages": stages, "hold": _named("hold", options["hold"])}
     if "bound" in options:
-        numbers = [one for one in options["bound"] if isinstance(one, float)]
+        numbers = [bound for bound in options["bound"] if isinstance(bound, float)]
         if numbers and len(options["bound"]) > 1:
             raise click.UsageError("--bound: give one number, or intervals by name.")
         arguments["bound"] = numbers[0] if numbers else _named("bound", options["bound"])
     return arguments
 
 
-def _named(option: str, given: Sequence[tuple[str, Any]]) -> dict[str, Any] | None:
+def _named(option: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any] | None:
     """Return a mapping of names, None without any."""
-    named = dict(given)
-    if any(named[name] != value for name, value in given):
+    named = dict(pairs)
+    if any(named[name] != value for name, value in pairs):
         raise click.UsageError(f"--{option} gives two values of one name")
     return named or None
 
 
 @click.command("search", short_help="Search for methods from random starts.")
-@options_of(search)
+@_options_of(search)
 def search_command(**options: Any) -> int:
     """Search for methods of an order from random starts.
 
@@ -196,7 +177,7 @@ def search_command(**options: Any) -> int:
 
 
 @click.command("construct", short_help="Construct one method of an order.")
-@options_of(construct)
+@_options_of(construct)
 def construct_command(**options: Any) -> int:
     """Construct one method by eliminating stages or flows.
 
@@ -226,13 +207,13 @@ def _run(
     **options: Any,
 ) -> int:
     """Call a function with the arguments of the command; print and write the methods."""
-    arguments = arguments_of(options)
+    arguments = _arguments_of(options)
     check_output(output)
     executor = "processes" if processes else None
     try:
         result = function(**arguments, executor=executor, progress=not quiet and has_bars())
-    except ValueError as problem:
-        first, _, rest = str(problem).partition(" ")
+    except ValueError as error:
+        first, _, rest = str(error).partition(" ")
         option = f"--{first.replace('_', '-')}" if first in arguments else first
         raise click.UsageError(f"{option} {rest}") from None
     except KeyboardInterrupt as interrupt:
@@ -254,17 +235,12 @@ def _run(
     elif function is construct and output is None:
         click.echo(dumps(methods[0]), nl=False)
     else:
-        _list(methods, arguments.get("minimise"))
+        minimise = arguments.get("minimise")
+        for method in methods:
+            largest = max(abs(float(coefficient.value)) for coefficient in method.coefficients)
+            text = f"{method!r}, largest coefficient {largest:.3g}"
+            shown = minimise == "principal_error"
+            say(text + (f", principal error {method.principal_error:.3g}" if shown else ""))
+        if minimise:
+            say("each minimum is a local one: more --starts may lead to smaller ones", err=True)
     return 0 if methods else NO
-
-
-def _list(methods: Sequence[Method], minimise: str | None) -> None:
-    """Print a line for each method, with what was minimised."""
-    for method in methods:
-        largest = max(abs(float(coefficient.value)) for coefficient in method.coefficients)
-        text = f"{method!r}, largest coefficient {largest:.3g}"
-        if minimise == "principal_error":
-            text += f", principal error {method.principal_error:.3g}"
-        say(text)
-    if minimise:
-        say("each minimum is a local one: more --starts may lead to smaller ones", err=True)

@@ -110,10 +110,6 @@ class PointTree:
         """Return the number of different flows, those with weights, on the paths to points."""
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
-    def same(self, one: int, other: int) -> bool:
-        """Return whether the same flows lead to two points."""
-        return self.merged[one] == self.merged[other]
-
     def roles(self) -> dict[int, list[str]]:
         """Return the roles of each point, such as ``{-1: ["stage 1"], 0: ["result"]}``."""
         roles: dict[int, list[str]] = {}

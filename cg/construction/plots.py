@@ -1,4 +1,4 @@
-"""Plots of tableaux, trees of points, ordered trees, stability regions; `cg.plot` has them."""
+"""Drawings of methods and trees: plots, which `cg.plot` has, and text for terminals."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 
 _NODE = "●"
-_MAX_BITS = 128  # largest denominator; longer fractions are shown as decimals
+_MAX_DENOMINATOR_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 
 def tableau(method: str | Method, ax: Any = None) -> Any:
@@ -55,7 +55,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     ['0', '119/216', '13/51', '17/108']
     """
     method = no_splitting(resolve_method(method))
-    given, ax = ax, axes_for(ax)
+    widen, ax = ax is None, axes_for(ax)
     s = method.stages
     a, b = method.exact
     rows = [*a, b]
@@ -74,7 +74,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
     _set_title(ax, method)
-    _fit_cells(ax, widen=given is None)
+    _fit_cells(ax, widen=widen)
     return ax
 
 
@@ -312,13 +312,14 @@ def stability_region(
     ax = axes_for(ax)
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
     ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
-    for k, one in enumerate(methods):
-        size = np.abs(growth(one, z))
+    for k, drawn in enumerate(methods):
+        size = np.abs(growth(drawn, z))
         colour, dashes = COLOURS[k % len(COLOURS)], _DASHES[k % len(_DASHES)]
         alpha = 0.25 if len(methods) == 1 else 0.12
         ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=alpha)
         ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
-        ax.plot([], [], color=colour, linestyle=dashes, label=verbatim(one.name) or "without name")
+        label = verbatim(drawn.name) or "without name"
+        ax.plot([], [], color=colour, linestyle=dashes, label=label)
     ends = {"xlim": grid[0][0, [0, -1]], "ylim": grid[1][[0, -1], 0]}
     ax.set(aspect="equal", xlabel="Re hλ", ylabel="Im hλ", **ends)
     ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
@@ -331,7 +332,7 @@ def order_star(
 ) -> Any:  # fmt: skip
     """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
 
-    Of a method of order p, p + 1 fingers and as many gaps meet at the origin.
+    If the method has order p, p + 1 fingers and as many gaps meet at the origin.
 
     Parameters
     ----------
@@ -345,15 +346,16 @@ def order_star(
     >>> cg.plot.order_star("CF4").get_title()
     'CF4'
     """
-    one = no_splitting(resolve_method(method))
-    reach = 1.0 + one.stages
+    method = no_splitting(resolve_method(method))
+    reach = 1.0 + method.stages
     grid, z = _plane(x, y, ((-reach, reach), (-reach, reach)))
     ax = axes_for(ax)
-    size = np.abs(growth(one, z) * np.exp(-z))
+    size = np.abs(growth(method, z) * np.exp(-z))
     ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
     ax.contour(*grid, size, levels=[1.0], colors=[COLOURS[0]], linewidths=0.8)
     ax.plot(0.0, 0.0, "k+")
-    ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=verbatim(one.name) or "without name")
+    title = verbatim(method.name) or "without name"
+    ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=title)
     return ax
 
 
@@ -456,7 +458,7 @@ def _tableau(method: Method, digits: int) -> str:
 
 def _number(x: Fraction, digits: int) -> str:
     # Python may be unable to write a longer fraction
-    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
+    text = str(x) if x.denominator.bit_length() <= _MAX_DENOMINATOR_BITS else ""
     return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
 
 

@@ -1,8 +1,8 @@
 """Ordered rooted trees, the index set of the order conditions.
 
-An ordered tree is the list of its children, ``t = [t_1 ... t_mu]``, from left to
-right; the tree without children is ``τ = []``. Trees whose children
-have no order, the index set of the classical order conditions, come after them.
+An ordered tree is the list of its children, ``t = [t_1 ... t_mu]``, from left to right; the tree
+without children is ``τ = []``. Rooted trees, whose children have no order, are the index set of the
+classical order conditions.
 
 The build runs this file as a script, which writes the tables of ordered trees in Fortran: at its
 top it imports only the standard library. It replaces the Maple program of the paper, Section 3.1.
@@ -172,10 +172,6 @@ class Forest:
 
     def __len__(self) -> int:
         return len(self.nodes)
-
-    def count(self, nodes: int) -> int:
-        """Return the number of trees with exactly `nodes` nodes."""
-        return len(self.with_nodes(nodes))
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""

@@ -20,35 +20,32 @@ def compute(context: Context) -> Data:
 
     ``coefficients`` have ``label``, ``paper``, ``ours`` (36 digits) and ``difference``. There are
     the largest difference, of c against row sums of printed a too; how far exact methods are off
-    ``if_truncated`` and ``if_rounded`` (`appendix_a.nearest_exact`; null where there are none); and
-    of the ``paper``'s and ``our`` coefficients, exactly evaluated, the norm of all residuals, f
+    ``if_truncated`` and ``if_rounded`` (`coefficients.nearest_exact`; null where there are none);
+    and of the ``paper``'s and ``our`` coefficients, exactly evaluated, the norm of all residuals, f
     over the independent ones, and the largest residual.
     """
     by_method = {}
     for done, (name, paper) in enumerate(printed().items()):
         context.progress(done, len(printed()))
-        rows = compare(name)
-        ours = methods[name]
+        ours, rows = methods[name], compare(name)
+        differences = [float(value - Fraction(digits)) for _, digits, value in rows]
         places = len(paper.b[0].partition(".")[2])
-        off = None if ours.approximate else partial(nearest_exact, name)
+        nearest = None if ours.approximate else partial(nearest_exact, name)
         by_method[name] = {
             "order": ours.order,
             "stages": ours.stages,
             "decimals": places,
             "coefficients": [
-                {
-                    "label": label,
-                    "paper": row.printed,
-                    "ours": to_decimal(row.ours),
-                    "difference": float(row.difference),
-                }
-                for label, row in zip(labels(ours.stages), rows, strict=True)
+                {"label": label, "paper": digits, "ours": to_decimal(value), "difference": off}
+                for label, (_, digits, value), off in zip(
+                    labels(ours.stages), rows, differences, strict=True
+                )
             ],
             "count": len(rows),
-            "largest_difference": max(abs(float(row.difference)) for row in rows),
-            "if_truncated": off and off(truncated=True),
-            "if_rounded": off and off(truncated=False),
-            "zeros_kept": all(row.kept_zero for row in rows),
+            "largest_difference": max(map(abs, differences)),
+            "if_truncated": nearest and nearest(truncated=True),
+            "if_rounded": nearest and nearest(truncated=False),
+            "zeros_kept": not any(value and not Fraction(digits) for _, digits, value in rows),
             "residuals": {
                 "paper": _residuals(Tableau(paper.a, paper.b), ours.order),
                 "ours": _residuals(ours, ours.order),
@@ -105,14 +102,10 @@ def present(data: Data) -> Sequence[Block]:
 
 def _coefficients(name: str, part: dict[str, Any]) -> Table:
     rows = [
-        [
-            row["label"],
-            row["paper"].replace("-", "−"),
-            row["ours"].replace("-", "−"),
-            number(row["difference"], 2),
-        ]
+        [row["label"], *(row[key].replace("-", "−") for key in ("paper", "ours")),
+         number(row["difference"], 2)]
         for row in part["coefficients"]
-    ]
+    ]  # fmt: skip
     header = ("coefficient", "paper", "ours", "ours − paper")
     return Table(f"{name}: {part['count']} coefficients", header, rows, folded=True)
 

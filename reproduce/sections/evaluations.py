@@ -35,7 +35,7 @@ def compute(context: Context) -> Data:
     f = {_PLAN.maxfev: searched["f_double"][:starts]}
     plans = [replace(_PLAN, starts=starts, maxfev=n, refine_below=0.0) for n in COUNTS]
     *double, early = _searches(context, [*plans, STOPPED])
-    f |= {n: [start.double.f for start in found] for n, found in zip(COUNTS, double, strict=True)}
+    f |= {n: [start.double.f for start in run] for n, run in zip(COUNTS, double, strict=True)}
     limits = sorted(f)
     ends = zip(f[_PLAN.maxfev], searched["f_quad"][:starts], f[COUNTS[-1]], strict=True)
     ratios = [(quad / double, more / double) for double, quad, more in ends if quad is not None]
@@ -58,10 +58,13 @@ def compute(context: Context) -> Data:
 
 def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomStart]]:
     """Search by one plan after another; report progress in evaluations."""
-    costs = [_cost(plan) for plan in plans]
+    costs = [  # that of a start, in evaluations in double
+        plan.maxfev + (_QUAD_COST * plan.refine_maxfev if plan.refine_below else 0)
+        for plan in plans
+    ]
     total = sum(plan.starts * cost for plan, cost in zip(plans, costs, strict=True))
     context.report_work(0, total)
-    found: list[Sequence[RandomStart]] = []
+    runs: list[Sequence[RandomStart]] = []
     before = 0
     for plan, cost in zip(plans, costs, strict=True):
 
@@ -69,14 +72,9 @@ def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomSt
             context.report_work(before + done * cost, total)
 
         name = f"limit{plan.maxfev}"
-        found.append(plan.search(name, plan.starts, context, report).starts)
+        runs.append(plan.search(name, plan.starts, context, report).starts)
         before += plan.starts * cost
-    return found
-
-
-def _cost(plan: Plan) -> int:
-    """Return the cost of a start, in evaluations in double."""
-    return plan.maxfev + (_QUAD_COST * plan.refine_maxfev if plan.refine_below else 0)
+    return runs
 
 
 def present(data: Data) -> Sequence[Block]:
@@ -84,8 +82,7 @@ def present(data: Data) -> Sequence[Block]:
     limits = data["limits"]
     rows = []
     for limit, five in zip(limits, data["f_quartiles"], strict=True):
-        cells = (five[0], five[1], five[2], five[3], five[4], math.sqrt(five[2]))
-        rows.append([number(limit), *(number(value, 2) for value in cells)])
+        rows.append([number(limit), *(number(f, 2) for f in (*five, math.sqrt(five[2])))])
     quad, double = (median(data[f"ratio_{kind}"]) for kind in ("quad", "double"))
     return (
         Text(
@@ -117,14 +114,5 @@ def _stopped(data: Data) -> str:
     )
 
 
-ITEMS = (
-    Item(
-        "evaluations",
-        "Order six: f against evaluations",
-        80,
-        37,
-        compute,
-        present,
-        needs=("search6",),
-    ),
-)
+NEEDS = ("search6",)
+ITEMS = (Item("evaluations", "Order six: f against evaluations", 80, 37, compute, present, NEEDS),)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from .. import top
 from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number
-from ..style import LINES, grid, label_panel
+from ..style import LINES, grid
 
 STEPS = 10
 """Steps over [0, 1]: the paper's h = 0.1."""
@@ -79,7 +79,7 @@ def _draw(figure: Figure, t: Sequence[float], methods: Data) -> None:
         grid(axes, x=False, y=True)
         axes.set_xlabel("time t")
         axes.set_xlim(0, 1.03)
-        label_panel(axes, f"Component {label}(t)")
+        axes.set_title(f"Component {label}(t)", loc="left")
     panels[0].set_ylabel("global error (2-norm)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 

@@ -14,7 +14,7 @@ from cg.problems.convergence import observed_order
 
 from .. import top
 from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number, places
-from ..style import LINES, PALETTE, grid, label_panel
+from ..style import LINES, PALETTE, grid
 
 _STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)
 _DISTANCE_STEPS = 10
@@ -136,11 +136,11 @@ def _draw(figure: Figure, data: Data, methods: Data) -> None:
         grid(axes, x=False, y=True)
         axes.set_ylim(1e-17, 1e-14)
         mark_roundoff(axes)
-        label_panel(axes, f"Distance of B(t), {how}")
+        axes.set_title(f"Distance of B(t), {how}", loc="left")
     curves = {method: run["error"] for method, run in methods.items()}
     draw_errors(right, data["h"], curves, {4: _ABOVE * methods["CG4"]["error"][0]})
     right.set_ylabel("global error of B at t = 1 (2-norm)")
-    label_panel(right, "Error against stepsize")
+    right.set_title("Error against stepsize", loc="left")
     handles = [*right.get_lines(), left.get_lines()[-1]]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
 

@@ -11,7 +11,6 @@ from cg.construction.methods.tableau import Tableau
 from .. import top
 from ..blocks import Block, Chart, Context, Data, Item, Table, Text, number, places
 from ..quad_orders import FIT, convergence
-from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff
 
 # Every method as far as a few seconds of one core go.
@@ -118,7 +117,7 @@ def _draw(figure: Figure, runs: Data) -> None:
     mark_roundoff(axes)
     axes.set_ylim(1e-22, 30)
     axes.set_ylabel("global error of B at t = 1 (2-norm)")
-    label_panel(axes, "Error in quadruple precision")
+    axes.set_title("Error in quadruple precision", loc="left")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from fractions import Fraction
 from functools import partial
 from typing import Any
 
@@ -93,11 +92,8 @@ def compute(plan: Plan, context: Context) -> Data:
     ``best``, the start with the smallest residual. ``settings`` and the ``paper``'s values of f are
     there to compare.
     """
-    starts = plan.full_starts if context.settings.full else plan.starts
-    return _data(plan, plan.search(f"search{plan.order}", starts, context, context.progress))
-
-
-def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
+    count = plan.full_starts if context.settings.full else plan.starts
+    result = plan.search(f"search{plan.order}", count, context, context.progress)
     starts = result.starts
     refined = [start.quad for start in starts]
     f_double = [start.double.f for start in starts]
@@ -133,7 +129,7 @@ def _chosen(order: int, methods: Sequence[Tableau]) -> Sequence[Tableau]:
 
 
 def _in_unit_interval(method: Tableau) -> bool:
-    return all(0 <= sum(row, Fraction(0)) <= 1 for row in method.exact[0])
+    return all(0 <= entry <= 1 for entry in method.abscissae)
 
 
 def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
@@ -188,7 +184,12 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         Text(_summary(data, exact, total)),
     ]  # fmt: skip
     for method in data["methods"]:
-        blocks.append(coefficient_table(_title(plan, method), method))
+        inside = "in" if method["abscissae_in_unit_interval"] else "not all in"
+        title = (
+            f"{method['name']}: largest coefficient {number(method['largest_coefficient'])}, "
+            f"abscissae {inside} [0, 1]"
+        )
+        blocks.append(coefficient_table(title, method))
     if not data["methods"]:
         best = data["best"]
         title = (
@@ -197,14 +198,6 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         )
         blocks.append(coefficient_table(title, best))
     return blocks
-
-
-def _title(plan: Plan, method: Data) -> str:
-    inside = "in" if method["abscissae_in_unit_interval"] else "not all in"
-    return (
-        f"{method['name']}: largest coefficient {number(method['largest_coefficient'])}, "
-        f"abscissae {inside} [0, 1]"
-    )
 
 
 def _phase_row(title: str, key: str, data: Data, starts: int) -> list[str]:

@@ -28,9 +28,6 @@ from cg.support.parsing import (
     write_file,
 )
 
-CERTIFICATE_SUFFIX = ".certificate.toml"
-"""Ending of the file of a certificate beside the file of its method."""
-
 _SUFFIXES = (".toml", ".json")
 
 _KIND, _MAGNUS, _SPLITTING = "Munthe-Kaas", "Magnus", "splitting"
@@ -45,8 +42,6 @@ _KEYS = {
 }
 """The keys that a file must and may have beside its name, source and recipe."""
 
-_POINT = {"parent", "weights"}
-_NOMINAL = {"order", "residual"}
 _STAGE = re.compile(r"\d{1,6}", re.ASCII)
 
 
@@ -78,8 +73,8 @@ def wrong_abscissae(method: Method, c: Sequence[Any]) -> Iterator[str]:
 
     MethodError unless there is one for each stage.
     """
-    given = read_row(c, "c", method.stages, "c_{}")
-    for i, (expected, total) in enumerate(zip(given, method.abscissae, strict=True), 1):
+    abscissae = read_row(c, "c", method.stages, "c_{}")
+    for i, (expected, total) in enumerate(zip(abscissae, method.abscissae, strict=True), 1):
         # the uncertainties of the entries add up
         allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
         if abs(expected.value - total) > allowed:
@@ -113,7 +108,7 @@ def _from_entry(entry: dict[str, Any]) -> Method:
         table = entry.pop("nominal")
         if not isinstance(table, dict):
             raise TableauError(f"nominal must be a table, got {table!r}")
-        check_keys(table, _NOMINAL, (), "nominal", TableauError)
+        check_keys(table, {"order", "residual"}, (), "nominal", TableauError)
         nominal = {f"nominal_{key}": value for key, value in table.items()}
     if kind == _POINTS:
         return CommutatorFree(_read_points(entry.pop("points")), **third, **entry, **nominal)
@@ -136,7 +131,7 @@ def _read_points(tables: Any) -> list[Any]:
     for m, table in enumerate(tables):
         if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
             raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
-        check_keys(table, _POINT, (), f"point {m}", TableauError)
+        check_keys(table, {"parent", "weights"}, (), f"point {m}", TableauError)
         stages = table["weights"]
         if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
             raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
@@ -182,7 +177,7 @@ def certificate_path(file: Path) -> Path:
     in_folder = file.parent / "certificates" / f"{file.stem}.toml"
     if in_folder.is_file():
         return in_folder
-    return file.with_name(file.stem + CERTIFICATE_SUFFIX)
+    return file.with_name(file.stem + ".certificate.toml")
 
 
 def check_path(path: str | PathLike[str]) -> Path:
@@ -277,7 +272,7 @@ def save(method: Method, path: str | PathLike[str]) -> None:
     ----------
     method
     path
-        Of the file, or of a folder, in which the file is ``NAME.toml`` with the name of the method.
+        The file, or a folder, in which the file is ``NAME.toml`` with the name of the method.
 
     Raises
     ------

@@ -227,7 +227,7 @@ def jacobian(
            [0. , 1. , 1. ],
            [1. , 0. , 0.5]])
 
-    Of a commutator-free method, by the weight of point m on stage k:
+    The derivatives for a commutator-free method, by the weight of point m on stage k:
 
     >>> import crouch_grossman as cg
     >>> method = cg.methods["CF3"]

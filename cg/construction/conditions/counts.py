@@ -10,12 +10,10 @@ from cg.support.checks import check_flag, check_integer
 MAX_ORDER: int = int(_core_r64.highest_order())
 """Highest order of the compiled tables of trees (a build option)."""
 
-_MAX_TREES_ORDER = MAX_NODES - 1
-
 
 def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
     """Return `order` as an int between 1 and `highest`; None for the largest trees of Python."""
-    checked = check_integer("order", order, 1, None if highest else _MAX_TREES_ORDER)
+    checked = check_integer("order", order, 1, None if highest else MAX_NODES - 1)
     if highest is not None and checked > highest:
         raise ValueError(
             f"order must be at most {highest}, the highest that the tables were built for "

@@ -45,7 +45,7 @@ Word = tuple[Any, ...]
 
 Vector = list[Any]
 
-_MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
+_MAX_BALL_BITS = 1_000_000  # with more bits a sum of products would take hours
 
 
 class Condition(NamedTuple):
@@ -369,7 +369,7 @@ def tree_residuals(
     x.append(Fraction(0))  # from which numbers are made if there are no weights
     if bits is None:
         return tuple(map(to_fraction, system.residuals(list(map(to_flint, x)))))
-    with working_precision(check_integer("bits", bits, 2, _MAX_BITS)):
+    with working_precision(check_integer("bits", bits, 2, _MAX_BALL_BITS)):
         return tuple(system.residuals(list(map(to_ball, x))))
 
 

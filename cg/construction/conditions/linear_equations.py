@@ -127,9 +127,12 @@ def product_of_exponentials(values: Values, order: int, sign: int = -1) -> Serie
     letters: list[Series] = [
         {(j,): c ** (j - 1) if j > 1 else c * 0 + 1 for j in degrees} for c in nodes
     ]
-    for left, right in brackets:
-        sides = combined(left, letters), combined(right, letters)
-        letters.append(bracket(*sides, order, sign))
+    for sides in brackets:
+        left, right = (combined(side, letters) for side in sides)
+        bracket = times(left, right, order)
+        for word, x in times(right, left, order).items():
+            bracket[word] = bracket.get(word, 0) + sign * x
+        letters.append(bracket)
     product: Series = {(): nodes[0] * 0 + 1}
     for row in rows:
         product = times(exponential(combined(row, letters), order), product, order)
@@ -142,14 +145,6 @@ def combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
     for weight, letter in zip(row, letters, strict=False):
         for word, x in letter.items() if weight else ():
             total[word] = total.get(word, 0) + weight * x
-    return total
-
-
-def bracket(a: Series, b: Series, order: int, sign: int = -1) -> Series:
-    """Return the bracket of two series through a degree; with a `sign` of 1 both products add."""
-    total = times(a, b, order)
-    for word, x in times(b, a, order).items():
-        total[word] = total.get(word, 0) + sign * x
     return total
 
 

@@ -1,6 +1,6 @@
 """The change of one coefficient, or an exchange of neighbours, that restores the highest order.
 
-Orders are those on manifolds or on vector spaces.
+The order is that on manifolds or on vector spaces, whichever becomes higher.
 
 If entry k is wrong by -δ, the residuals of the conditions are ``r = -J_k δ`` up to O(δ²), with the
 column J_k of their Jacobian. Gauss–Newton steps ``-J_k·r / J_k·J_k`` solve the conditions of one
@@ -32,7 +32,9 @@ from cg.support.shared_numbers import ConditionOwner
 _MAX_ORDER = 8  # sought; more takes long
 _LARGEST = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
-_ROUNDING = 1e-30  # error of residuals in real(16), relative to their sensitivity to coefficients
+_QUAD_ROUNDING = (
+    1e-30  # error of residuals in real(16), relative to their sensitivity to coefficients
+)
 _MAX_STEPS = 12
 _MAX_DENOMINATOR = 10**6
 
@@ -78,9 +80,9 @@ def corrections(method: Method) -> tuple[Correction, ...]:
     for owner in (ConditionOwner.FIRST_RESULT, ConditionOwner.SECOND_RESULT):
         if owner == ConditionOwner.FIRST_RESULT or method.embedded_order is not None:
             kinds = (True,) if isinstance(method, MuntheKaas) else (False, True)
-            found = [_highest(method, owner, flat) for flat in kinds]
-            found += [_exchanged(method, owner, flat) for flat in kinds]
-            best = max(found, key=lambda some: some[0].order if some else 0)
+            restoring = [_highest(method, owner, flat) for flat in kinds]
+            restoring += [_exchanged(method, owner, flat) for flat in kinds]
+            best = max(restoring, key=lambda changes: changes[0].order if changes else 0)
             if best:
                 return best
     return ()
@@ -135,7 +137,7 @@ def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correct
     names, second = method.layout.names, owner == ConditionOwner.SECOND_RESULT
     return tuple(
         Correction(names[k], short(method.coefficients[k]), text, reached, flat, second, violated)
-        for text, _, k in sorted(texts, key=lambda one: (len(one[0]), one[1]))
+        for text, _, k in sorted(texts, key=lambda entry: (len(entry[0]), entry[1]))
     )
 
 
@@ -167,7 +169,9 @@ class _Conditions:
         self._bits, self._floats = quads.encode(self._x), np.array(self._x, dtype=np.float64)
         self._residuals, self._jacobian = self._residuals_at(), self._jacobian_at()
         units = to_floats([Coefficient(x.unit, "", x.unit) for x in method.coefficients])
-        units = TOLERANCE_FACTOR * units + _ROUNDING * (1 + abs(to_floats(method.coefficients)))
+        units = TOLERANCE_FACTOR * units + _QUAD_ROUNDING * (
+            1 + abs(to_floats(method.coefficients))
+        )
         self._allowed = np.abs(self._jacobian) * units  # shares of the coefficients
         self.violated = int(np.sum(np.abs(self._residuals) > self._allowed.sum(axis=1)))
 
@@ -183,7 +187,7 @@ class _Conditions:
 
     def _solve(self, k: int, change: Fraction) -> Fraction | None:
         smallest, others = np.inf, np.delete(self._allowed, k, axis=1).sum(axis=1)
-        allowed = np.maximum(others, _ROUNDING)
+        allowed = np.maximum(others, _QUAD_ROUNDING)
         for _ in range(_MAX_STEPS):
             r = self._residuals_at(k, change)
             left = float(np.max(np.abs(r) / allowed))
@@ -200,7 +204,7 @@ class _Conditions:
         self._bits[[k, j]] = self._bits[[j, k]]
         left = np.abs(self._residuals_at())
         self._bits[[k, j]] = self._bits[[j, k]]
-        return bool((left <= np.maximum(self._allowed.sum(axis=1), _ROUNDING)).all())
+        return bool((left <= np.maximum(self._allowed.sum(axis=1), _QUAD_ROUNDING)).all())
 
     def _residuals_at(
         self, k: int | None = None, change: Fraction = Fraction()

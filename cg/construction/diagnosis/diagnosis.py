@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cg.construction import conditions
 from cg.construction.catalogue import resolve_method
@@ -33,9 +33,6 @@ from cg.construction.plots import draw_tree
 from cg.construction.trees import OrderedTree, forest, planted, rooted_trees
 from cg.support.parsing import read_file, visible
 from cg.support.quads import MissingQuadsError, to_decimal
-
-if TYPE_CHECKING:
-    from cg.support.flint import arb
 
 _HARMLESS = 1e-13  # residuals in double precision
 _ALMOST_ZERO = 1e-6  # residuals of a condition that more digits would satisfy
@@ -87,10 +84,15 @@ class Diagnosis:
         method = self.method
         flows = f"{method.exponentials} flows"
         kind = "explicit" if method.explicit else "implicit"
+        order = f"{self.order} on manifolds"
+        if isinstance(method, MuntheKaas):
+            order = f"{self.order}, of the tableau in a Lie algebra"
+        elif self.flat_order != self.order:
+            order += f", {self.flat_order} where flows commute"
         lines = [
-            f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}"
+            f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}",
+            f"order: {order}",
         ]
-        lines.append(f"order: {self._order}")
         if self.embedded_order is not None:
             lines.append(f"order of the second result: {self.embedded_order}")
         if method.approximate:
@@ -108,13 +110,6 @@ class Diagnosis:
         lines += [f"mistake: {mistake}" for mistake in self.mistakes] or ["no mistake recognised"]
         return "\n".join(lines)
 
-    @property
-    def _order(self) -> str:
-        if isinstance(self.method, MuntheKaas):
-            return f"{self.order}, of the tableau in a Lie algebra"
-        same = "" if self.flat_order == self.order else f", {self.flat_order} where flows commute"
-        return f"{self.order} on manifolds{same}"
-
     def as_dict(self) -> dict[str, Any]:
         """Return the diagnosis as a dict for JSON."""
         method = self.method
@@ -129,7 +124,7 @@ class Diagnosis:
             "embedded_order": self.embedded_order,
             "nominal_order": method.nominal_order,
             "first_failing": None if self.failing is None else self.failing.as_dict(),
-            "corrections": [asdict(one) for one in self.corrections],
+            "corrections": [asdict(change) for change in self.corrections],
             "mistakes": list(self.mistakes),
         }
 
@@ -238,10 +233,10 @@ def _changed(changes: Sequence[Correction]) -> str:
     order = f"the order{' of the second result' if first.embedded else ''} be {first.order}"
     where = " where flows commute" if first.flat else ""
     entries = [
-        f"{one.name} were exchanged"
-        if "," in one.given
-        else f"{one.name} = {one.given} were {one.value}"
-        for one in changes[:_MAX_SHOWN]
+        f"{change.name} were exchanged"
+        if "," in change.given
+        else f"{change.name} = {change.given} were {change.value}"
+        for change in changes[:_MAX_SHOWN]
     ]
     others = f", or one of {more} others changed" if more > 0 else ""
     return (
@@ -308,7 +303,7 @@ def first_failing(method: Method) -> FailingCondition | None:
     if order > conditions.MAX_ORDER:
         return None
     if isinstance(method, MuntheKaas):
-        violated = failing_rooted(method.tableau, order)
+        violated = failing_rooted(method.tableau.entries, method.tableau.weights, order)
         rooted, weight, side = violated[0]
         number = len(violated), len(rooted_trees(order))
         return FailingCondition(order, planted(rooted), float(weight - side), side, *number)
@@ -318,8 +313,11 @@ def first_failing(method: Method) -> FailingCondition | None:
     residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
     residuals = residuals_in(arithmetic="balls")[lower:]
     allowed = method.tolerance(order)[lower:].tolist()
+    # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
     failing = [
-        k for k, (r, t) in enumerate(zip(residuals, allowed, strict=True)) if not _within(r, t)
+        k
+        for k, (r, t) in enumerate(zip(residuals, allowed, strict=True))
+        if not math.isfinite(t) or not (r.contains(0) or abs(r) <= t)
     ]
     if failing:
         residual = float(residuals[failing[0]].mid())
@@ -331,10 +329,3 @@ def first_failing(method: Method) -> FailingCondition | None:
     k = failing[0]
     tree = forest(order + 1).tree(trees[k])
     return FailingCondition(order, tree, residual, sides[k], len(failing), len(trees))
-
-
-def _within(residual: arb, tolerance: float) -> bool:
-    # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
-    if not math.isfinite(tolerance):
-        return False
-    return bool(residual.contains(0) or abs(residual) <= tolerance)

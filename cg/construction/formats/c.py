@@ -1,6 +1,6 @@
 """A step in C: a header file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -79,19 +79,6 @@ def flows_of(program: Program, frame: Frame | None) -> str:
 def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
     """Return the header of a step of a splitting method for mechanical systems."""
     flows, name = _Flows(frame), identifier(numbers.method.name)
-    bodies = _parts_of(numbers, name, frame, flows.moves, flows.turns)
-    heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
-    text = fill(template("top.h", "splitting.h"), bodies)
-    return fill(flows.text(text, name, False), {"heading": heading})
-
-
-def _parts_of(
-    numbers: Numbers, name: str, frame: PhaseSpace, moves: Sequence[str], turns: Sequence[str]
-) -> dict[str, str]:
-    """Return the parts of a header that depend on the method and the inertia.
-
-    Blocks of the frame move along a vector v by ``moves``, and turn by a quaternion q by ``turns``.
-    """
     if frame.gyroscopic is not None or frame.jointed:
         raise ValueError(
             "frame must be a phase space without gyroscopic forces, joints and constraints, got "
@@ -111,22 +98,24 @@ def _parts_of(
         for (int k = 0; k < {size}; k++)
             {v} = {v} + time * @name@_body{k}[{size} * i + k] * p[{first} + k];
     }}
-    {moves[k]}""")
+    {flows.moves[k]}""")
         else:
             constants, motion = np.concatenate([body.top[:9], body.top[18:]]), "free_motion.h"
             lines.append(
-                f"@name@_turn_freely(@name@_body{k}, time, p + {first}, q);\n    {turns[k]}"
+                f"@name@_turn_freely(@name@_body{k}, time, p + {first}, q);\n    {flows.turns[k]}"
             )
         tables.append(reals(name, f"body{k}", map(repr, constants.ravel().tolist())))
     nodes, weights = np.polynomial.legendre.leggauss(14)
     gauss = [reals(name, "node", map(repr, (nodes[7:] ** 2).tolist()))]
     gauss += [reals(name, "weight", map(repr, weights[7:].tolist()))]
-    return {
+    text = fill(template("top.h", "splitting.h"), {
         "drift": "\n".join(f"    {line}" for line in lines),
         "tables": "\n".join(tables),
         "stages": str(numbers.method.stages),
         "free_motion": fill(template(motion), {"gauss": "\n".join(gauss)}) if motion else "",
-    }
+    })  # fmt: skip
+    heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
+    return fill(flows.text(text, name, False), {"heading": heading})
 
 
 class _Flows:

@@ -3,8 +3,8 @@
 A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
 point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
 precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
-chain of flows takes a single slot. Moves are the same in every language.
-In Python it is for NumPy, or a pure function for JAX.
+chain of flows takes a single slot. Moves are the same in every language; in Python a step is for
+NumPy, or a pure function for JAX.
 """
 
 import re
@@ -55,11 +55,6 @@ class Program:
     def stages(self) -> int:
         """Number of stages."""
         return len(self.c)
-
-    @property
-    def heading(self) -> str:
-        """Title and source, a line each."""
-        return f"{self.title}\n{self.source}" if self.source else self.title
 
     def integer_tables(self) -> dict[str, list[str]]:
         """Return the integers of the moves by array."""
@@ -112,7 +107,8 @@ class Language:
             "errors": len(program.errors),
             "lower": program.lower_order,
             "flows": flows,
-            "heading": comment(program.heading, self.mark),  # the last one, as users write it
+            # the last one, as users write it
+            "heading": comment(f"{program.title}\n{program.source}", self.mark),
         }
         return fill(template(*self.templates), parts)
 
@@ -186,17 +182,11 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
     """Return the points in the order of their moves, and the number of moves before each stage."""
     order: dict[int, None] = {}  # an ordered set
-
-    def append_path(end: int) -> None:
-        order.update(dict.fromkeys(tree.path(end)))
-
     before = []
-    for at in tree.stage_points:
-        append_path(at)
+    for end in (*tree.stage_points, *tree.results):
+        order.update(dict.fromkeys(tree.path(end)))
         before.append(len(order))
-    for end in tree.results:
-        append_path(end)
-    return list(order), tuple(before)
+    return list(order), tuple(before[: len(tree.stage_points)])
 
 
 def _slots(

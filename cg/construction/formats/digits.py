@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -48,8 +47,14 @@ class Numbers:
             _rounded_text(coefficient, value, digits, zeros)
             for coefficient, value in zip(method.coefficients, self.values, strict=True)
         ]
+        fields: dict[str, Any] = {}
+        if method.approximate:
+            fields["nominal_order"] = method.nominal_order
+            fields["nominal_residual"] = method.nominal_residual
+        if (third := method.third_weights) is not None:
+            fields["third"] = [_rounded_text(w, w.value, digits, zeros) for w in third]
         try:
-            return _with_texts(method, texts, digits, zeros)
+            return method.with_coefficients(texts, **fields)
         except MethodError as problem:
             name = method.name or "the method"
             raise ValueError(f"digits: {digits} are too few for {name}: {problem}") from None
@@ -97,17 +102,6 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
         )
     texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
-
-
-def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) -> Method:
-    """Return a method of the same kind with other coefficients."""
-    fields: dict[str, Any] = {}
-    if method.approximate:
-        fields["nominal_order"] = method.nominal_order
-        fields["nominal_residual"] = method.nominal_residual
-    if (third := method.third_weights) is not None:
-        fields["third"] = [_rounded_text(given, given.value, digits, zeros) for given in third]
-    return method.with_coefficients(texts, **fields)
 
 
 def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:

@@ -61,7 +61,7 @@ def export(
     certificate
         Certificate of the method (`cg.certify`); by default the one in the catalogue.
     frame
-        Of ``"c"`` only: a frame of unit quaternions, rotations of space, points of the sphere in
+        With ``"c"`` only: a frame of unit quaternions, rotations of space, points of the sphere in
         space and vectors, or a product or power of them, whose flow the file has. Of a splitting
         method their `cg.frames.PhaseSpace`, without spheres, whose free motion the file has.
 

@@ -17,7 +17,7 @@ _MAX_WIDTH = 110
 
 _MAX_ROWS = 40  # longest table that stays on one page
 
-_MAX_BITS = 10_000  # longest integer that is written; Python's limit is 4300 decimal digits
+_MAX_INTEGER_BITS = 10_000  # longest integer that is written; Python's limit is 4300 decimal digits
 
 
 def to_latex(numbers: Numbers, title: str) -> str:
@@ -49,7 +49,7 @@ def _entries(method: Method, numbers: Numbers) -> Iterator[list[Coefficient | No
             continue
         total = Fraction(sum(summed[i]))
         bits = max(x.bit_length() for x in total.as_integer_ratio())
-        if bits > _MAX_BITS or any(set(entry.text) & set(".ex") for entry in entries):
+        if bits > _MAX_INTEGER_BITS or any(set(entry.text) & set(".ex") for entry in entries):
             # decimal, as the entries
             digits = numbers.digits
             text = to_decimal(total, digits or DECIMAL_DIGITS, zeros=digits is not None)

@@ -36,12 +36,11 @@ _ITERATIONS = {7: 200, 8: 350}
 _ITERATIONS_BELOW = 150
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
-_DENOMINATOR_DIGITS = 8  # of a rational number that is told from its rounded value
+_DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
+
+_ROUNDED_F = 1e-15  # sum of squared residuals that rounded coefficients leave
 
 _Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
-
-
-_OF_ROUNDING = 1e-15  # sum of squared residuals that rounded coefficients leave
 
 
 class LiftError(ArithmeticError):
@@ -71,7 +70,7 @@ class LiftError(ArithmeticError):
 
     def __str__(self) -> str:
         text = f"{self.args[0]}; the least sum of squared residuals was {self.best:.1e}"
-        if self.best < _OF_ROUNDING:
+        if self.best < _ROUNDED_F:
             text += ": coefficients must be exact or have some 40 digits, rounded ones may not do"
         return text
 
@@ -324,7 +323,7 @@ def _unrounded(tableau: Tableau) -> Tableau:
 def _simplest(entry: Coefficient) -> Fraction | Coefficient:
     """Return the fraction of smallest denominator that a coefficient may be rounded from."""
     near = (entry.value.limit_denominator(10**k) for k in range(1, _DENOMINATOR_DIGITS + 1))
-    allowed = (one for one in near if abs(one - entry.value) <= 2 * entry.unit)
+    allowed = (simple for simple in near if abs(simple - entry.value) <= 2 * entry.unit)
     return next(allowed, entry) if entry.unit else entry
 
 

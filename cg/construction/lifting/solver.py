@@ -64,7 +64,7 @@ _FURTHER_PATIENCE = 60
 _FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
 _MIN_FURTHER = 6
 
-_GAP = 1e-9  # singular values below this fraction of the largest count as zero
+_KERNEL_GAP = 1e-9  # singular values below this fraction of the largest count as zero
 _MAX_STEPS = 100
 _MIN_GAIN = 1e-3  # decrease of the sum of squares, or of the squared principal error, in one step
 _MAX_TRIALS = 14
@@ -73,9 +73,9 @@ _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 _BITS = 400
 _GRID = 10**80
-_BELOW = Fraction(1, 10**60)
+_RESIDUAL_GOAL = Fraction(1, 10**60)
 _NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
-_RANK_GAP = 1e-10  # the same in the refinement
+_RANK_GAP = 1e-10  # singular values that count as zero in the refinement, likewise
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def improved(split: SplitRows, end: Fit) -> Fit:
     error, damping = float(residual @ residual), 1e-3
     for _ in range(_MAX_STEPS):
         raise_if_stopped()
-        kernel = linalg.null_space(split.jacobian(x), rcond=_GAP)
+        kernel = linalg.null_space(split.jacobian(x), rcond=_KERNEL_GAP)
         moves = split.directions @ kernel  # they change no condition to first order
         if moves.shape[1] == 0:
             break
@@ -266,7 +266,7 @@ def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
         lambda movable: _ball_residuals(split, movable),
         [Fraction(value) for value in x[split.movable].tolist()],
         inverse,
-        below=_BELOW,
+        below=_RESIDUAL_GOAL,
         grid=_GRID,
     )
     texts = list(map(_text, end.x))

@@ -54,10 +54,8 @@ class Coefficient:
         """Return the coefficient that a finite number or a text stands for, else ValueError."""
         if isinstance(number, Coefficient):
             return number
-        if isinstance(number, str):
-            return cls._from_text(number.strip())
-        if isinstance(number, Decimal):
-            return cls._from_text(str(number))
+        if isinstance(number, str | Decimal):
+            return cls._from_text(str(number).strip())
         if isinstance(number, (bool, np.bool)):
             raise ValueError(f"expected a finite real number, got {number!r}")
         if isinstance(number, Integral):

@@ -1,12 +1,13 @@
-"""Commutator-free methods, flows of combinations of frozen fields, and Munthe-Kaas methods.
+"""Commutator-free methods and Munthe-Kaas methods.
 
-The latter have a classical tableau for the coordinates of a step.
+The flows of commutator-free methods are those of combinations of frozen fields; Munthe-Kaas methods
+have a classical tableau for the coordinates of a step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, ClassVar
@@ -35,7 +36,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.support import quads
 from cg.support.checks import check_flag, check_integer
 
-_ROUNDING = Fraction(1, 10**14)
+_QUADRATURE_ROUNDING = Fraction(1, 10**14)  # error of integrals by a collocation method
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -129,7 +130,7 @@ class CommutatorFree(Method):
             as_index(embedded_result),
         )
         check_tree(tree)
-        if tree.embedded_result is not None and tree.same(tree.result, tree.embedded_result):
+        if len({tree.merged[end] for end in tree.results}) < len(tree.results):
             raise MethodError("embedded_result must differ from result, or it estimates no error")
         values["tree"] = tree
         values["coefficients"] = tuple(
@@ -171,13 +172,8 @@ class CommutatorFree(Method):
     def embedded(self) -> CommutatorFree | None:
         if self.tree.embedded_result is None:
             return None
-        parents = (point.parent for point in self.tree.points)
-        return CommutatorFree(
-            zip(parents, self.point_coefficients, strict=True),
-            self.tree.stage_points,
-            self.tree.embedded_result,
-            **self._embedded_names,
-        )
+        layout = replace(self.layout, results=(self.tree.embedded_result,))
+        return CommutatorFree.from_layout(layout, self.coefficients, **self._embedded_names)
 
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
@@ -424,7 +420,7 @@ def _is_collocation(tableau: Tableau) -> bool:
     powers = range(1, 4)
     integrates = all(
         abs(sum(x * node ** (k - 1) for x, node in zip(row[1:], c, strict=True)) - end**k / k)
-        < _ROUNDING
+        < _QUADRATURE_ROUNDING
         for k in powers
         for row, end in zip(a[1:], c, strict=True)
     )

@@ -15,7 +15,6 @@ at other times, and on smooth fields it is smaller, so that the larger of both i
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from cg.construction.conditions.exact import Quantity, Weights, condition_words
 from cg.construction.layouts import Layout, PointTree
 from cg.construction.methods.commutator_free import MuntheKaas
+from cg.construction.methods.flat import stage_weights
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.trees import forest
@@ -31,7 +31,7 @@ from cg.support.caches import cached
 Matrix = NDArray[np.float64]
 
 _AT_END = 1e-9  # nodes nearer to the end are at the end
-_ROUNDING = 1e-10  # error of singular values and of the weight at the end
+_NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
 _SHARE = Fraction(1, 5)  # part of the largest error of a jump after the last node
 _SIZE = 1 / 3  # size of `kink_weights`, compared with the weights of the third estimate
 
@@ -80,7 +80,8 @@ def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
         return None
     if not third < second < method.order:
         return None
-    basis = _null_space(_flat_values(method, second + 1))
+    words = [(), *condition_words(second, independent=False)]
+    basis = _null_space(np.array(list(map(stage_weights(method.a), words))))
     if not len(basis):
         return None
     size = float(sum(map(abs, method.error_weights[-1])))
@@ -97,25 +98,15 @@ def _values(tree: PointTree, result: int, order: int) -> Matrix:
     return np.array(weights.evaluate(x)).reshape(len(words), -1)
 
 
-def _flat_values(method: Method, order: int) -> Matrix:
-    """Return the elementary weights of trees up to an order at stages in flat space."""
-    trees = forest(order)
-    rows: list[Any] = []
-    for t in range(1, trees.with_nodes(order).stop):
-        factors = [method.a @ rows[child - 1] for child in trees.children[t - 1]]
-        rows.append(np.prod([np.ones(method.stages), *factors], axis=0))
-    return np.array(rows)
-
-
 def _vanishing(values: Matrix) -> NDArray[np.float64] | None:
     """Return the smallest weights on which all rows vanish, with 1 at the end, if there are any."""
     basis = _null_space(values)
     at_end = basis[:, -1]
     square = float(at_end @ at_end)
-    return None if square < _ROUNDING else at_end @ basis / square
+    return None if square < _NO_SIZE else at_end @ basis / square
 
 
 def _null_space(values: Matrix) -> Matrix:
     """Return an orthonormal basis of the weights on which all rows vanish."""
     _, sizes, basis = np.linalg.svd(values)
-    return basis[np.count_nonzero(sizes > _ROUNDING * sizes[0]) :]
+    return basis[np.count_nonzero(sizes > _NO_SIZE * sizes[0]) :]

@@ -25,6 +25,9 @@ For Magnus methods X is also multiplied by polynomials of time, g: the weights o
 times g(c_k), and :math:`∫_0^s g` is the time in the solution. There results differ by the
 quadrature of g X, of any size, and by terms in ε that only commutators cause. An estimate that
 divides one by the other is blind.
+
+Regions of linear stability are those of the classical method to which a method reduces where flows
+commute. Their limits are roots of exact polynomials.
 """
 
 from __future__ import annotations
@@ -57,7 +60,7 @@ if TYPE_CHECKING:
 
 
 Vector = NDArray[Any]
-Flow = Mapping[int, Any]
+FlowWeights = Mapping[int, Any]
 Response = Callable[[Vector, Vector], tuple[Vector, Vector, Vector]]
 """The result, and its differences from the second and the third result.
 
@@ -71,7 +74,7 @@ _MAX_TURN = 6.0  # largest angle of Munthe-Kaas methods: dexp⁻¹ exists below 
 _POWERS = range(1, 5)  # powers of time in the perturbation
 _STEP = 0.025  # step between angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
-_ROUNDING = 1e-11
+_NO_ERROR = 1e-11  # smaller errors of a step are rounding
 _CONSTANT = np.array([1.0])
 _BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([3.0, -12.0, 12.0])
 """Polynomials g of time, from the constant upwards, of mean one."""
@@ -187,14 +190,14 @@ def _largest_ratio(
     for j in _POWERS:
         exact = np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j)
         error, estimate = _compare(method, response(method.c**j, angles), exact)
-        for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
+        for k in np.flatnonzero((error > _NO_ERROR) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
-            ratios.append(error[k] / max(nearby, _ROUNDING * error[k]))
+            ratios.append(error[k] / max(nearby, _NO_ERROR * error[k]))
     for j in range(max(method.order, method.embedded_order or 0) + 5):
         responses = response(method.c**j, np.zeros(1))
         (error,), (estimate,) = _compare(method, responses, 1 / (j + 1))
-        if error > _ROUNDING:
-            ratios.append(error / max(estimate, _ROUNDING * error))
+        if error > _NO_ERROR:
+            ratios.append(error / max(estimate, _NO_ERROR * error))
     return float(max(ratios))
 
 
@@ -248,7 +251,7 @@ def _letters(method: Method, values: Vector, angles: Vector, lengths: Vector) ->
     return lengths, parts
 
 
-def _at_end(flows: Iterable[Flow], lengths: Vector, values: Any, angles: Vector) -> Vector:
+def _at_end(flows: Iterable[FlowWeights], lengths: Vector, values: Any, angles: Vector) -> Vector:
     total, end = 0.0, np.zeros(len(angles), np.complex128)
     for flow in flows:
         weights = {k: float(weight) for k, weight in flow.items()}
@@ -312,18 +315,21 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
     With the flat tableau, ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
     """
+    check_instance("method", method, Method)
+    numerator, denominator = _stability_polynomials(method)
+    above, below = (tuple(map(to_fraction, p.coeffs())) for p in (numerator, denominator))
+    return above, below
+
+
+def _stability_polynomials(method: Method) -> tuple[fmpq_poly, fmpq_poly]:
     from cg.support.flint import fmpq_mat, fmpq_poly
 
-    check_instance("method", method, Method)
     a, b = method.exact
     row = list(map(to_flint, b))
     matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
-    moved = matrix - fmpq_mat([row for _ in row])
-
-    def reversed_characteristic(of: fmpq_mat) -> Polynomial:
-        return tuple(map(to_fraction, fmpq_poly(of.charpoly().coeffs()[::-1]).coeffs()))
-
-    return reversed_characteristic(moved), reversed_characteristic(matrix)
+    matrices = matrix - fmpq_mat([row for _ in row]), matrix
+    numerator, denominator = (fmpq_poly(m.charpoly().coeffs()[::-1]) for m in matrices)
+    return numerator, denominator
 
 
 def stability_limits(method: Method) -> StabilityLimits:
@@ -335,12 +341,14 @@ def stability_limits(method: Method) -> StabilityLimits:
     """
     if too_large(method):
         return StabilityLimits(math.nan, math.nan)
-    numerator, denominator = stability_function(method)
+    n, d = _stability_polynomials(method)
+    common = n.gcd(d)
+    n, d = n // common, d // common
     unit = max(coefficient.unit for coefficient in method.coefficients)
-    n, d = _reduced(numerator, denominator)
     noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
-    sizes_n, sizes_d = _sizes(n), _sizes(d)
-    minus = type(n)([0, -1])
+    make = type(n)
+    sizes_n, sizes_d = (make([abs(c) for c in p.coeffs()]) for p in (n, d))
+    minus = make([0, -1])
     back_n, back_d = n(minus), d(minus)
     # on the real axis D² - N² = (D - N) (D + N), factors of half the degree
     sizes = sizes_n + sizes_d
@@ -371,18 +379,6 @@ def too_large(method: Method) -> str | None:
                 "bits or more the exact polynomials would take too long"
             )
     return None
-
-
-def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
-    from cg.support.flint import fmpq_poly
-
-    n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
-    common = n.gcd(d)
-    return n // common, d // common
-
-
-def _sizes(p: fmpq_poly) -> fmpq_poly:
-    return type(p)([abs(c) for c in p.coeffs()])
 
 
 def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:

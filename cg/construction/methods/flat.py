@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import cache
 from math import prod
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,9 @@ from cg.construction.methods.tolerance import TOLERANCE_FACTOR, to_floats
 from cg.construction.trees import RootedTree, density, rooted_trees, rooted_trees_through
 from cg.support.quads import to_flint, to_fraction
 
-if TYPE_CHECKING:
-    from cg.support.flint import fmpq
-
-Row = Sequence[Coefficient]
-Rows = Sequence[Row]
+CoefficientRow = Sequence[Coefficient]
+CoefficientRows = Sequence[CoefficientRow]
 Matrix = Sequence[Sequence[Fraction]]
-Failing = list[tuple[RootedTree, Fraction, Fraction]]
 
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
@@ -38,19 +35,18 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     return _order(tableau.entries, weights, Fraction(1))
 
 
-def _order(entries: Rows, weights: Row, end: Fraction) -> int:
-    for order in range(1, MAX_ORDER + 1):
-        if _failing(entries, weights, end, order):
-            return order - 1
-    return MAX_ORDER
+def _order(entries: CoefficientRows, weights: CoefficientRow, end: Fraction) -> int:
+    orders = range(1, MAX_ORDER + 1)
+    return next((q - 1 for q in orders if failing_rooted(entries, weights, q, end)), MAX_ORDER)
 
 
-def failing_rooted(tableau: Tableau, order: int) -> Failing:
-    """Return the trees with ``order`` nodes whose conditions fail, with Φ(t) and 1/γ(t)."""
-    return _failing(tableau.entries, tableau.weights, Fraction(1), order)
+def failing_rooted(
+    entries: CoefficientRows, weights: CoefficientRow, order: int, end: Fraction = Fraction(1)
+) -> list[tuple[RootedTree, Fraction, Fraction]]:
+    """Return the trees with `order` nodes whose conditions fail, with Φ(t) and ``end**|t| / γ(t)``.
 
-
-def _failing(entries: Rows, weights: Row, end: Fraction, order: int) -> Failing:
+    The weights are those of a step to the time `end`, such as a row of ``a`` to its abscissa.
+    """
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
     trees = rooted_trees(order)
     weights_of_trees, allowed = _weights(a, b, trees), _tolerances(entries, weights, trees)
@@ -66,39 +62,36 @@ def flat_residuals(a: Matrix, b: Sequence[Fraction], order: int) -> tuple[Fracti
     return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
 
 
+def stage_weights(a: NDArray[Any], one: Any = 1.0) -> Callable[[Any], NDArray[Any]]:
+    """Return the function from trees to their elementary weights at the stages, shape (s,).
+
+    A tree is the tuple of its children. `one` is the number 1 of the type of the entries of ``a``.
+    """
+    ones = np.full(len(a), one, dtype=a.dtype)
+
+    @cache
+    def at_stages(tree: Any) -> NDArray[Any]:
+        return prod((a @ at_stages(child) for child in tree), start=ones)
+
+    return at_stages
+
+
 def _weights(a: Matrix, b: Sequence[Fraction], trees: Sequence[RootedTree]) -> list[Fraction]:
-    matrix = [[(j, to_flint(x)) for j, x in enumerate(row) if x] for row in a]
-    row, zero, one = list(map(to_flint, b)), to_flint(0), to_flint(1)
-    known: dict[RootedTree, list[fmpq]] = {}
-
-    def at_stages(tree: RootedTree) -> list[fmpq]:
-        if tree not in known:
-            product = [one] * len(row)
-            for child in tree:
-                values = at_stages(child)
-                sums = [sum((x * values[j] for j, x in entries), zero) for entries in matrix]
-                product = [p * s for p, s in zip(product, sums, strict=True)]
-            known[tree] = product
-        return known[tree]
-
-    totals = [
-        sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), zero) for tree in trees
-    ]
-    return list(map(to_fraction, totals))
+    matrix = np.array([list(map(to_flint, row)) for row in a], dtype=object)
+    row = np.array(list(map(to_flint, b)), dtype=object)
+    at_stages = stage_weights(matrix, to_flint(1))
+    return [to_fraction(row @ at_stages(tree)) for tree in trees]
 
 
-def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> list[Fraction]:
+def _tolerances(
+    entries: CoefficientRows, weights: CoefficientRow, trees: Sequence[RootedTree]
+) -> list[Fraction]:
     """Return ``2 Σ_k |∂Φ(t)/∂x_k| u_k`` for each tree, u_k the uncertainty of coefficient k."""
     units = np.array([float(e.unit) for row in (*entries, weights) for e in row])
     if not units.any():
         return [Fraction(0)] * len(trees)
     a, b = np.array([to_floats(row) for row in entries]), to_floats(weights)
-    known: dict[RootedTree, NDArray[np.float64]] = {}
-
-    def at_stages(tree: RootedTree) -> NDArray[np.float64]:
-        if tree not in known:
-            known[tree] = prod((a @ at_stages(child) for child in tree), start=np.ones(b.size))
-        return known[tree]
+    at_stages = stage_weights(a)
 
     def gradient(tree: RootedTree, outer: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives by a of ``outer · at_stages(tree)``."""
@@ -115,11 +108,5 @@ def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> lis
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
     """Return the classical order of each row of ``a`` as weights of a step to its abscissa."""
-    orders = []
-    for row in tableau.entries:
-        c = sum((entry.value for entry in row), Fraction(0))
-        if c == 0:
-            orders.append(0)
-            continue
-        orders.append(_order(tableau.entries, row, c))
-    return tuple(orders)
+    rows = zip(tableau.entries, tableau.abscissae, strict=True)
+    return tuple(_order(tableau.entries, row, c) if c else 0 for row, c in rows)

@@ -46,7 +46,7 @@ class Method(ABC):
     name, source
         Name and origin of the method.
     third_weights
-        Of a pair with a third result: its weights; see `cg.CommutatorFree`.
+        The weights of the third result of a pair that has one; see `cg.CommutatorFree`.
     nominal_order
         The intended order of a method that satisfies its order conditions only approximately.
     nominal_residual

@@ -40,11 +40,10 @@ from cg.construction.methods.tableau import Tableau
 from cg.support.arrays import Array
 from cg.support.caches import cached
 
-_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
+_TIME_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
-
 
 Brackets = tuple[tuple[tuple[Fraction, ...], ...], ...]
 
@@ -229,7 +228,7 @@ def _splitting_paths(method: Splitting) -> MethodPaths:
     paths = tuple(Path(k, (flow,)) for k, flow in enumerate(flows))
     stages = tuple(range(first, first + len(kicks)))
     c = method.abscissae
-    final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _ROUNDING
+    final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _TIME_ROUNDING
     return MethodPaths(
         paths, stages, len(paths), 0, method.stages if final else 0, c,
         drifts=tuple(drifts[1 - first :]),

@@ -28,7 +28,7 @@ from cg.support.quads import to_flint, to_fraction
 if TYPE_CHECKING:
     from cg.support.flint import fmpq
 
-Values = Callable[[Sequence[Any], Sequence[Any], int], list[Any]]
+Evaluation = Callable[[Sequence[Any], Sequence[Any], int], list[Any]]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -200,14 +200,14 @@ class Splitting(Method):
         order = check_integer("order", order, 1)
         return frozen([to_fraction(x) for x in self._allowed(nystrom_values, order)])
 
-    def _hold(self, residuals: Values, values: Values, order: int) -> bool:
+    def _hold(self, residuals: Evaluation, values: Evaluation, order: int) -> bool:
         if not order:
             return True
         allowed = self._allowed(values, order)
         pairs = zip(residuals(*self._numbers(), order), allowed, strict=True)
         return all(abs(residual) <= bound for residual, bound in pairs)
 
-    def _allowed(self, values: Values, order: int) -> list[fmpq]:
+    def _allowed(self, values: Evaluation, order: int) -> list[fmpq]:
         """Return bounds on the changes of values when coefficients change by up to a unit.
 
         The values are polynomials with positive coefficients, so that their increase at the

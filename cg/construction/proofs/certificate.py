@@ -56,12 +56,8 @@ class CertificationError(ArithmeticError):
     """
 
     def __init__(self, message: str, **quantities: Any) -> None:
-        details = ", ".join(
-            f"{name.replace('_', ' ')} = {value:.3g}"
-            if isinstance(value, float)
-            else f"{name.replace('_', ' ')} = {value}"
-            for name, value in quantities.items()
-        )
+        texts = {k: f"{x:.3g}" if isinstance(x, float) else x for k, x in quantities.items()}
+        details = ", ".join(f"{name.replace('_', ' ')} = {x}" for name, x in texts.items())
         super().__init__(f"{message} ({details})" if details else message)
         self.quantities = quantities
 
@@ -112,10 +108,10 @@ class Certificate:
     Attributes
     ----------
     name
-        Of the method.
+        Name of the method.
     order
     embedded_order
-        Of the second weights of a pair, together with the same stages.
+        Order of the second weights of a pair, together with the same stages.
     bits
         Precision of the arithmetic.
     box
@@ -223,7 +219,7 @@ class Certificate:
             if self.box.bound is not None:
                 lines.append(f'bound = "{_decimal(self.box.bound)}"')
             for row, key in enumerate(_TREES):
-                trees = [text(one.word) for one in self.box.left_out if one.row == row]
+                trees = [text(word) for r, word in self.box.left_out if r == row]
                 lines.append(f"{key} = {_wrapped(trees, 5)}")
         lines += ["", "[beyond]", *_beyond(self.beyond)]
         if self.embedded_beyond is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from cg.construction.catalogue import resolve_method
@@ -43,8 +44,10 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
-        attempt = prove_zero(packed, box)
-        if certificate != _stored(method):
+        attempt, stored = prove_zero(packed, box), None
+        with suppress(CertificationError):
+            stored = certificate_of(method)
+        if certificate != stored:
             check_left_out(packed, box, attempt, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
@@ -66,13 +69,6 @@ def max_digits(certificate: Certificate) -> int:
     return MAX_WRITTEN if bound is None else min(MAX_WRITTEN, -bound.adjusted() // 2)
 
 
-def _stored(method: Method) -> Certificate | None:
-    try:
-        return certificate_of(method)
-    except CertificationError:
-        return None
-
-
 def digits(
     method: Method | str,
     digits: int,
@@ -91,7 +87,7 @@ def digits(
     certificate
         By default the one of the catalogue; see `cg.certify`.
     embedded
-        Of a tableau: return the second weights in place of b.
+        With a tableau, return the second weights in place of b.
 
     Returns
     -------

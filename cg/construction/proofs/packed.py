@@ -1,9 +1,8 @@
 """What a certificate states: a method as a vector of coefficients, and its conditions as equations.
 
-It reads: the coefficients y of the method, except those that `box` fixes, can be changed by at most
-``box.radius`` so that all `conditions` of `orders` hold. Whether a certificate fits its method is
-checked here before anything is proved.
-The catalogue has one TOML file for each method with a certificate.
+The coefficients y of the method, except those that `box` fixes, can be changed by at most
+``box.radius`` so that all `conditions` of `orders` hold. The catalogue has a TOML file for each
+method with a certificate; whether it fits the method is checked before anything is proved.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ from cg.support.quads import to_ball
 _DRIFTS: Word = ()
 """Stands for the condition Σ d = 1, which has no tree."""
 
-_MAX_BITS = 1 << 14
+_MAX_PRECISION = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -91,17 +90,23 @@ class Packed(ABC):
         """The names of the coefficients."""
 
     @property
-    @abstractmethod
+    def of_time(self) -> bool:
+        """Whether conditions are those of words in powers of the time, as for linear equations."""
+        return True
+
+    @property
     def conditions(self) -> list[Condition]:
         """The independent conditions of all rows of weights."""
+        return conditions_of(self.orders, self.of_time)
 
     @abstractmethod
     def equations(self, conditions: Sequence[Condition]) -> Equations:
-        """Return some conditions as equations."""
+        """Return conditions as equations."""
 
-    @abstractmethod
     def words(self, order: int) -> list[Word]:
         """Return the words of the independent conditions of one order."""
+        words = condition_words(order, True, self.of_time)
+        return [word for word in words if nodes(word) == order]
 
     def has(self, word: Word) -> bool:
         """Return whether a word is one of a condition of the method."""
@@ -114,7 +119,7 @@ class Packed(ABC):
     def system(self, left_out: Sequence[Condition] = ()) -> Equations:
         """Return the conditions as equations, without those that are left out."""
         omitted = set(left_out)
-        return self.equations([one for one in self.conditions if one not in omitted])
+        return self.equations([c for c in self.conditions if c not in omitted])
 
     def balls(self) -> list[flint.arb]:
         """Return balls, as small as the precision allows, that hold the values."""
@@ -145,18 +150,14 @@ class PackedWeights(Packed):
         return self.layout.names
 
     @property
-    def conditions(self) -> list[Condition]:
-        return conditions_of(self.orders, self.layout.of_time)
+    def of_time(self) -> bool:
+        return self.layout.of_time
 
     def equations(self, conditions: Sequence[Condition]) -> EquationSystem:
         return EquationSystem(self.layout, tuple(conditions))
 
-    def words(self, order: int) -> list[Word]:
-        every = condition_words(order, True, self.layout.of_time)
-        return [word for word in every if nodes(word) == order]
-
     def has(self, word: Word) -> bool:
-        return not self.layout.of_time or is_of_time(word)
+        return not self.of_time or is_of_time(word)
 
 
 @dataclass(frozen=True)
@@ -184,13 +185,6 @@ class PackedBrackets(Packed):
             for k, x in enumerate(row, 1)
             if x.value
         ]
-
-    @property
-    def conditions(self) -> list[Condition]:
-        return conditions_of(self.orders, of_time=True)
-
-    def words(self, order: int) -> list[Word]:
-        return [word for word in condition_words(order, of_time=True) if nodes(word) == order]
 
     def equations(self, conditions: Sequence[Condition]) -> PolynomialEquations:
         largest = [0, 0]
@@ -240,7 +234,7 @@ class PackedSplitting(Packed):
     """
 
     size: int  # number of coefficients, of the inner row alone in a composition
-    places: tuple[int, ...]  # of the coefficients in the order of a step
+    places: tuple[int, ...]  # indices of the coefficients in the order of a step
     symmetric: bool
     inner: int | None  # the row of γ if this is a composition: 0 for drifts, 1 for kicks
 
@@ -268,10 +262,10 @@ class PackedSplitting(Packed):
         (order,) = self.orders
         grades = range(1, order + 1, 2 if self.symmetric else 1)
         if self.inner is None:
-            found = [_DRIFTS, *((tree,) for q in grades for tree in independent_trees(q))]
+            words = [_DRIFTS, *((tree,) for q in grades for tree in independent_trees(q))]
         else:
-            found = [word for word in _words_of_odd_letters(order) if nodes(word) in grades]
-        return [Condition(0, word) for word in found]
+            words = [word for word in _words_of_odd_letters(order) if nodes(word) in grades]
+        return [Condition(0, word) for word in words]
 
     def equations(self, conditions: Sequence[Condition]) -> PolynomialEquations:
         largest = max(nodes(word) for _, word in conditions)
@@ -383,8 +377,8 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     orders = certificate.orders
     if not all(type(order) is int and 1 <= order <= MAX_ORDER for order in orders):
         faults.append(f"orders must be between 1 and {MAX_ORDER}")
-    if not 53 <= certificate.bits <= _MAX_BITS:
-        faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
+    if not 53 <= certificate.bits <= _MAX_PRECISION:
+        faults.append(f"bits must be between 53 and {_MAX_PRECISION}, got {certificate.bits}")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = pack(method, orders)

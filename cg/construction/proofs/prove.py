@@ -210,8 +210,8 @@ def certify(
         if order > method.order:
             error.args = (f"the order is {method.order}, not {order}: {error}",)
         raise
-    embedded = (*orders, None)[1], (*beyond, None)[1]
-    return Certificate(method.name, order, embedded[0], bits, box, beyond[0], embedded[1])
+    second = (orders[1], beyond[1]) if len(orders) > 1 else (None, None)
+    return Certificate(method.name, order, second[0], bits, box, beyond[0], second[1])
 
 
 def check(certificate: Certificate, method: Method) -> None:

@@ -98,10 +98,10 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
     """
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
     allowed = TOLERANCE_FACTOR * (np.abs(doubles(jacobian.tolist())) @ units)
-    for one, value, bound in zip(packed.conditions, values, allowed, strict=True):
+    for condition, value, bound in zip(packed.conditions, values, allowed, strict=True):
         if not value.abs_lower() <= float(bound):
             raise CertificationError(
-                f"the condition of {label(one)} is violated by more than the last places "
+                f"the condition of {label(condition)} is violated by more than the last places "
                 "of the coefficients can explain",
                 residual=float(abs(value).upper()),
                 allowed=float(bound),
@@ -110,11 +110,11 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
 
 def check_rational(packed: Packed) -> None:
     """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
-    residuals = packed.system().residuals([to_flint(one.value) for one in packed.coefficients])
-    for one, residual in zip(packed.conditions, residuals, strict=True):
+    residuals = packed.system().residuals([to_flint(x.value) for x in packed.coefficients])
+    for condition, residual in zip(packed.conditions, residuals, strict=True):
         if residual != 0:
             raise CertificationError(
-                f"{packed.name}: the condition of {label(one)} is violated",
+                f"{packed.name}: the condition of {label(condition)} is violated",
                 residual=float(to_fraction(residual)),
             )
 

@@ -1,4 +1,4 @@
-"""Packed coefficients on the solution set of a system of order conditions, or close to it.
+"""Packed coefficients on the solution set of order conditions, or close to it, and steps there.
 
 Stages and flows are eliminated along the solution set. A stage or a flow is dropped, and the
 conditions are solved again from the remaining coefficients; or the coefficients of a stage shrink
@@ -258,17 +258,19 @@ def eliminate(
 def _shrink_one(
     candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
 ) -> Candidate | None:
-    first = 0 if candidate.system.structure is Structure.GENERAL else 2
-    stages = range(first, candidate.system.stages)
-    sizes = np.array(
-        [np.linalg.norm(candidate.x[candidate.system.layout.column(k)]) for k in stages]
-    )
+    stages, column = _removable(candidate.system), candidate.system.layout.column
+    sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
     order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
     for k in order[:_MAX_COLUMNS]:
         smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)
         if smaller is not None and accept(smaller):
             return smaller
     return None
+
+
+def _removable(system: ConditionSystem) -> range:
+    """Return the stages that can be eliminated; a structure treats the first two differently."""
+    return range(0 if system.structure is Structure.GENERAL else 2, system.stages)
 
 
 def fixed_entries(system: ConditionSystem) -> list[int]:
@@ -358,11 +360,9 @@ def _first_solved(
 def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
-    # a structure treats stages 1 and 2 differently
-    first = 0 if system.structure is Structure.GENERAL else 2
-    if system.stages - 1 < first + 1:
+    stages = _removable(system)
+    if len(stages) < 2:
         return
-    stages = range(first, system.stages)
     for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
         if receiver is not None and receiver not in stages:
             continue

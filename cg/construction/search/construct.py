@@ -1,7 +1,4 @@
-"""Construction of exact methods with few stages or flows from random starts.
-
-An attempt is a random start, and then fewer stages or flows.
-"""
+"""Construction of exact methods: random starts, from which stages or flows are eliminated."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -137,9 +134,8 @@ def succeeded(settings: Settings, attempt: Attempt) -> bool:
 
 def acceptable(settings: Settings, candidate: Candidate) -> bool:
     """Return whether a candidate is on the solution set, and as the settings require."""
-    if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
-        return False
-    return not candidate.blind
+    within = solved(candidate) and candidate.largest <= settings.largest
+    return within and refinable(candidate) and not candidate.blind
 
 
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
@@ -167,12 +163,12 @@ class Construction:
     tries: int
 
     def __repr__(self) -> str:
-        settings, found = self.settings, repr(self.method)
+        settings, outcome = self.settings, repr(self.method)
         if self.method is None:
-            found = f"no method in {self.tries} tries, the smallest f {self.best.f:.2g}"
+            outcome = f"no method in {self.tries} tries, the smallest f {self.best.f:.2g}"
         return (
             f"<Construction: order {settings.order}, {settings.stages} stages, seed "
-            f"{settings.seed}: {found}>"
+            f"{settings.seed}: {outcome}>"
         )
 
     @property

@@ -86,9 +86,9 @@ class SearchResult:
         for _, method in methods:
             x = to_floats(method.coefficients)
             if not any(
-                one.layout == method.layout
-                and np.abs(to_floats(one.coefficients) - x).max() < _APART
-                for one in distinct
+                known.layout == method.layout
+                and np.abs(to_floats(known.coefficients) - x).max() < _APART
+                for known in distinct
             ):
                 distinct.append(method)
         return tuple(distinct)
@@ -280,7 +280,7 @@ def search(
     requirements.check(settings.order, settings.layout, force)
     results = run_pieces(
         settings, partial(run_start, settings), starts, options,
-        read=RandomStart.of_fields, score=lambda one: Score(one.f, one.exact),
+        read=RandomStart.of_fields, score=lambda start: Score(start.f, start.exact),
     )  # fmt: skip
     finished = tuple(sorted(results, key=attrgetter("index")))
     return SearchResult(settings, finished, requirements)

@@ -19,7 +19,7 @@ from cg.support.checks import check_choice, check_interval, check_real
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
 _MARGIN = 0.01  # by which penalties start before the bounds, relative
-_ROUNDING = 1e-9  # error of abscissae and coefficients that are at their bounds
+_BOUND_ROUNDING = 1e-9  # largest error of abscissae and coefficients that are at their bounds
 _ALL = "coefficients"  # the group of all coefficients
 
 Bounds = tuple[tuple[str, float, float], ...]
@@ -62,7 +62,7 @@ class Requirements:
     def check(self, order: int, layout: Layout | None, force: bool) -> None:
         """Raise ValueError if a layout has no such names, or if no method satisfies the bounds.
 
-        Of trees that are drawn, without a layout, only groups have names.
+        If trees are drawn, without a layout, only groups have names.
         """
         if layout is not None:
             self.limits(layout)
@@ -89,16 +89,16 @@ class Requirements:
         sums = {name: [k] for k, name in enumerate(layout.names)}
         sums |= {f"c_{stage + 1}": layout.row(stage) for stage in range(layout.stages)}
         for name, least, most in self.bounds:
-            found = [
+            named = [
                 row for key, row in sums.items()
                 if name in (key, key.rpartition("_")[0]) or (name == _ALL and key[:2] != "c_")
             ]  # fmt: skip
-            if not found:
+            if not named:
                 raise ValueError(
                     f"bound, nonnegative: there is no {name}; names are {', '.join(sums)}"
                 )
             inside = margin * min((most - least) / 2, max(1.0, abs(least)), max(1.0, abs(most)))
-            for row in found:
+            for row in named:
                 rows.append(np.isin(np.arange(layout.size), row).astype(float))
                 lower.append(least + inside)
                 upper.append(most - inside)
@@ -107,7 +107,7 @@ class Requirements:
     def satisfied(self, candidate: Candidate) -> bool:
         """Return whether a candidate is within the bounds."""
         beyond, _ = self.limits(candidate.system.layout).beyond(candidate.x)
-        return bool((np.abs(beyond) <= _ROUNDING).all())
+        return bool((np.abs(beyond) <= _BOUND_ROUNDING).all())
 
     def improve(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate on the solution set that satisfies them; None if none was reached."""
@@ -134,7 +134,8 @@ def _named(name: Any, interval: Any) -> tuple[str, float, float]:
         raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
     most = np.finfo(float).max
     ends = [
-        end if given is None else given for given, end in zip(interval, (-most, most), strict=True)
+        default if end is None else end
+        for end, default in zip(interval, (-most, most), strict=True)
     ]
     lower, upper = check_interval(f"bound: {name}", ends)
     return name, lower if lower > -most else -np.inf, upper if upper < most else np.inf

@@ -34,27 +34,21 @@ References
    Section 324.
 """
 
-_ROUNDING = 1e-12  # error of residuals
+_RESIDUAL_ROUNDING = 1e-12
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
-# Half-widths of guesses and numbers of evaluations with which the minimum-norm solver found most
-# methods per second, by order.
-_BEST_WIDTHS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0, 5: 0.75}
-_WIDTH_ABOVE = 0.3
-_BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
-_BOUND_ABOVE = 1000
-
-_TREE_WIDTH = 0.4
-_REGISTER_WIDTH = 0.7
-_TREE_BOUND = 600
+# Half-widths of guesses and largest numbers of evaluations with which the minimum-norm solver found
+# most methods per second: of tableaux through order four, of order five and above, and of trees.
+_WIDTHS, _TREE_WIDTH, _REGISTER_WIDTH = (1.0, 0.75, 0.3), 0.4, 0.7
+_EVALUATIONS, _TREE_EVALUATIONS = (120, 500, 1000), 600
 
 
 @dataclass(frozen=True)
 class StartSettings:
     """Default settings of random starts."""
 
-    stages: int  # with which random starts reach the solution set often enough
+    stages: int  # with which random starts reach the solution set often enough; unused for trees
     width: float  # guesses are uniform in [-width, width]
     iterations: int
     promising: float  # sum of squares below which the solver runs a second time
@@ -99,11 +93,6 @@ def default_start(order: int, structure: Structure, embedded: bool = False) -> S
         if system.movable.size > system.equations:
             return replace(last, stages=stages)
         stages += 1
-
-
-def tree_start(order: int) -> StartSettings:
-    """Return the default settings for commutator-free methods; `stages` isn't used."""
-    return StartSettings(1, 0.4, 300 if order < 7 else 1500, 1e-14)
 
 
 def likely_structure(order: int, stages: int, embedded: bool) -> Structure:
@@ -175,7 +164,10 @@ class Settings:
             **others,
         )
         if kind == "search":
-            return settings._checked_search(force)
+            check_choice("algorithm", settings.algorithm, ALGORITHMS)
+            if check_flag("registers", settings.registers):
+                settings = replace(settings, tree=settings._check_registers(force))
+            return settings._checked_search(check_rows(settings.rows), force)
         return settings._checked_construction(force)
 
     def check_held(self, layout: Layout | None, force: bool) -> None:
@@ -186,7 +178,7 @@ class Settings:
             raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
         system = self.system(layout)
         x = start_generator(0, 0).uniform(-1, 1, system.size)
-        off = np.abs(system.residual(x)) > _ROUNDING
+        off = np.abs(system.residual(x)) > _RESIDUAL_ROUNDING
         if (lost := off & ~system.jacobian(x).any(axis=1)).any():
             tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
             raise ValueError(
@@ -254,14 +246,6 @@ class Settings:
         options = {"embedded": self.embedded, "first_same_as_last": self.first_same_as_last}
         return self.tree or draw_layout(self.stages, flows, random, **options)
 
-    def _checked_search(self, force: bool) -> Settings:
-        """Return the settings of a search."""
-        check_choice("algorithm", self.algorithm, ALGORITHMS)
-        tree = (
-            self._check_registers(force) if check_flag("registers", self.registers) else self.tree
-        )
-        return replace(self, tree=tree)._with_defaults(check_rows(self.rows), force)
-
     def _check_registers(self, force: bool) -> Layout:
         """Return the chain of a two-register method."""
         for name in ("tree", "flows", "first_same_as_last", "hold"):
@@ -281,7 +265,7 @@ class Settings:
             )
         return layout
 
-    def _with_defaults(self, rows: Rows, force: bool) -> Settings:
+    def _checked_search(self, rows: Rows, force: bool) -> Settings:
         """Return the settings of a search with defaults for None."""
         layout, flows, size = self._check_shape(rows, force)
         lmdif = self.algorithm == "lmdif"
@@ -290,13 +274,14 @@ class Settings:
             raise ValueError(f"algorithm must be 'minimum-norm' with {other}, got 'lmdif'")
         self.check_held(replace(self, rows=rows, tree=layout).layout, force)
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
+        by_order = (self.order > 4) + (self.order > 5)
         if width is None:
-            best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(self.order, _WIDTH_ABOVE)
+            best = _TREE_WIDTH if self.of_points else _WIDTHS[by_order]
             best = _REGISTER_WIDTH if self.registers else best
             width = 1.0 if lmdif else best
         if maxfev is None:
-            bound = _TREE_BOUND if self.of_points else _BEST_BOUNDS.get(self.order, _BOUND_ABOVE)
-            maxfev = 200 * (size + 1) if lmdif else bound
+            best = _TREE_EVALUATIONS if self.of_points else _EVALUATIONS[by_order]
+            maxfev = 200 * (size + 1) if lmdif else best
         if refine_maxfev is None:
             refine_maxfev = 20 * (size + 1)
         return replace(
@@ -333,7 +318,8 @@ class Settings:
         """Return the settings of a construction."""
         order, stages = self.order, self.stages
         if self.of_points:
-            start, shape = tree_start(order), self._check_tree(force)
+            start = StartSettings(1, _TREE_WIDTH, 300 if order < 7 else 1500, 1e-14)
+            shape = self._check_tree(force)
         else:
             structure = self._check_structure(force)
             start = default_start(order, structure, self.embedded)
@@ -362,10 +348,10 @@ class Settings:
         embedded = self.check_tableau()
         order, stages = self.order, self.stages
         structure = self.structure
-        if structure is None:
+        if structure is None and self.hold:
             structure = Structure.GENERAL
-            if not self.hold:
-                structure = likely_structure(order, stages, embedded)
+        elif structure is None:
+            structure = likely_structure(order, stages, embedded)
         system = ConditionSystem.tableau(order, stages, embedded=embedded, structure=structure)
         structure = system.structure
         _check_unknowns(system, force)

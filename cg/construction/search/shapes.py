@@ -12,7 +12,6 @@ from cg.construction.methods.commutator_free import as_index
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
-_ROUNDING = 1e-12  # error of residuals
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 

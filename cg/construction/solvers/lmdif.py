@@ -1,4 +1,4 @@
-"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds.
+"""MINPACK's ``lmdif`` on a Python function, and on order conditions in double or real(16).
 
 It minimises ``|f(x)|`` with a Jacobian by differences (J. J. Moré, LNM 630, 1978); see
 ``fortran/conditions/levenberg_marquardt.f90``. The paper's searches used it, so that this is the

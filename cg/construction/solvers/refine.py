@@ -23,8 +23,8 @@ from cg.support.parallel import raise_if_stopped
 _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
 
-_ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
-_BELOW = Fraction(1, 10**44)
+_LARGEST_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
+_RESIDUAL_GOAL = Fraction(1, 10**44)
 _GRID = 10**60
 _MAX_CORRECTIONS = 20
 
@@ -92,7 +92,7 @@ def refine_rational(
     x: Sequence[Fraction],
     inverse: NDArray[np.float64],
     *,
-    below: Fraction = _BELOW,
+    below: Fraction = _RESIDUAL_GOAL,
     grid: int = _GRID,
 ) -> RationalZero:
     """Correct a point until its residuals are at most `below` or stop getting smaller.
@@ -151,13 +151,17 @@ def polish_zeros(
     If the conditions can't be solved with these zeros, the weights keep their values.
     """
     polished = polish(x, system, movable=movable)
-    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _ROUNDING}
+    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _LARGEST_ZERO}
     rest = [k for k in movable if k not in tiny]
     if not tiny or not rest:
         return polished
     start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
     sparse = polish(start, system, movable=rest)
-    return sparse if sparse.largest_residual <= max(polished.largest_residual, _BELOW) else polished
+    return (
+        sparse
+        if sparse.largest_residual <= max(polished.largest_residual, _RESIDUAL_GOAL)
+        else polished
+    )
 
 
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:

@@ -56,16 +56,14 @@ def follow(
 ) -> bool:
     """Return whether conditions left out hold wherever all others do, for coefficients in y."""
     relations = _Relations(layout, orders, y)
-    chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
+    chosen = relations.choose(len(left_out), [relations.position[c] for c in left_out])
     if len(chosen) < len(left_out):
         return False
     try:
         rows = relations.in_balls(chosen)
     except ZeroDivisionError:
         return False
-    return _regular(
-        flint.arb_mat([[row.get(one, flint.arb(0)) for one in left_out] for row in rows])
-    )
+    return _regular(flint.arb_mat([[row.get(c, flint.arb(0)) for c in left_out] for row in rows]))
 
 
 def find_relations(
@@ -112,7 +110,7 @@ class _Relations:
     def __init__(self, layout: Layout, orders: Sequence[int], y: Sequence[flint.arb]) -> None:
         self._layout, self._orders, self._y = layout, orders, y
         self.conditions = conditions_of(orders, layout.of_time)
-        self.position = {one: k for k, one in enumerate(self.conditions)}
+        self.position = {c: k for k, c in enumerate(self.conditions)}
         self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
         self._products: dict[tuple[int, int, int], _Doubles] = {}
         self.span: _Doubles = np.zeros((0, len(self.conditions)))
@@ -248,8 +246,8 @@ class _Relations:
         if key not in self._products:
             vector = np.zeros(len(self.conditions))
             for (row, word), multiplicity in pairing.words(i, j).items():
-                for one, value in self._rough(word).items():
-                    vector[self.position[Condition(row, one)]] += multiplicity * value
+                for reduced, value in self._rough(word).items():
+                    vector[self.position[Condition(row, reduced)]] += multiplicity * value
             self._products[key] = vector
         return self._products[key]
 
@@ -257,30 +255,30 @@ class _Relations:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         groups: dict[int, list[_Choice]] = {}
         relations = []
-        for one in chosen:
-            groups.setdefault(id(one.spanned), []).append(one)
+        for choice in chosen:
+            groups.setdefault(id(choice.spanned), []).append(choice)
         for group in groups.values():
             spanned = group[0].spanned
-            us = sorted({one.context for one in group})
-            vs = sorted({one.column for one in group})
+            us = sorted({choice.context for choice in group})
+            vs = sorted({choice.column for choice in group})
             delta, beta = _projections(
                 [spanned.left(i) for i in spanned.first],
                 [spanned.right(j) for j in spanned.second],
                 [spanned.left(i) for i in us],
                 [spanned.right(j) for j in vs],
             )
-            for one in group:
+            for choice in group:
                 left: dict[int, Any] = {}
-                shares = [flint.arb(1), *(-share for share in delta[us.index(one.context)])]
-                terms = zip([one.context, *spanned.first], shares, strict=True)
+                shares = [flint.arb(1), *(-share for share in delta[us.index(choice.context)])]
+                terms = zip([choice.context, *spanned.first], shares, strict=True)
                 factors = [
                     (k, s * flint.arb(f)) for i, s in terms for k, f in spanned.raw(i).items()
                 ]
                 for k, factor in factors:
                     left[k] = left.get(k, flint.arb(0)) + factor
                 # the rest of the row belongs to U_0
-                mine = zip(spanned.second, beta[vs.index(one.column)], strict=False)
-                right = {one.column: flint.arb(1)} | {j: -share for j, share in mine}
+                mine = zip(spanned.second, beta[vs.index(choice.column)], strict=False)
+                right = {choice.column: flint.arb(1)} | {j: -share for j, share in mine}
                 relations.append(self._combined(spanned.pairing, left, right))
         return relations
 
@@ -346,7 +344,7 @@ def _alike(nonzero: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     sets = [np.array([True] * len(nonzero))]
     for row in zeros:
         if any(row):
-            sets.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
+            sets.append(np.asarray(~nonzero[:, list(row)].any(axis=1)))
     return sets
 
 
@@ -389,8 +387,8 @@ class Reduction:
         """Return a combination of residuals of words, coefficients of the number type."""
         total: Combination = {}
         for word, factor in terms:
-            for one, value in self(word).items():
-                add_multiple(total, one, factor * value)
+            for condition, value in self(word).items():
+                add_multiple(total, condition, factor * value)
         return total
 
     def _reduced(self, word: Word) -> Combination:
