@@ -57,7 +57,7 @@ def compute_summary(method: Method) -> MethodSummary:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     if method.order < MAX_ORDER or splitting:
-        principal = _rounded(method.principal_error)
+        principal = _finite(method.principal_error)  # huge coefficients overflow
     return MethodSummary(
         name=method.name,
         kind=next((name for kind, name in _KINDS.items() if isinstance(method, kind)), tableau),
