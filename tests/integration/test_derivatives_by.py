@@ -117,16 +117,18 @@ class TestDirections:
     @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (1, 3)])
     def test_cost_two_evaluations_of_f_each(self, by, each, frame):
         by = np.eye(frame.dim + 2, by) if by == 1 else by
-        times = []
+        calls = []
 
         def counted(t, y, p):
-            times.append(t)
+            calls.append((t, p, p.copy()))
             return p[0] * np.sin(y.ravel()[: frame.dim]) + p[1] * np.arange(frame.dim)
 
         options = {"frame": frame, "parameters": [0.5, 1.0], "h": 0.1, "method": "CF4"}
         cg.solve_variational(counted, (0, 1), np.eye(frame.size), derivatives_by=by, **options)
-        counts = np.unique(times[2:], return_counts=True)[1]
+        counts = np.unique([t for t, *_ in calls[2:]], return_counts=True)[1]
         assert (counts % each == 0).sum() > len(counts) / 2
+        assert np.median(counts) <= 2 * each  # at most two stages are at one time
+        assert all(np.array_equal(kept, copy) for _, kept, copy in calls)
 
     @pytest.mark.parametrize(("by", "message"), [
         ("initial", "must be \"point\", \"parameters\" or a matrix"),
