@@ -172,10 +172,10 @@ def solve_ivp(
         `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
     derivatives_by
         With ``"forward"``, directions in place of all derivatives, each of which costs two
-        evaluations of ``f`` if neither ``jac`` nor ``df_dp`` is given: ``"point"``,
-        ``"parameters"``, or a matrix with a column for each direction and rows for the coordinates
-        of ``y0``, then the parameters. Derivatives are the columns of ``solution.sensitivity``, by
-        ``"point"`` of ``solution.transition``.
+        evaluations of ``f`` if neither ``jac`` nor ``df_dp`` is given, or as many as all if it is
+        ``vectorized``: ``"point"``, ``"parameters"``, or a matrix with a column for each direction
+        and rows for the coordinates of ``y0``, then the parameters. Derivatives are the columns of
+        ``solution.sensitivity``, by ``"point"`` of ``solution.transition``.
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
         with respect to the parameters, of the adjoint also the inputs behind them. It has the
