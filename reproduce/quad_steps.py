@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul
 
-from cg.construction.layouts import START
 from cg.construction.methods.method import Method
+from cg.construction.methods.paths import paths_of
+from cg.construction.methods.plain import take_paths, with_weights
 from cg.problems import HeavyTop
 from cg.support.quads import exact_midpoint, to_flint, working_precision
 
@@ -20,30 +21,29 @@ _ONE = 1 << _BITS
 _Point = tuple[int, int, int, int, int, int, int]
 # angular velocity in body axes, and derivative of the momentum; or both times a step size
 _Field = Sequence[int]
+# stages and weights of a flow
+_Terms = Sequence[tuple[int, int]]
 
 
 def end_point(top: HeavyTop, method: Method, steps: int) -> tuple[Fraction, ...]:
     """Return the solution at t = 1 by an explicit method with equal steps, as twelve numbers."""
-    tree, f = method.tree, _right_hand_side(top)
-    flows = [
-        (point.parent, list(point.weights), [_fixed(w / steps) for w in point.weights.values()])
-        for point in tree.points
-    ]
+    paths, f = with_weights(paths_of(method), lambda w: _fixed(w / steps)), _right_hand_side(top)
     y = _start(top)
     for _ in range(steps):
-        points, fields, waiting = {START: y}, [f(y)], tree.stage_points[1:]
-        for m, (parent, stages, weights) in enumerate(flows):
-            if len(stages) == 1:  # much faster than a sum
-                v: _Field = [weights[0] * x >> _BITS for x in fields[stages[0]]]
-            else:
-                columns = zip(*(fields[k] for k in stages), strict=True)
-                v = [sum(map(mul, weights, column)) >> _BITS for column in columns]
-            points[m] = _flow(points[parent], v) if stages else points[parent]
-            while waiting and waiting[0] in points:
-                fields.append(f(points[waiting[0]]))
-                waiting = waiting[1:]
-        y = points[tree.result]
+        ends, _ = take_paths(paths, y, lambda k, point, v: f(point), _combined_flow)
+        y = ends[paths.result][0]
     return _rotation(*(Fraction(x, _ONE) for x in y[:4])) + tuple(Fraction(x, _ONE) for x in y[4:])
+
+
+def _combined_flow(terms: _Terms, fields: Sequence[_Field], y: _Point) -> tuple[_Point, _Field]:
+    if len(terms) == 1:  # much faster than a sum
+        ((stage, weight),) = terms
+        v: _Field = [weight * x >> _BITS for x in fields[stage]]
+    else:
+        columns = zip(*(fields[k] for k, _ in terms), strict=True)
+        weights = [weight for _, weight in terms]
+        v = [sum(map(mul, weights, column)) >> _BITS for column in columns]
+    return _flow(y, v), v
 
 
 def _fixed(x: Fraction) -> int:

@@ -2,7 +2,7 @@
 
 The file has one step of each method of the catalogue in ball arithmetic, on a rotation whose
 angular velocity depends on time and on the rotation. Other implementations can be tested against
-it. Points, stages, exponentials and dexp⁻¹ are implemented here independently of the package.
+it. The field, its flow and dexp⁻¹ are implemented here independently of the package.
 """
 
 import json
@@ -16,10 +16,11 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from cg.construction.catalogue import methods
-from cg.construction.layouts import START
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
+from cg.construction.methods.paths import paths_of
+from cg.construction.methods.plain import take_paths, with_weights
 from cg.construction.methods.splitting import Splitting
 from cg.support.quads import to_ball as ball
 from cg.support.quads import to_decimal
@@ -38,6 +39,8 @@ LINEAR = (
 )
 _MAX_ITERATIONS = 2000
 _SOLVED = Fraction(1, 2**400)
+
+ONE = arb_mat([[int(i == j) for j in range(3)] for i in range(3)])
 
 Vector = list[arb]
 
@@ -76,11 +79,59 @@ def entry_of(method: Method) -> dict[str, list[str]]:
     return entry
 
 
-def step(method: Method) -> arb_mat:
+def step(method: Method) -> Any:
     """Return the rotation after a step from the identity."""
-    if isinstance(method, MuntheKaas):
-        return _coordinates_step(method)
-    return _explicit_step(method) if method.explicit else _implicit_step(method)
+    paths = with_weights(paths_of(method), lambda weight: ball(STEP * weight))
+    times = [ball(STEP * c) for c in paths.c]
+    start = [field(t, ONE) for t in times]
+    if isinstance(method, MuntheKaas) and not method.explicit:
+        return _collocation_step(method, times, start)
+
+    def value(k: int, y: arb_mat, u: Vector | None) -> Vector:
+        v = field(times[k], y)
+        return v if u is None or not paths.series else dexpinv(u, v)
+
+    def flow(terms: Any, values: Sequence[Vector], y: arb_mat) -> tuple[arb_mat, Vector]:
+        u = [sum((w * values[k][i] for k, w in terms), arb(0)) for i in range(3)]
+        return y * exponential(u), u
+
+    def stages(values: list[Vector]) -> list[Vector]:
+        ends, _ = take_paths(paths, ONE, value, flow, values)
+        return [value(k, *ends[path]) for k, path in enumerate(paths.stages)]
+
+    values = [] if method.explicit else _solved(stages, start)
+    return take_paths(paths, ONE, value, flow, values)[0][paths.result][0]
+
+
+def _collocation_step(method: MuntheKaas, times: list[arb], start: list[Vector]) -> arb_mat:
+    """Return the step of an implicit method on the algebra."""
+    a, b = method.exact
+
+    def end(row: Sequence[Fraction], slopes: list[Vector]) -> Vector:
+        weights = [ball(STEP * weight) for weight in row]
+        return [
+            sum((w * v[i] for w, v in zip(weights, slopes, strict=True)), arb(0)) for i in range(3)
+        ]
+
+    def stages(slopes: list[Vector]) -> list[Vector]:
+        ends = [end(row, slopes) for row in a]
+        return [dexpinv(u, field(t, exponential(u))) for t, u in zip(times, ends, strict=True)]
+
+    return exponential(end(b, _solved(stages, start)))
+
+
+def _solved(stages: Callable[[list[Vector]], list[Vector]], values: list[Vector]) -> list[Vector]:
+    """Return values at stages that are those of the points they lead to."""
+    for _ in range(_MAX_ITERATIONS):
+        before, values = values, [[x.mid() for x in v] for v in stages(values)]
+        change = max(
+            abs(x - y)
+            for v, w in zip(before, values, strict=True)
+            for x, y in zip(v, w, strict=True)
+        )
+        if change < ball(_SOLVED):
+            return values
+    raise ArithmeticError("the stages don't converge")
 
 
 def field(t: arb, y: arb_mat) -> Vector:
@@ -96,85 +147,6 @@ def exponential(v: Sequence[arb]) -> arb_mat:
     """Return the exponential of the skew matrix of v."""
     x, y, z = v
     return arb_mat([[0, -z, y], [z, 0, -x], [-y, x, 0]]).exp()
-
-
-def _combined(weights: Sequence[Fraction], fields: Sequence[Vector]) -> Vector:
-    h = ball(STEP)
-    pairs = [(h * ball(w), v) for w, v in zip(weights, fields, strict=False) if w != 0]
-    return [sum((w * v[i] for w, v in pairs), arb(0)) for i in range(3)]
-
-
-def _identity() -> arb_mat:
-    return arb_mat([[int(i == j) for j in range(3)] for i in range(3)])
-
-
-def _times(method: Method) -> list[arb]:
-    return [ball(STEP * sum(row, Fraction(0))) for row in method.exact[0]]
-
-
-def _explicit_step(method: Method) -> arb_mat:
-    tree, times = method.tree, _times(method)
-    ends: dict[int, arb_mat] = {START: _identity()}
-    fields: list[Vector] = []
-    waiting = list(tree.stage_points)
-    for m, point in enumerate([*tree.points, None]):
-        while waiting and waiting[0] in ends:
-            fields.append(field(times[len(fields)], ends[waiting.pop(0)]))
-        if point is not None:
-            weights = [point.weights.get(k, Fraction(0)) for k in range(len(times))]
-            ends[m] = ends[point.parent] * exponential(_combined(weights, fields))
-    return ends[tree.result]
-
-
-def _implicit_step(method: Method) -> arb_mat:
-    (a, b), times = method.exact, _times(method)
-    fields = [field(t, _identity()) for t in times]
-
-    def end(row: Sequence[Fraction]) -> arb_mat:
-        y = _identity()
-        for k, weight in enumerate(row):
-            if weight != 0:
-                y = y * exponential([(ball(STEP * weight) * x).mid() for x in fields[k]])
-        return y
-
-    def stage(i: int) -> Vector:
-        return field(times[i], end(a[i]))
-
-    _iterate(method, fields, stage)
-    return end(b)
-
-
-def _iterate(method: Method, fields: list[Vector], stage: Callable[[int], Vector]) -> None:
-    """Solve the equations of the stages, ``stage(i) = fields[i]``, in place."""
-    for _ in range(_MAX_ITERATIONS):
-        before = [*fields]
-        for i in range(len(fields)):
-            fields[i] = [x.mid() for x in stage(i)]
-        change = max(
-            abs(x - y)
-            for v, w in zip(before, fields, strict=True)
-            for x, y in zip(v, w, strict=True)
-        )
-        if change < ball(_SOLVED):
-            return
-    raise ArithmeticError(f"{method.name}: stages don't converge")
-
-
-def _coordinates_step(method: MuntheKaas) -> arb_mat:
-    (a, b), times = method.exact, _times(method)
-    slopes: list[Vector] = []
-
-    def stage(i: int) -> Vector:
-        sigma = _combined(a[i], slopes)
-        return dexpinv(sigma, field(times[i], exponential(sigma)))
-
-    if method.explicit:
-        for i in range(len(times)):
-            slopes.append(stage(i))
-    else:
-        slopes += [field(t, _identity()) for t in times]
-        _iterate(method, slopes, stage)
-    return exponential(_combined(b, slopes))
 
 
 def dexpinv(sigma: Vector, v: Vector) -> Vector:

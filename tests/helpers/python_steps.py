@@ -8,6 +8,7 @@ import numpy as np
 
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.paths import paths_of
+from cg.construction.methods.plain import take_paths
 
 
 class Step:
@@ -75,57 +76,42 @@ class Step:
         return [self.frame.field(v, y1) for v in tangents]
 
     def _take(self, t, y, h, results):
-        paths, self.fields, self.ends = self.paths, [], {0: (y, None)}
-        self.values = []  # coefficients, on the algebra before dexpinv
-        if not self.method.explicit:
-            self._iterate(t, y, h)
-            return [self._end(path, h)[0] for path in results]
-        for k, c in enumerate(map(float, paths.c)):
-            path = 0 if k == 0 else paths.stages[k]
-            point, u = self._end(path, h)
-            if k == 0 and any(y is point and abs(t - at) < 1e-12 for at, point, _ in self._known):
-                v = next(v for _, point, v in self._known if y is point)
+        paths, known, self.values = self.paths, self._known, []
+
+        def value(k, point, u):
+            at_ends = [v for at, end, v in known if point is end and abs(t - at) < 1e-12]
+            if k == 0 and at_ends:
+                (v,) = at_ends
             else:
-                v = np.asarray(self.f(t + c * h, point), dtype=float)
+                v = np.asarray(self.f(t + float(paths.c[k]) * h, point), dtype=float)
                 self.nfev += 1
-            if k == paths.final_stage - 1:
-                final = v
-            self.values.append(v)
-            if paths.series and u is not None:
-                v = self.frame.dexpinv(u, v, order=paths.series)
-            self.fields.append(v)
-        actual = [self._end(path, h)[0] for path in results]
+            self.values.append(v)  # coefficients, on the algebra before dexpinv
+            if not paths.series or u is None:
+                return v
+            return self.frame.dexpinv(u, v, order=paths.series)
+
+        def flow(terms, values, point):
+            self.nexp += 1
+            u = sum(h * float(weight) * values[k] for k, weight in terms)
+            return self.frame.flow(u, point), u
+
+        values = []
+        if not self.method.explicit:
+            start = np.asarray(self.f(t, y), dtype=float)
+            values, change = [start for _ in paths.stages], 1.0
+            for _ in range(200):
+                if change < 1e-15:
+                    break
+                ends, before = take_paths(paths, y, value, flow, values)
+                values = [value(k, *ends[path]) for k, path in enumerate(paths.stages)]
+                change = np.abs(np.subtract(values, before)).max()
+            assert change < 1e-13
+        ends, self.fields = take_paths(paths, y, value, flow, values)
+        actual = [ends[path][0] for path in results]
         self._known = [(t, y, self.fields[0])]
-        if paths.final_stage:
-            self._known.append((t + h, actual[0], final))
+        if paths.final_stage and self.method.explicit:
+            self._known.append((t + h, actual[0], self.values[paths.final_stage - 1]))
         return actual
-
-    def _iterate(self, t, y, h):
-        """Find the coefficients at implicit stages by fixed-point iteration."""
-        method = self.method
-        self.fields = [np.asarray(self.f(t, y), dtype=float)] * method.stages
-        for _ in range(200):
-            before, self.fields = self.fields, []
-            for row, c in zip(method.a, method.c, strict=True):
-                point = y
-                for weight, v in zip(row, before, strict=True):
-                    point = self.frame.flow(h * weight * v, point)
-                self.fields.append(np.asarray(self.f(t + c * h, point), dtype=float))
-            if np.abs(np.subtract(self.fields, before)).max() < 1e-15:
-                return
-        assert np.abs(np.subtract(self.fields, before)).max() < 1e-13
-
-    def _end(self, path, h):
-        """Return the end of a path and the coefficients of its last flow."""
-        if path not in self.ends:
-            origin, flows = self.paths.paths[path - 1].origin, self.paths.paths[path - 1].flows
-            point, u = self._end(origin, h)[0], None
-            for flow in flows:
-                u = sum(h * float(weight) * self.fields[k] for k, weight in flow)
-                point = self.frame.flow(u, point)
-                self.nexp += 1
-            self.ends[path] = point, u
-        return self.ends[path]
 
 
 @dataclass
