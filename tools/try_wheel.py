@@ -47,7 +47,7 @@ def check_files() -> None:
     names = {str(path) for path in files("crouch-grossman") or ()}
     for mark in ("cg/py.typed", "crouch_grossman/py.typed"):
         assert mark in names, mark
-    for licence in ("LICENSE", "MINPACK.txt", "GPL-3.0.txt", "LGPL-2.1.txt", "BUNDLED.txt"):
+    for licence in ("LICENSE", "MINPACK.txt", "GPL-3.0.txt", "LGPL-2.1.txt"):
         assert any(name.endswith(f"/{licence}") for name in names), licence
     about = metadata("crouch-grossman")
     assert about["License-Expression"] == "MIT", about["License-Expression"]

