@@ -7,9 +7,8 @@ it. The field, its flow and dexp⁻¹ are implemented here independently of the 
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,8 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.paths import paths_of
 from cg.construction.methods.plain import take_paths, with_weights
 from cg.construction.methods.splitting import Splitting
+from cg.support.quads import exact_midpoint, to_decimal
 from cg.support.quads import to_ball as ball
-from cg.support.quads import to_decimal
 
 FILE = Path(__file__).parent.parent / "cg/construction/catalogue/reference_steps.json"
 BITS = 512
@@ -41,8 +40,6 @@ _MAX_ITERATIONS = 2000
 _SOLVED = Fraction(1, 2**400)
 
 ONE = arb_mat([[int(i == j) for j in range(3)] for i in range(3)])
-
-Vector = list[arb]
 
 
 def main() -> int:
@@ -72,30 +69,42 @@ def main() -> int:
 
 def entry_of(method: Method) -> dict[str, list[str]]:
     """Return the results of a step, row by row: ``result``, and ``embedded`` of a pair."""
+    pair = {"result": method, "embedded": method.embedded}
     with ctx.workprec(BITS):
-        entry = {"result": _digits(step(method))}
-        if method.embedded is not None:
-            entry["embedded"] = _digits(step(method.embedded))
-    return entry
+        return {
+            name: [_rounded(x) for x in step(one).entries()]
+            for name, one in pair.items()
+            if one is not None
+        }
 
 
-def step(method: Method) -> Any:
+def step(method: Method) -> arb_mat:
     """Return the rotation after a step from the identity."""
     paths = with_weights(paths_of(method), lambda weight: ball(STEP * weight))
     times = [ball(STEP * c) for c in paths.c]
     start = [field(t, ONE) for t in times]
-    if isinstance(method, MuntheKaas) and not method.explicit:
-        return _collocation_step(method, times, start)
 
-    def value(k: int, y: arb_mat, u: Vector | None) -> Vector:
+    def combined(weights: Iterable[arb], values: Iterable[arb_mat]) -> arb_mat:
+        return sum((v * w for w, v in zip(weights, values, strict=True)), 0 * ONE)
+
+    if isinstance(method, MuntheKaas) and not method.explicit:  # stages on the algebra
+        *a, b = ([ball(STEP * x) for x in row] for row in (*method.exact[0], method.exact[1]))
+
+        def slopes(values: list[arb_mat]) -> list[arb_mat]:
+            ends = [combined(row, values) for row in a]
+            return [dexpinv(u, field(t, u.exp())) for t, u in zip(times, ends, strict=True)]
+
+        return combined(b, _solved(slopes, start)).exp()
+
+    def value(k: int, y: arb_mat, u: arb_mat | None) -> arb_mat:
         v = field(times[k], y)
         return v if u is None or not paths.series else dexpinv(u, v)
 
-    def flow(terms: Any, values: Sequence[Vector], y: arb_mat) -> tuple[arb_mat, Vector]:
-        u = [sum((w * values[k][i] for k, w in terms), arb(0)) for i in range(3)]
-        return y * exponential(u), u
+    def flow(terms: Any, values: Sequence[arb_mat], y: arb_mat) -> tuple[arb_mat, arb_mat]:
+        u = combined((w for _, w in terms), (values[k] for k, _ in terms))
+        return y * u.exp(), u
 
-    def stages(values: list[Vector]) -> list[Vector]:
+    def stages(values: list[arb_mat]) -> list[arb_mat]:
         ends, _ = take_paths(paths, ONE, value, flow, values)
         return [value(k, *ends[path]) for k, path in enumerate(paths.stages)]
 
@@ -103,87 +112,47 @@ def step(method: Method) -> Any:
     return take_paths(paths, ONE, value, flow, values)[0][paths.result][0]
 
 
-def _collocation_step(method: MuntheKaas, times: list[arb], start: list[Vector]) -> arb_mat:
-    """Return the step of an implicit method on the algebra."""
-    a, b = method.exact
-
-    def end(row: Sequence[Fraction], slopes: list[Vector]) -> Vector:
-        weights = [ball(STEP * weight) for weight in row]
-        return [
-            sum((w * v[i] for w, v in zip(weights, slopes, strict=True)), arb(0)) for i in range(3)
-        ]
-
-    def stages(slopes: list[Vector]) -> list[Vector]:
-        ends = [end(row, slopes) for row in a]
-        return [dexpinv(u, field(t, exponential(u))) for t, u in zip(times, ends, strict=True)]
-
-    return exponential(end(b, _solved(stages, start)))
-
-
-def _solved(stages: Callable[[list[Vector]], list[Vector]], values: list[Vector]) -> list[Vector]:
+def _solved(
+    stages: Callable[[list[arb_mat]], list[arb_mat]], values: list[arb_mat]
+) -> list[arb_mat]:
     """Return values at stages that are those of the points they lead to."""
     for _ in range(_MAX_ITERATIONS):
-        before, values = values, [[x.mid() for x in v] for v in stages(values)]
-        change = max(
-            abs(x - y)
-            for v, w in zip(before, values, strict=True)
-            for x, y in zip(v, w, strict=True)
-        )
-        if change < ball(_SOLVED):
+        before, values = values, [v.mid() for v in stages(values)]
+        changes = [v - w for v, w in zip(values, before, strict=True)]
+        if max(abs(x) for change in changes for x in change.entries()) < ball(_SOLVED):
             return values
     raise ArithmeticError("the stages don't converge")
 
 
-def field(t: arb, y: arb_mat) -> Vector:
-    """Return the angular velocity."""
+def field(t: arb, y: arb_mat) -> arb_mat:
+    """Return the matrix of the angular velocity."""
     entries = [*y.entries()]
-    return [
+    v1, v2, v3 = (
         (c + s * t + sum((a * x for a, x in zip(row, entries, strict=True)), arb(0))) / UNIT
         for c, s, row in zip(CONSTANT, SLOPE, LINEAR, strict=True)
-    ]
+    )
+    return arb_mat([[0, -v3, v2], [v3, 0, -v1], [-v2, v1, 0]])
 
 
-def exponential(v: Sequence[arb]) -> arb_mat:
-    """Return the exponential of the skew matrix of v."""
-    x, y, z = v
-    return arb_mat([[0, -z, y], [z, 0, -x], [-y, x, 0]]).exp()
+def dexpinv(u: arb_mat, v: arb_mat) -> arb_mat:
+    """Return u' where ``y = exp(u)`` moves by ``y' = y v``.
 
-
-def dexpinv(sigma: Vector, v: Vector) -> Vector:
-    """Return σ' where ``y = exp(hat σ)`` moves by ``y' = y hat(v)``.
-
-    It is ``v + σ×v/2 + (1 - (θ/2) cot(θ/2)) σ×(σ×v) / θ²`` with θ = |σ|.
+    It is ``v + [u, v]/2 + (1 - (θ/2) cot(θ/2)) [u, [u, v]] / θ²``, ``θ² = -tr(u²) / 2``.
     """
-    first = _cross(sigma, v)
-    second = _cross(sigma, first)
-    if all(x == 0 for x in sigma):
+    first = u * v - v * u
+    square = -(u * u).trace() / 2
+    if square == 0:
         return v
-    square = sum((x * x for x in sigma), arb(0))
     half = square.sqrt() / 2
-    factor = (1 - half * half.cot()) / square
-    return [x + y / 2 + factor * z for x, y, z in zip(v, first, second, strict=True)]
-
-
-def _cross(x: Vector, y: Vector) -> Vector:
-    return [x[i] * y[j] - x[j] * y[i] for i, j in ((1, 2), (2, 0), (0, 1))]
-
-
-def _digits(y: arb_mat) -> list[str]:
-    return [_rounded(x) for x in y.entries()]
+    return v + first / 2 + (u * first - first * u) * ((1 - half * half.cot()) / square)
 
 
 def _rounded(x: arb) -> str:
     """Return the digits to which both ends of a ball round."""
-    exact = partial(_exact, x)
-    low, high = (to_decimal(exact(end), DIGITS) for end in ("lower", "upper"))
+    low, high = (to_decimal(exact_midpoint(end), DIGITS) for end in (x.lower(), x.upper()))
     if low != high:
         raise ArithmeticError(f"{x} doesn't tell {DIGITS} digits")
     return low
-
-
-def _exact(x: arb, end: Any) -> Fraction:
-    mantissa, exponent = getattr(x, end)().man_exp()
-    return int(mantissa) * Fraction(2) ** int(exponent)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ import time
 from collections import Counter
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from itertools import accumulate
 from multiprocessing import Pipe
 from pathlib import Path
 
@@ -43,7 +42,7 @@ ROOMS = (
     "fortran/frames", "fortran/frames", "fortran/interface", "fortran/interface",
     "fortran/conditions", "fortran/support",
 )  # fmt: skip
-_UNSWITCHED = ("__init__.py", "trees.py", "wrap.py")  # the build runs them
+_UNSWITCHED = ("__init__", "trees", "wrap", "api")  # the build runs them, or f2py reads them
 
 # Cases of a test that are run, and those that are run with one error
 _CASES, _TRIES = 3, 2
@@ -85,169 +84,133 @@ BUILD = (
      "sources = files('support/planting.c', 'support/planting.f90',"),
 )  # fmt: skip
 
-_OPERATORS = {
-    ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.Lt: "<=", ast.LtE: "<",
-    ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.And: "or", ast.Or: "and",
-    ast.Is: "is not", ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in", ast.MatMult: "*",
-}  # fmt: skip
-_FUNCTIONS = {"min": "max", "max": "min", "abs": "", "any": "all", "all": "any", "reversed": ""}
-# not the 2 of size(x, 2): compilers refuse another dimension
-_FORTRAN = (
-    (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" < ", " <= "), (r" <= ", " < "),
-    (r" > ", " >= "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "),
-    (r"\.and\.", ".or."), (r"\.or\.", ".and."), (r"\.not\. ", ""), (r"\bmin\(", "max("),
-    (r"\bmax\(", "min("), (r"\babs\(", "("), (r"\b0\.5_wp", "0.4_wp"), (r"\b1\b(?!\.)", "2"),
-    (r"\b2\b(?![.)])", "3"), (r"\b0\.0_wp", "1.0_wp"), (r"\.true\.", ".false."),
-    (r"\.false\.", ".true."),
+# What is changed in statements of one line without texts. Compilers refuse other bounds of fixed
+# parts of arrays, and another 2 of size(x, 2).
+_BOTH = (
+    (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" / ", " * "), (r" < ", " <= "),
+    (r" <= ", " < "), (r" > ", " >= "), (r" >= ", " > "), (r"\bmin\(", "max("),
+    (r"\bmax\(", "min("), (r"(?<![.\w])abs\(", "("),
 )  # fmt: skip
+_CHANGES = {
+    ".py": (
+        (r" == ", " != "), (r" != ", " == "), (r" and ", " or "), (r" or ", " and "),
+        (r"\bnot (?!in\b)", ""), (r" is not ", " is "), (r" is (?!not)", " is not "),
+        (r" not in ", " in "), (r"\bany\(", "all("), (r"\ball\(", "any("), (r" @ ", " * "),
+        (r"\b1\b(?!\.)", "2"), (r"\b2\b(?!\.)", "3"), (r"\bTrue\b", "False"),
+        (r"\bFalse\b", "True"), (r"\b0\.5\b", "0.4"),
+    ),
+    ".f90": (
+        (r" == ", " /= "), (r" /= ", " == "), (r"\.and\.", ".or."), (r"\.or\.", ".and."),
+        (r"\.not\. ", ""), (r"\b0\.5_wp", "0.4_wp"), (r"\b0\.0_wp", "1.0_wp"),
+        (r"(?<!:)\b1\b(?![.:])", "2"), (r"(?<!:)\b2\b(?![.:)])", "3"), (r"\.true\.", ".false."),
+        (r"\.false\.", ".true."),
+    ),
+}  # fmt: skip
+_CONDITION = re.compile(r"((?:else ?|el)?if) \(?(.*?)\)?(:| then)$")
 
 
 @dataclass
 class Error:
-    """A change of a file, from one offset to another."""
+    """A statement and what it is changed to."""
 
     file: str
     line: int
     was: str
     changed: str
-    begin: int
-    end: int
 
 
-def in_python(path: Path) -> list[Error]:
-    """Return the errors that can be planted in a file: changes of expressions in functions."""
-    text, found = path.read_bytes(), []
-    starts = [0, *accumulate(map(len, text.splitlines(keepends=True)))]
-
-    def visit(node: ast.AST, within: bool) -> None:
-        if isinstance(node, (ast.Raise, ast.JoinedStr, ast.Assert, ast.arguments)):
-            return
-        if within and isinstance(node, ast.expr) and (change := _changed(node)):
-            begin = starts[node.lineno - 1] + node.col_offset
-            end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[operator]
-            was = text[begin:end].decode()
-            found.append(Error(str(path), node.lineno, was, change, begin, end))
-        for name, value in ast.iter_fields(node):
-            if name in ("annotation", "returns", "decorator_list", "type_comment", "func"):
-                continue
-            for child in value if isinstance(value, list) else [value]:
-                if isinstance(child, ast.AST):
-                    visit(child, within or isinstance(node, ast.FunctionDef))
-
-    visit(ast.parse(text), False)
-    return found
-
-
-def _changed(node: ast.expr) -> str:  # noqa: PLR0911
-    def joined(op: ast.AST, *parts: ast.AST) -> str:
-        return f" {_OPERATORS[type(op)]} ".join(f"({ast.unparse(part)})" for part in parts)
-
-    match node:
-        case ast.BinOp(ast.Constant(str())):
-            return ""
-        case ast.BinOp(a, op, b) | ast.Compare(a, [op], [b]) if type(op) in _OPERATORS:
-            return joined(op, a, b)
-        case ast.BoolOp(op, values):
-            return joined(op, *values)
-        case ast.UnaryOp(_, operand) if not isinstance(operand, ast.Constant):
-            return f"({ast.unparse(operand)})"
-        case ast.Constant(bool() as value):
-            return repr(not value)
-        case ast.Constant(int() | float() as number):
-            return repr(number + 1)
-        case ast.Call(ast.Name(name), [_, *_] as parts, []) if name in _FUNCTIONS:
-            return f"{_FUNCTIONS[name]}({', '.join(map(ast.unparse, parts))})"
-    return ""
-
-
-def in_fortran(path: Path) -> list[Error]:
-    """Return the errors that can be planted in a file: changes of whole statements of one line."""
-    found, begin, within, continued, masked = [], 0, False, False, False
-    for number, line in enumerate(path.read_text("utf-8").splitlines(keepends=True)):
-        code = re.sub(r"\s*!.*", "", line.rstrip("\n"))
-        whole = not continued and not code.endswith("&")
-        continued = code.endswith("&")
+def statements(path: Path) -> set[int]:
+    """Return the lines of a file that are whole statements of procedures."""
+    text, found = path.read_text("utf-8"), set[int]()
+    if path.suffix == ".py":
+        for function in ast.walk(ast.parse(text)):
+            if isinstance(function, ast.FunctionDef):
+                for node in ast.walk(function):
+                    whole = node.test if isinstance(node, ast.If) else node
+                    if isinstance(node, (ast.Assign, ast.AugAssign, ast.Return, ast.If)):
+                        found |= {node.lineno} & {whole.end_lineno}
+        return found
+    within, continued, masked = False, False, False
+    for number, line in enumerate(text.splitlines(), 1):
+        code = re.sub(r"\s*!.*", "", line)
+        whole_line, continued = not continued and not code.endswith("&"), code.endswith("&")
         within |= code.strip() == "contains"
         masked = not code.strip().startswith("end where") and (
             masked or bool(re.match(r"\s*(else)?where \(.*\)$", code))
         )
-        statement = re.match(r"\s*((else )?if \(.*|[\w%]+(\([^=]*\))? = .*|call .*)$", code)
-        if within and whole and not masked and statement and "'" not in code and '"' not in code:
-            first = len(code) - len(code.lstrip())
-            for pattern, change in _FORTRAN:
-                for match in re.finditer(pattern, code):
-                    other = code[: match.start()] + change + code[match.end() :]
-                    found.append(
-                        Error(str(path), number + 1, code[first:], other[first:], begin + first,
-                              begin + len(code))
-                    )  # fmt: skip
-        begin += len(line.encode())
+        pattern = r"\s*((else )?if \(.*|[\w%]+(\([^=]*\))? = .*|call .*)$"
+        if within and whole_line and not masked and re.match(pattern, code):
+            found.add(number)
     return found
 
 
-def switched(error: Error, k: int) -> str:
-    """Return the text with the error and without, and a switch between them."""
-    was, changed = error.was, error.changed
-    if error.file.endswith(".py"):
-        return f"(({changed}) if _acts({k}) else ({was}))"
-    if match := re.match(r"((?:else )?if) \((.*)\) then$", was):
-        other = re.match(r"(?:else )?if \((.*)\) then$", changed)
-        assert other
-        return (
-            f"{match[1]} ((planted({k}) .and. ({other[1]})) .or. "
-            f"(.not. planted({k}) .and. ({match[2]}))) then"
-        )
-    return f"if (planted({k})) then; {changed}; else; {was}; end if"
-
-
-def possible() -> dict[Path, list[Error]]:
-    """Return the errors that can be planted, by file."""
-    found = {}
-    for room in ROOMS:
-        for path in sorted((TREE / room).rglob("*.*")):
-            if path.suffix == ".py" and path.name not in _UNSWITCHED:
-                found[path] = in_python(path)
-            elif path.suffix == ".f90" and not path.name.startswith("api"):
-                found[path] = in_fortran(path)
+def errors_of(path: Path) -> list[Error]:
+    """Return the errors that can be planted in a file."""
+    found, lines = [], path.read_text("utf-8").splitlines()
+    for number in sorted(statements(path)):
+        code = re.sub(r"\s*[!#].*" if path.suffix == ".f90" else r"\s*#.*", "", lines[number - 1])
+        if "'" in code or '"' in code:
+            continue
+        for pattern, change in (*_BOTH, *_CHANGES[path.suffix]):
+            for match in re.finditer(pattern, code):
+                other = code[: match.start()] + change + code[match.end() :]
+                found.append(Error(str(path), number, code.strip(), other.strip()))
     return found
+
+
+def switched(error: Error, k: int, indent: str) -> str:
+    """Return the statement with the error and without, and a switch between them."""
+    python = error.file.endswith(".py")
+    condition = re.compile(r"((?:el)?if) (.*):$" if python else r"((?:else )?if) \((.*)\) then$")
+    was, changed = condition.match(error.was), condition.match(error.changed)
+    if was and changed and python:
+        return f"{was[1]} (({changed[2]}) if _acts({k}) else ({was[2]})):"
+    if was and changed:
+        planted = f"(planted({k}) .and. ({changed[2]})) .or. (.not. planted({k}) .and. ({was[2]}))"
+        return f"{was[1]} ({planted}) then"
+    if python:
+        return f"if _acts({k}): {error.changed}\n{indent}else: {error.was}"
+    return f"if (planted({k})) then; {error.changed}; else; {error.was}; end if"
 
 
 def drawn(number: int, seed: int, chosen: Path | None) -> list[Error]:
     """Return errors: those of a file of lines ``[file, line, was, changed]``, others by chance."""
-    chance, errors, every = random.Random(seed), list[Error](), possible()
-
-    def add(error: Error) -> bool:
-        apart = all(
-            e.file != error.file or e.end <= error.begin or error.end <= e.begin for e in errors
-        )
-        errors.extend([error] * apart)
-        return apart
-
-    for file, line, was, changed in json.loads(chosen.read_text()) if chosen else []:
-        given = (line, was, changed)
-        if not any((e.line, e.was, e.changed) == given and add(e) for e in every[TREE / file]):
-            raise SystemExit(f"{file} has no {was} in line {line}, or another error is there")
+    chance, errors = random.Random(seed), dict[tuple[str, int], Error]()
+    every = {
+        path: errors_of(path)
+        for room in ROOMS
+        for path in sorted((TREE / room).rglob("*.*"))
+        if path.suffix in _CHANGES and not path.name.startswith(_UNSWITCHED)
+    }
+    for file, *given in json.loads(chosen.read_text()) if chosen else []:
+        error = Error(str(TREE / file), *given)
+        if error not in every[TREE / file] or (error.file, error.line) in errors:
+            raise SystemExit(f"{file} has no {error.was} to change, or another error is there")
+        errors[error.file, error.line] = error
     while len(errors) < number:
         room = TREE / chance.choice(ROOMS)
         files = [path for path in every if room in path.parents and every[path]]
-        add(chance.choice(every[chance.choice(files)]))
-    return errors
+        error = chance.choice(every[chance.choice(files)])
+        errors.setdefault((error.file, error.line), error)
+    return [*errors.values()]
 
 
 def plant(errors: list[Error]) -> None:
     """Change the files of a copy of the tree, and its build."""
     for file in {error.file for error in errors}:
-        data = Path(file).read_bytes()
-        for k, error in sorted(enumerate(errors), key=lambda pair: -pair[1].begin):
+        lines = Path(file).read_text("utf-8").splitlines()
+        for k, error in enumerate(errors):
             if error.file == file:
-                data = data[: error.begin] + switched(error, k).encode() + data[error.end :]
+                old = lines[error.line - 1]
+                indent = old[: len(old) - len(old.lstrip())]
+                lines[error.line - 1] = indent + switched(error, k, indent)
         if file.endswith(".py"):  # in front of the first import, not of words of a text
             place = r"^(?=from (?!__)[\w.]+ import |import )"
             use = "from cg._planted import _acts\n"
         else:
             place, use = r"^(module \w+)$", r"\1\n  use planting, only: planted"
-        text = re.sub(place, use, data.decode(), count=1, flags=re.M)
-        Path(file).write_text(text)
+        text = re.sub(place, use, "\n".join(lines) + "\n", count=1, flags=re.M)
+        Path(file).write_text(text, "utf-8")
     for file, text in SWITCH.items():
         (TREE / file).write_text(text)
     for file, was, changed in BUILD:
