@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
-from cg.construction.formats.c import C, flows_of, with_free_motion
-from cg.construction.formats.code import PYTHON, make_program
+from cg.construction.formats.c import to_c, with_free_motion
+from cg.construction.formats.code import make_program, to_python
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
 from cg.construction.methods.magnus import MagnusMethod
@@ -18,8 +18,6 @@ from cg.support.parsing import visible
 
 if TYPE_CHECKING:
     from cg.construction.proofs import Certificate
-
-_CODE = {"python": PYTHON, "c": C}
 
 FORMATS = {
     "json": ".json",
@@ -112,7 +110,7 @@ def export(
     if mechanical is not None:
         return with_free_motion(numbers, summary(method), mechanical)
     program = make_program(numbers, summary(method))
-    return _CODE[format].write(program, flows_of(program, frame))
+    return to_python(program) if format == "python" else to_c(program, frame)
 
 
 def summary(method: Method) -> str:
