@@ -184,7 +184,7 @@ class CommutatorFree(Method):
         if self.third_weights is None or self.tree.embedded_result is None:
             return ()
         sums, other = map(self.tree.flat_row, self.advancing_results)
-        others = other, [w.value for w in self.third_weights]
+        others = other, values_of(self.third_weights)
         return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
 
     @property
@@ -308,7 +308,7 @@ class MuntheKaas(Method):
         values["tableau"] = tableau
         weights = read_third(third, tableau.stages, tableau.embedded_weights)
         others = tableau.exact[1], tableau.exact_embedded
-        if weights and tuple(w.value for w in weights) in others:
+        if weights and values_of(weights) in others:
             raise MethodError("third must differ from the other weights, or it estimates no error")
         values["third_weights"] = weights
         self._set(values)
@@ -390,7 +390,7 @@ class MuntheKaas(Method):
         b = self.tableau.exact[1]
         others = [] if self.exact_embedded is None else [self.exact_embedded]
         if self.third_weights is not None:
-            others.append(tuple(w.value for w in self.third_weights))
+            others.append(values_of(self.third_weights))
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     @property

@@ -306,13 +306,8 @@ class MagnusMethod(Method):
 
     def _numbers(self, kind: str) -> Values:
         """Return nodes, weights and brackets as their values or units."""
-
-        def read(entries: Any) -> Any:
-            if isinstance(entries, Coefficient):
-                return getattr(entries, kind)
-            return [read(entry) for entry in entries]
-
-        return read(self.nodes), read(self.weights), read(self.brackets)
+        nodes, weights, brackets = values_of((self.nodes, self.weights, self.brackets), kind)
+        return nodes, weights, brackets
 
 
 def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:

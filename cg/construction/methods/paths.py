@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
 from cg.construction.layouts import START
+from cg.construction.methods.coefficients import values_of
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.estimate import error_power
@@ -166,9 +167,7 @@ def paths_of(method: Method) -> MethodPaths:
     third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
-        brackets = tuple(
-            tuple(tuple(a.value for a in row) for row in pair) for pair in method.brackets
-        )
+        brackets = values_of(method.brackets)
     if method.third_flow is not None:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
