@@ -22,7 +22,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from cg.support.parallel import ExecutorLike, check_executor, completed, make_bar
 
@@ -131,13 +131,6 @@ def _versions() -> dict[str, str]:
     return {"crouch-grossman": package, "numpy": version("numpy")}
 
 
-class Score(NamedTuple):
-    """How good the result of a piece is."""
-
-    f: float  # sum of squared residuals
-    solved: bool
-
-
 @dataclass(frozen=True)
 class RunOptions:
     """How a long run is carried out, which doesn't change results."""
@@ -145,8 +138,7 @@ class RunOptions:
     workers: int | None
     executor: ExecutorLike
     store: str | os.PathLike[str] | None
-    progress: Callable[[int, int], None] | None
-    bar: bool
+    progress: Callable[[int, int], None] | bool | None  # True for a bar
 
     @classmethod
     def checked(
@@ -159,8 +151,7 @@ class RunOptions:
         """Return the options of a run, checked, except the store, which is opened later."""
         if not (progress is None or isinstance(progress, bool) or callable(progress)):
             raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
-        call = progress if callable(progress) else None
-        return cls(*check_executor(executor, workers)[::-1], store, call, progress is True)
+        return cls(*check_executor(executor, workers)[::-1], store, progress)
 
 
 def run_pieces(
@@ -170,12 +161,13 @@ def run_pieces(
     options: RunOptions,
     *,
     read: Callable[[dict[str, Any]], Result],
-    score: Callable[[Result], Score],
+    solved: Callable[[Result], bool],
 ) -> Generator[Result, None, None]:
     """Yield the results of pieces: those that the store has, then each after it was stored.
 
     A piece is a function of the `settings`, a dataclass with a ``kind``, and of its number. Results
-    are dataclasses with the number as ``index``, which `read` makes of the dict of their fields.
+    are dataclasses with the number as ``index`` and the sum of squared residuals ``f``, which
+    `read` makes of the dict of their fields; `solved` tells which ones a bar counts.
     """
     with ExitStack() as stack:
         store, known = None, {}
@@ -183,11 +175,12 @@ def run_pieces(
             store = Store(options.store, asdict(settings))
             stack.enter_context(closing(store))
             known = {k: each for k, each in _known(store, read).items() if k < total}
-        count = stack.enter_context(_counted(options, _NOUNS[settings.kind][1], total, len(known)))
+        run, piece = _NOUNS[settings.kind]
+        count = stack.enter_context(_counted(options, piece, total, len(known), solved))
         for result in known.values():
-            count(score(result), False)
+            count(result, False)
             yield result
-        stack.enter_context(_how_to_continue(options.store, _NOUNS[settings.kind][0]))
+        stack.enter_context(_how_to_continue(options.store, run))
         numbers = (number for number in range(total) if number not in known)
         running = completed(
             work, numbers, options.executor, options.workers, finish=store is not None
@@ -195,8 +188,8 @@ def run_pieces(
         for done, (_, result) in enumerate(stack.enter_context(closing(running)), len(known) + 1):
             if store is not None:
                 store.append(asdict(result))  # type: ignore[call-overload]
-            count(score(result), True)
-            if options.progress is not None:
+            count(result, True)
+            if callable(options.progress):
                 options.progress(done, total)
             yield result
 
@@ -213,19 +206,19 @@ def _known(store: Store, read: Callable[[dict[str, Any]], Result]) -> dict[int, 
 
 @contextmanager
 def _counted(
-    options: RunOptions, piece: str, total: int, known: int
-) -> Iterator[Callable[[Score, bool], None]]:
+    options: RunOptions, piece: str, total: int, known: int, solved: Callable[[Any], bool]
+) -> Iterator[Callable[[Any, bool], None]]:
     """Yield a function that counts a result, new or stored, and shows it on the bar."""
-    if not options.bar:
-        yield lambda score, new: None
+    if options.progress is not True:
+        yield lambda result, new: None
         return
-    best, solved = float("inf"), 0
+    best, number = float("inf"), 0
     with make_bar(total=total, initial=known, unit=piece) as bar:
 
-        def count(score: Score, new: bool) -> None:
-            nonlocal best, solved
-            best, solved = min(best, score.f), solved + score.solved
-            bar.set_postfix_str(f"{solved} solved, smallest f {best:.1e}", refresh=False)
+        def count(result: Any, new: bool) -> None:
+            nonlocal best, number
+            best, number = min(best, result.f), number + solved(result)
+            bar.set_postfix_str(f"{number} solved, smallest f {best:.1e}", refresh=False)
             bar.update(int(new))
 
         yield count

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
-from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.runs import RunOptions, run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
@@ -261,8 +261,7 @@ def construct(
     requirements = Requirements.checked(order, abscissae, bound, minimise)
     results = run_pieces(
         settings, partial(run_attempt, settings), tries, options,
-        read=Attempt.of_fields,
-        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+        read=Attempt.of_fields, solved=partial(succeeded, settings),
     )  # fmt: skip
     # the first one by number counts
     finished: dict[int, Attempt] = {}

@@ -21,7 +21,7 @@ from cg.construction.conditions import Rows
 from cg.construction.layouts import Layout, MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import to_floats
-from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.runs import RunOptions, run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
@@ -280,7 +280,7 @@ def search(
     requirements.check(settings.order, settings.layout, force)
     results = run_pieces(
         settings, partial(run_start, settings), starts, options,
-        read=RandomStart.of_fields, score=lambda start: Score(start.f, start.exact),
+        read=RandomStart.of_fields, solved=attrgetter("exact"),
     )  # fmt: skip
     finished = tuple(sorted(results, key=attrgetter("index")))
     return SearchResult(settings, finished, requirements)
