@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
-from cg.construction.layouts import START
+from cg.construction.layouts import START, PointTree
 from cg.construction.methods.coefficients import values_of
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
@@ -155,10 +155,10 @@ def paths_of(method: Method) -> MethodPaths:
     if isinstance(method, MuntheKaas):
         method = method.advancing
         series = max(method.order, 1)
-    errors = method.error_weights
-    result, *second = method.advancing_results
-    builder = _Builder(method, {result, *second})
-    stages = tuple(map(builder.path_to, method.tree.stage_points))
+    errors, tree = method.error_weights, method.tree.without_repetitions()
+    result, *second = (method.tree.merged[end] for end in method.advancing_results)
+    builder = _Builder(tree, method.explicit)
+    stages = tuple(map(builder.path_to, tree.stage_points))
     result_path = builder.path_to(result)
     c = method.abscissae
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
@@ -269,35 +269,24 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
 
 
 class _Builder:
-    """Builds the paths, merging equal points and leaving out unused ones."""
+    """Builds the paths of a tree without repetitions, leaving out unused points."""
 
-    def __init__(self, method: Method, results: set[int]) -> None:
-        self.points = method.tree.points
-        self.same = method.tree.merged
-        ends = {self.same[point] for point in results.union(method.tree.stage_points)}
-        used: set[int] = set()
-        pending = list(ends)
-        while pending:
-            point = pending.pop()
-            if point != START and point not in used:
-                used.add(point)
-                pending.append(self._parent(point))
-        children = Counter(self._parent(point) for point in used)
+    def __init__(self, tree: PointTree, explicit: bool) -> None:
+        self.points = tree.points
+        ends = {*tree.stage_points, *tree.results}
+        used = {m for end in ends for m in tree.path(end)}
+        children = Counter(tree.points[m].parent for m in used)
         self.kept = ends | {point for point in used if children[point] > 1}
-        if not method.explicit:  # iterations repeat the last flow of a stage
-            self.kept |= {self._parent(self.same[point]) for point in method.tree.stage_points}
+        if not explicit:  # iterations repeat the last flow of a stage
+            self.kept |= {tree.points[at].parent for at in tree.stage_points}
         self.index = {START: 0}
         self.paths: list[Path] = []
 
-    def _parent(self, point: int) -> int:
-        return self.same[self.points[point].parent]
-
     def path_to(self, point: int) -> int:
         """Return the number of the path to a stored point, adding it and those before it."""
-        point = self.same[point]
         if point not in self.index:
             links = [point]
-            while (parent := self._parent(links[-1])) not in self.kept and parent != START:
+            while (parent := self.points[links[-1]].parent) not in self.kept and parent != START:
                 links.append(parent)
             origin = self.path_to(parent)
             flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))
