@@ -86,6 +86,7 @@ from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.tables import basis_polynomials, stored_table
+from cg.tables.table import Output
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
@@ -116,7 +117,35 @@ def nodes_of(count: int) -> NodeSet:
     return NodeSet(nodes, integral / integral(1.0))
 
 
-def inner_nodes(method: Method) -> int:
+def output_of(method: Method, paths: MethodPaths) -> Output:
+    """Return how points between steps of a method are computed."""
+    (final, theta, rows, basis), along = _extension_of(method), paths.polynomial
+    node, blend = _node_tables(
+        method.stages if along else _inner_nodes(method), paths.abscissae if along else None
+    )
+    flow_c, weights = _result_flows(paths) if along else _flows_within(method)
+    return Output(
+        final + 1, _series_order(method), theta, rows, basis, node, blend, flow_c, weights
+    )
+
+
+def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
+    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
+
+    With nodes at given stages there is one interpolant.
+    """
+    node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
+    if stages is not None:
+        node[:, -1] = stages
+        return node, blend
+    for size in range(2, nodes + 1):
+        nodes_here = nodes_of(size)
+        node[:size, size - 2] = nodes_here.nodes
+        blend[: size + 2, size - 2] = nodes_here.blend.coef
+    return node, blend
+
+
+def _inner_nodes(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
     step = 1
     enough = max(2, max(method.order, method.embedded_order or 0) - 1)
@@ -129,15 +158,15 @@ def inner_nodes(method: Method) -> int:
 def extra_evaluations(method: Method) -> int:
     """Return the number of evaluations of an interpolant, besides those at both ends."""
     if isinstance(method, MuntheKaas):
-        return len(extension_of(method).theta)
-    return _evaluations(inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
+        return len(_extension_of(method)[1])
+    return _evaluations(_inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
 
 
-def series_order(method: Method) -> int:
+def _series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
         return max(method.advancing.order, 1)
-    return inner_nodes(method) + 1
+    return _inner_nodes(method) + 1
 
 
 def _evaluations(nodes: int, step: int) -> int:
@@ -145,18 +174,15 @@ def _evaluations(nodes: int, step: int) -> int:
     return sum(range(nodes - 2, 0, -step))
 
 
-@dataclass(frozen=True, eq=False)
-class Extension:
-    """The coordinates within a step as combinations of their derivatives."""
+Extension = tuple[int, Array, Array, Array]
+"""The coordinates within a step as combinations of their derivatives.
 
-    final: int  # the place, from 0, of the derivative at the end
-    theta: Array  # further nodes, in the order of evaluation, shape (n,)
-    rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
-    basis: Array  # the coefficients B, shape (degree, k)
+`final`, from 0, `theta`, `rows` and `basis` of an `Output`.
+"""
 
 
 @cached
-def extension_of(method: Method) -> Extension:
+def _extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas) and not method.explicit:
         powers = collocation_polynomial(method.c[1:])
@@ -164,7 +190,7 @@ def extension_of(method: Method) -> Extension:
         return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
         return _with_stages(method.advancing)
-    return _between_ends(inner_nodes(method))
+    return _between_ends(_inner_nodes(method))
 
 
 def _with_stages(method: MuntheKaas) -> Extension:
@@ -233,7 +259,7 @@ def _extension(final: int, theta: list[float], rows: list[Array], basis: Array) 
     width = basis.shape[1] if not rows else max(basis.shape[1], len(rows[-1]) + 1)
     padded = [np.pad(row, (0, width - len(row))) for row in rows]
     basis = np.pad(basis, ((0, 0), (0, width - basis.shape[1])))
-    return Extension(final, np.array(theta), np.array(padded).reshape(-1, width), basis)
+    return final, np.array(theta), np.array(padded).reshape(-1, width), basis
 
 
 class _Trees:
@@ -300,7 +326,7 @@ def _least_norm(known: Array, targets: Array) -> Array:
     return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 
 
-def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
+def _result_flows(paths: MethodPaths) -> tuple[Array, Array]:
     """Return the flows to the result of a method, for fields that depend on time only.
 
     They are the abscissae of the stages that the flows use, and their weights in the flows, shape
@@ -317,11 +343,11 @@ def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
     return paths.abscissae[used], np.array(weights)
 
 
-def flows_within(method: Method) -> tuple[Array, Array]:
+def _flows_within(method: Method) -> tuple[Array, Array]:
     """Return the flows of interpolants: those of a method, or of another one without brackets."""
     if isinstance(method, MagnusMethod) and method.brackets:
         tables = map(stored_table, _WITH_FLOWS)
         fitting = (table for table in tables if table.order >= method.order)
         output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
         return output.flow_c, output.flow_weights
-    return result_flows(paths_of(method))
+    return _result_flows(paths_of(method))
