@@ -146,7 +146,10 @@ class CommutatorFree(Method):
     def from_layout(
         cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
     ) -> CommutatorFree:
-        """Return the method with a layout and packed weights, point by point."""
+        """Return the method with a layout and packed weights, point by point.
+
+        `fields` are further keyword arguments of the class, such as `name` and `source`.
+        """
         return cls(
             zip(layout.parents, layout.point_weights(coefficients), strict=True),
             layout.stage_points,
@@ -154,6 +157,9 @@ class CommutatorFree(Method):
             embedded_result=layout.results[1] if layout.pair else None,
             **fields,
         )
+
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> CommutatorFree:
+        return CommutatorFree.from_layout(self.layout, coefficients, **fields)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -315,12 +321,8 @@ class MuntheKaas(Method):
         if tableau.explicit:
             check_tree(self.tree)
 
-    @classmethod
-    def from_layout(
-        cls, layout: Layout, coefficients: Sequence[Any], *, third: Any = None, **fields: Any
-    ) -> MuntheKaas:
-        """Return the method with a layout of its tableau and packed entries, row by row."""
-        return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
+    def _with(self, coefficients: Sequence[Any], *, third: Any = None, **fields: Any) -> MuntheKaas:
+        return MuntheKaas(Tableau.from_layout(self.layout, coefficients, **fields), third=third)
 
     @property
     def _key(self) -> tuple[Any, ...]:

@@ -97,10 +97,8 @@ class Splitting(Method):
         values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
         self._set(values)
 
-    @classmethod
-    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Splitting:
-        """Return the method with drifts and kicks in the order of a step."""
-        return cls(coefficients[::2], coefficients[1::2], **fields)
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> Splitting:
+        return Splitting(coefficients[::2], coefficients[1::2], **fields)
 
     @property
     def _key(self) -> tuple[Any, ...]:

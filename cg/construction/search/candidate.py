@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from cg.construction.conditions import core_calls, count
 from cg.construction.layouts import Layout, Rows, check_length
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import fixed_weights, merge_point
@@ -165,11 +164,10 @@ def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
 
 def make_method(
     layout: Layout, coefficients: Sequence[Any], **fields: Any
-) -> Tableau | CommutatorFree | MagnusMethod:
+) -> Tableau | CommutatorFree:
     """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
     check_length(coefficients, layout.size)
-    points = MagnusMethod if layout.of_time else CommutatorFree
-    kind = points if layout.rows is None else Tableau
+    kind = CommutatorFree if layout.rows is None else Tableau
     return kind.from_layout(layout, coefficients, **fields)
 
 
@@ -361,8 +359,6 @@ def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
     stages = _removable(system)
-    if len(stages) < 2:
-        return
     for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
         if receiver is not None and receiver not in stages:
             continue
