@@ -58,10 +58,9 @@ class TestMoving:
 
     def test_eliminate_stage(self):
         random = np.random.default_rng(3)
-        reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
-        assert [candidate.system.stages for candidate in reached] == [7, 6]
-        assert all(solved(candidate) for candidate in reached)
-        method = to_method(reached[-1], name="six", source="test")
+        smallest = eliminate(a_candidate(4, 8, seed=1), 6, random=random)
+        assert solved(smallest)
+        method = to_method(smallest, name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
 
     def test_drops_stage_without_influence(self):

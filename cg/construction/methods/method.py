@@ -174,7 +174,7 @@ class Method(ABC):
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
             pair = "" if self.embedded_order is None else f"({self.embedded_order})"
             parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
-        elif self.layout.pair:
+        elif self.exact_embedded is not None:
             parts.append("a pair")
         if not self.explicit:
             parts.append("implicit")

@@ -18,7 +18,6 @@ from cg.construction.conditions.linear_equations import (
     splitting_residuals,
     splitting_values,
 )
-from cg.construction.layouts import START, Layout
 from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
@@ -111,15 +110,6 @@ class Splitting(Method):
         return *chain.from_iterable(pairs), self.drift_coefficients[-1]
 
     @cached_property
-    def layout(self) -> Layout:
-        """Positions of drifts and kicks in `coefficients`: a chain of points, one for each."""
-        size, last = 2 * self.stages + 1, self.stages - 1
-        weights = tuple((min(m // 2, last),) for m in range(size))
-        return Layout(
-            tuple(range(START, size - 1)), weights, tuple(range(0, size - 1, 2)), (size - 1,)
-        )
-
-    @cached_property
     def drifts(self) -> NDArray[np.float64]:
         """The drifts d, rounded to double; shape (s + 1,), read-only."""
         return frozen([d.value for d in self.drift_coefficients])
@@ -143,6 +133,8 @@ class Splitting(Method):
     def tree(self) -> NoReturn:
         """A splitting method has none: AttributeError."""
         raise AttributeError(f"{self!r} has drifts and kicks, no tree of points and no tableau")
+
+    layout = tree
 
     @property
     def stages(self) -> int:

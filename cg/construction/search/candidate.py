@@ -229,13 +229,13 @@ def eliminate(
     largest: float = 4.0,
     restarts: int = 3,
     accept: Accept = lambda candidate: True,
-) -> Iterator[Candidate]:
-    """Eliminate one stage after another until `stages` are left, and yield each candidate.
+) -> Candidate:
+    """Eliminate one stage after another until `stages` are left; return the smallest candidate.
 
     Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
     without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
     """
-    stuck = 0
+    smallest, stuck = candidate, 0
     while candidate.system.stages > stages:
         smaller = None
         pair = candidate.system.layout.pair
@@ -246,11 +246,11 @@ def eliminate(
         if smaller is None:
             stuck += 1
             if stuck > restarts:
-                return
+                break
             candidate = walk(candidate, random, largest=largest)
         else:
-            candidate, stuck = smaller, 0
-            yield candidate
+            candidate, smallest, stuck = smaller, smaller, 0
+    return smallest
 
 
 def _shrink_one(

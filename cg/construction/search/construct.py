@@ -70,11 +70,10 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
     if settings.flows is not None:
         candidate = _with_fewer_flows(settings, candidate, random)
     elif accept(candidate):
-        for smaller in eliminate(
+        candidate = eliminate(
             candidate, settings.stages, random=random, largest=settings.largest,
             restarts=settings.restarts, accept=accept,
-        ):  # fmt: skip
-            candidate = smaller
+        )  # fmt: skip
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
     points = (_flows(settings, layout), layout) if layout.rows is None else ()
     return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
