@@ -59,42 +59,32 @@ class Path:
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """A method as paths.
+    """A method as paths, with the other numbers and arrays of a record (`METHOD`).
 
     Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
+
+    With a second result `errors` are weights of the second estimate, or those of `end_weights`,
+    where the end of the step is a stage more. Those of `kink_weights` are the last but one.
     """
 
     paths: tuple[Path, ...]
     stages: tuple[int, ...]  # the path to each stage
-    # The paths to the result of the step, the one of higher order of a pair, and to its second
-    # result, or 0.
-    result: int
-    embedded: int
-    # The stage (from 1) at the end of the step, which is the first one of the next step, or 0.
-    final_stage: int
+    result: int  # the path to the result of the step, the one of higher order of a pair
+    embedded: int  # the path to the second result of a pair, or 0
+    final_stage: int  # the stage (from 1) that is the first one of the next step, or 0
     c: tuple[Fraction, ...]  # abscissae
-    registers: Registers | None = None  # A and B of a method of two registers
-    # For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else 0.
-    # Coefficients at stages become derivatives of coordinates.
+    registers: Registers | None = None
     series: int = 0
-    # Weights on the coefficients at stages of the combinations by which errors are estimated. With
-    # a second result they are those of the second estimate, or those of `end_weights`, where the
-    # end of the step is a stage more. Those of `kink_weights` are the last but one.
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[Fraction, ...] = ()  # numbers of `transformation`, of collocation
-    third: int = 0  # the path to a third result, for a second estimate of the error, or 0
-    # The exponent of the quotient of two error estimates, see `error_power`, 0 if the larger one
-    # counts; and the factor of the second one in it, by default that of DOP853.
-    power: int = 1
-    factor: Fraction = Fraction(1, 10)
-    # Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along which
-    # one flow leads to the result.
+    transformation: tuple[Fraction, ...] = ()
+    third: int = 0  # the path to a third result, or 0
+    power: int = 1  # see `error_power`; 0 if the larger of both estimates counts
+    factor: Fraction = Fraction(1, 10)  # that of DOP853
+    # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
-    # Weights of both sides of brackets, on stages and earlier brackets. Flows and errors have
-    # weights on brackets after those on stages.
-    brackets: Brackets = ()
-    blocks: int = 0  # groups of implicit stages that are solved one after the other
+    brackets: Brackets = ()  # flows and errors have weights on them after those on stages
+    blocks: int = 0
     drifts: tuple[Fraction, ...] = ()  # after each kick of splitting methods
 
     @cached_property
