@@ -27,7 +27,7 @@ def to_c(program: Program, frame: Frame | None) -> str:
     return write(program, ["top.h", "step.h"], "//", _tables(program), flows)
 
 
-def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
+def with_free_motion(numbers: Numbers, frame: PhaseSpace) -> str:
     """Return the header of a step of a splitting method for mechanical systems."""
     flows, name = _Flows(frame), identifier(numbers.method.name)
     if frame.gyroscopic is not None or frame.jointed:
@@ -65,7 +65,7 @@ def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
         "stages": str(numbers.method.stages),
         "free_motion": fill(template(motion), {"gauss": "\n".join(gauss)}) if motion else "",
     })  # fmt: skip
-    heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
+    heading = comment(numbers.heading, "//")
     return fill(flows.text(text, name, False), {"heading": heading})
 
 

@@ -39,8 +39,7 @@ class Program:
     """The moves and evaluations of a step; slots and stages are counted from 0."""
 
     name: str  # an identifier in lower case
-    title: str  # one-line summary of the method
-    source: str
+    heading: str  # a summary and the source of the method
     slots: int  # number of slots
     moves: tuple[Move, ...]
     before: tuple[int, ...]  # number of moves before each stage; the others follow the last stage
@@ -96,7 +95,7 @@ def write(
         "lower": program.lower_order,
         "flows": flows,
         # the last one, as users write it
-        "heading": comment(f"{program.title}\n{program.source}", mark),
+        "heading": comment(program.heading, mark),
     }
     return fill(template(*templates), parts, conditions)
 
@@ -109,7 +108,7 @@ def identifier(name: str) -> str:
     return text[:40].rstrip("_")
 
 
-def make_program(numbers: Numbers, title: str) -> Program:
+def make_program(numbers: Numbers) -> Program:
     """Return the program of a step of an explicit method; ValueError for others."""
     method = numbers.method
     if not method.explicit:
@@ -134,8 +133,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
     lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
     return Program(
         identifier(method.name),
-        title,
-        method.source,
+        numbers.heading,
         count,
         moves,
         before,

@@ -15,7 +15,6 @@ from cg.construction.methods.splitting import Splitting
 from cg.frames.base import Frame, check_frame
 from cg.frames.phase_space import PhaseSpace
 from cg.support.checks import check_choice
-from cg.support.parsing import visible
 
 if TYPE_CHECKING:
     from cg.construction.proofs import Certificate
@@ -101,13 +100,8 @@ def export(
     if format == "toml":
         return dumps(numbers.rounded())
     if format == "latex":
-        return to_latex(numbers, summary(method))
+        return to_latex(numbers)
     if isinstance(frame, PhaseSpace):
-        return with_free_motion(numbers, summary(method), frame)
-    program = make_program(numbers, summary(method))
+        return with_free_motion(numbers, frame)
+    program = make_program(numbers)
     return to_python(program) if format == "python" else to_c(program, frame)
-
-
-def summary(method: Method) -> str:
-    """Return a one-line summary of a method: ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``."""
-    return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"
