@@ -78,9 +78,8 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.paths import MethodPaths, collocation_polynomial, paths_of
+from cg.construction.methods.paths import MethodPaths, collocation_polynomial
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
@@ -123,7 +122,7 @@ def output_of(method: Method, paths: MethodPaths) -> Output:
     node, blend = _node_tables(
         method.stages if along else _inner_nodes(method), paths.abscissae if along else None
     )
-    flow_c, weights = _result_flows(paths) if along else _flows_within(method)
+    flow_c, weights = _result_flows(method, paths)
     return Output(
         final + 1, _series_order(method), theta, rows, basis, node, blend, flow_c, weights
     )
@@ -326,12 +325,17 @@ def _least_norm(known: Array, targets: Array) -> Array:
     return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 
 
-def _result_flows(paths: MethodPaths) -> tuple[Array, Array]:
+def _result_flows(method: Method, paths: MethodPaths) -> tuple[Array, Array]:
     """Return the flows to the result of a method, for fields that depend on time only.
 
     They are the abscissae of the stages that the flows use, and their weights in the flows, shape
-    ``(flows, stages)``.
+    ``(flows, stages)``; of a method with brackets those of another one.
     """
+    if paths.brackets:
+        tables = map(stored_table, _WITH_FLOWS)
+        fitting = (table for table in tables if table.order >= method.order)
+        output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
+        return output.flow_c, output.flow_weights
     flows: list[dict[int, Fraction]] = []
     k = paths.result
     while k:
@@ -341,13 +345,3 @@ def _result_flows(paths: MethodPaths) -> tuple[Array, Array]:
     used = sorted({stage for flow in flows for stage in flow})
     weights = [[float(flow.get(k, 0)) for k in used] for flow in flows]
     return paths.abscissae[used], np.array(weights)
-
-
-def _flows_within(method: Method) -> tuple[Array, Array]:
-    """Return the flows of interpolants: those of a method, or of another one without brackets."""
-    if isinstance(method, MagnusMethod) and method.brackets:
-        tables = map(stored_table, _WITH_FLOWS)
-        fitting = (table for table in tables if table.order >= method.order)
-        output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
-        return output.flow_c, output.flow_weights
-    return _result_flows(paths_of(method))
