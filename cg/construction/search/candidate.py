@@ -171,99 +171,135 @@ def make_method(
     return kind.from_layout(layout, coefficients, **fields)
 
 
-Accept = Callable[[Candidate], bool]
+@dataclass(frozen=True)
+class Reduction:
+    """Steps along the solution set, by which stages and flows are eliminated.
 
-
-def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
-    """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
-
-    Its column of ``a`` and its weight shrink to zero together, the other coefficients follow along
-    the set. Steps that fail are halved.
+    Coefficients stay below `largest`, and `accept` tests smaller candidates.
     """
-    column = candidate.system.layout.column(stage)
-    target = candidate.x[column].copy()
-    left, step, used = 1.0, 0.2, 0
-    while left > 0:
-        target_left = left - step if left - step > _LAST_FRACTION else 0.0
-        x = candidate.x.copy()
-        x[column] = target_left * target
-        last = target_left == 0
-        iterations = 300 if last else 30
-        trial = correct(
-            Candidate(candidate.system, x),
-            column,
-            ftol=1e-26 if last else 1e-22,
-            max_iterations=iterations,
-        )
-        used += iterations if last else 10
-        good = solved(trial) if last else trial.f <= _INTERMEDIATE
-        if good and trial.largest <= largest:
-            candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
-            continue
-        step /= 2
-        if step < _MIN_STEP or used > _BUDGET:
-            return None
-    return candidate.without(stage)
 
+    random: np.random.Generator
+    largest: float = 4.0
+    restarts: int = 3  # walks after which a number of stages or flows is the smallest
+    accept: Callable[[Candidate], bool] = solved
 
-def walk(
-    candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
-) -> Candidate:
-    """Return another point of the solution set, after a random step of length `size`."""
-    for _ in range(6):
-        movable = candidate.system.movable
-        x = candidate.x.copy()
-        x[movable] += size / np.sqrt(movable.size) * random.standard_normal(movable.size)
-        moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
-        if solved(moved) and moved.largest <= largest:
-            return moved
-        size /= 2
-    return candidate
+    def eliminate_stages(self, candidate: Candidate, stages: int) -> Candidate:
+        """Eliminate one stage after another until `stages` are left; return the smallest candidate.
 
+        Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution
+        set without success, columns are shrunk to zero (`shrink_stage`).
+        """
+        smallest, stuck, pair = candidate, 0, candidate.system.layout.pair
+        while candidate.system.stages > stages:
+            smaller = None if pair else self.drop_stage(candidate)
+            if smaller is None and (pair or stuck == self.restarts):
+                smaller = self._shrink_one(candidate)
+            if smaller is None:
+                stuck += 1
+                if stuck > self.restarts:
+                    break
+                candidate = self.walk(candidate)
+            else:
+                candidate, smallest, stuck = smaller, smaller, 0
+        return smallest
 
-def eliminate(
-    candidate: Candidate,
-    stages: int,
-    *,
-    random: np.random.Generator,
-    largest: float = 4.0,
-    restarts: int = 3,
-    accept: Accept = lambda candidate: True,
-) -> Candidate:
-    """Eliminate one stage after another until `stages` are left; return the smallest candidate.
-
-    Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
-    without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
-    """
-    smallest, stuck = candidate, 0
-    while candidate.system.stages > stages:
-        smaller = None
-        pair = candidate.system.layout.pair
-        if not pair:
-            smaller = drop_stage(candidate, random, largest=largest, accept=accept)
-        if smaller is None and (pair or stuck == restarts):
-            smaller = _shrink_one(candidate, random, largest, accept)
-        if smaller is None:
-            stuck += 1
-            if stuck > restarts:
+    def eliminate_flows(self, candidate: Candidate, flows: int) -> Candidate:
+        """Return what is left when flows are dropped one by one, with walks where that fails."""
+        walks = 0
+        while self.accept(candidate) and walks <= self.restarts:
+            if candidate.system.layout.flows == flows:
                 break
-            candidate = walk(candidate, random, largest=largest)
-        else:
-            candidate, smallest, stuck = smaller, smaller, 0
-    return smallest
+            smaller = self.drop_flow(candidate)
+            walks = walks + 1 if smaller is None else 0
+            candidate = smaller or self.walk(candidate)
+        return candidate
 
+    def walk(self, candidate: Candidate, size: float = 0.3) -> Candidate:
+        """Return another point of the solution set, after a random step of length `size`."""
+        for _ in range(6):
+            movable = candidate.system.movable
+            x = candidate.x.copy()
+            x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
+            moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
+            if solved(moved) and moved.largest <= self.largest:
+                return moved
+            size /= 2
+        return candidate
 
-def _shrink_one(
-    candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
-) -> Candidate | None:
-    stages, column = _removable(candidate.system), candidate.system.layout.column
-    sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
-    order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
-    for k in order[:_MAX_COLUMNS]:
-        smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)
-        if smaller is not None and accept(smaller):
-            return smaller
-    return None
+    def drop_stage(self, candidate: Candidate) -> Candidate | None:
+        """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
+
+        The column of the stage is added to that of a neighbour, or dropped.
+        """
+        starts = list(_without_column(candidate))
+        return self._first_solved(starts, iterations=200, promising=1e-14)
+
+    def drop_flow(self, candidate: Candidate) -> Candidate | None:
+        """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
+        layout = candidate.system.layout
+        merged = (
+            merge_point(layout, candidate.x.tolist(), m)
+            for m in range(len(layout.parents))
+            if m not in layout.ends
+        )
+        starts = [
+            Candidate(replace(candidate.system, layout=smaller), x)
+            for smaller, x in merged
+            if len(set(smaller.stage_of.tolist())) == smaller.stages
+        ]
+        return self._first_solved(starts, iterations=400, promising=1e-10)
+
+    def _first_solved(
+        self, starts: Sequence[Candidate], *, iterations: int, promising: float
+    ) -> Candidate | None:
+        """Solve from starts until one leads to an acceptable candidate; None if none does."""
+        if not starts:
+            return None
+        closeness = np.log([max(start.f, 1e-300) for start in starts])
+        noise = _SPREAD * self.random.standard_normal(len(starts))
+        for k in np.argsort(closeness + noise, kind="stable")[:_TRIES]:
+            smaller = solve_start(starts[k], iterations, promising=promising)
+            if solved(smaller) and smaller.largest <= self.largest and self.accept(smaller):
+                return smaller
+        return None
+
+    def _shrink_one(self, candidate: Candidate) -> Candidate | None:
+        """Shrink the column of one of the stages with small columns; None if that fails."""
+        stages, column = _removable(candidate.system), candidate.system.layout.column
+        sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
+        order = np.argsort(sizes * np.exp(0.4 * self.random.standard_normal(sizes.size)))
+        for k in order[:_MAX_COLUMNS]:
+            smaller = self.shrink_stage(candidate, stages[int(k)])
+            if smaller is not None and self.accept(smaller):
+                return smaller
+        return None
+
+    def shrink_stage(self, candidate: Candidate, stage: int) -> Candidate | None:
+        """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
+
+        Its column of ``a`` and its weight shrink to zero together, the other coefficients follow
+        along the set. Steps that fail are halved.
+        """
+        column = candidate.system.layout.column(stage)
+        target = candidate.x[column].copy()
+        left, step, used = 1.0, 0.2, 0
+        while left > 0:
+            target_left = left - step if left - step > _LAST_FRACTION else 0.0
+            x = candidate.x.copy()
+            x[column] = target_left * target
+            last = target_left == 0
+            iterations, ftol = (300, 1e-26) if last else (30, 1e-22)
+            start = Candidate(candidate.system, x)
+            trial = correct(start, column, ftol=ftol, max_iterations=iterations)
+            used += iterations if last else 10
+            good = solved(trial) if last else trial.f <= _INTERMEDIATE
+            if good and trial.largest <= self.largest:
+                candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
+                continue
+            step /= 2
+            if step < _MIN_STEP or used > _BUDGET:
+                return None
+        return candidate.without(stage)
 
 
 def _removable(system: ConditionSystem) -> range:
@@ -295,64 +331,6 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     return correct(
         first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
     )
-
-
-def drop_stage(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
-
-    The column of the stage is added to that of a neighbour, or dropped.
-    """
-    starts = list(_without_column(candidate))
-    return _first_solved(starts, random, largest, accept, iterations=200, promising=1e-14)
-
-
-def drop_flow(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
-    layout = candidate.system.layout
-    merged = (
-        merge_point(layout, candidate.x.tolist(), m)
-        for m in range(len(layout.parents))
-        if m not in layout.ends
-    )
-    starts = [
-        Candidate(replace(candidate.system, layout=smaller), x)
-        for smaller, x in merged
-        if len(set(smaller.stage_of.tolist())) == smaller.stages
-    ]
-    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
-
-
-def _first_solved(
-    starts: Sequence[Candidate],
-    random: np.random.Generator,
-    largest: float,
-    accept: Accept,
-    *,
-    iterations: int,
-    promising: float,
-) -> Candidate | None:
-    """Solve from starts until one leads to an acceptable candidate; None if none does."""
-    if not starts:
-        return None
-    closeness = np.log([max(start.f, 1e-300) for start in starts])
-    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
-    for k in order[:_TRIES]:
-        smaller = solve_start(starts[k], iterations, promising=promising)
-        if solved(smaller) and smaller.largest <= largest and accept(smaller):
-            return smaller
-    return None
 
 
 def _without_column(candidate: Candidate) -> Iterator[Candidate]:

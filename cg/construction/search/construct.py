@@ -16,15 +16,13 @@ from cg.construction.runs import RunOptions, run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
+    Reduction,
     default_name,
-    drop_flow,
-    eliminate,
     fixed_entries,
     refinable,
     solve_start,
     solved,
     to_method,
-    walk,
 )
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
@@ -67,15 +65,13 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
         layout = Layout.tableau(stages, pair=settings.embedded)
     guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    reduction = Reduction(random, settings.largest, settings.restarts, accept)
     if settings.flows is not None:
-        candidate = _with_fewer_flows(settings, candidate, random)
+        candidate = reduction.eliminate_flows(candidate, settings.flows)
     elif accept(candidate):
-        candidate = eliminate(
-            candidate, settings.stages, random=random, largest=settings.largest,
-            restarts=settings.restarts, accept=accept,
-        )  # fmt: skip
+        candidate = reduction.eliminate_stages(candidate, settings.stages)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
-    points = (_flows(settings, layout), layout) if layout.rows is None else ()
+    points = (layout.flows, layout) if layout.rows is None else ()
     return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
 
 
@@ -101,28 +97,6 @@ def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) 
     for row in range(2, stages):
         entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
         x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
-
-
-def _with_fewer_flows(
-    settings: Settings, candidate: Candidate, random: np.random.Generator
-) -> Candidate:
-    """Return what is left when flows are dropped one by one, with walks where that fails."""
-    walks, accept = 0, partial(acceptable, settings)
-    while accept(candidate) and walks <= settings.restarts:
-        if _flows(settings, candidate.system.layout) == settings.flows:
-            break
-        smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
-        if smaller is None:
-            walks += 1
-            candidate = walk(candidate, random, largest=settings.largest)
-        else:
-            candidate, walks = smaller, 0
-    return candidate
-
-
-def _flows(settings: Settings, layout: Layout) -> int:
-    """Return the number of flows of a layout without that of a second result."""
-    return len(layout.parents) - settings.embedded
 
 
 def succeeded(settings: Settings, attempt: Attempt) -> bool:

@@ -247,7 +247,7 @@ class Settings:
             raise ValueError(f"{unused} must be None with a tree, got {value!r}")
         if self.kind == "search":
             return replace(self, tree=layout)
-        most = len(layout.parents) - layout.pair
+        most = layout.flows
         least = len({START, *layout.stage_points, layout.results[0]}) - 1
         flows = most if self.flows is None else check_integer("flows", self.flows, least, most)
         return replace(self, tree=layout, flows=flows, first_flows=most, embedded=layout.pair)
@@ -264,7 +264,7 @@ class Settings:
             flows, size = self.flows or 0, most_unknowns(stages, self.flows or 0)
         else:
             system = self.system(layout)
-            flows, size = len(layout.parents) - layout.pair, system.movable.size
+            flows, size = layout.flows, system.movable.size
         if self.registers:
             conditions += len(rooted_trees_through(order - 1)) if self.embedded else 0
             subject += " two registers"
