@@ -163,12 +163,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     [[[]]]  Φ = 0.3, 1/γ = 1/2, off by -0.2
     """
     method = resolve_method(method)
-    if isinstance(method, MagnusMethod):
-        raise TypeError(f"method must be for nonlinear equations, got {method!r}")
-    if isinstance(method, Splitting):
+    if isinstance(method, MagnusMethod | Splitting):
         raise TypeError(
-            "method must not be a splitting method, whose conditions are listed by "
-            f"`crouch-grossman show --conditions`, got {method!r}"
+            "method must be for nonlinear equations, and no splitting method, whose conditions "
+            f"`crouch-grossman show --conditions` lists, got {method!r}"
         )
     order, flat = method.exact_order, flat_order(_flat_tableau(method))
     changes: tuple[Correction, ...] = ()
