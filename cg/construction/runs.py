@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -131,37 +131,17 @@ def _versions() -> dict[str, str]:
     return {"crouch-grossman": package, "numpy": version("numpy")}
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """How a long run is carried out, which doesn't change results."""
-
-    workers: int | None
-    executor: ExecutorLike
-    store: str | os.PathLike[str] | None
-    progress: Callable[[int, int], None] | bool | None  # True for a bar
-
-    @classmethod
-    def checked(
-        cls,
-        workers: int | None,
-        executor: ExecutorLike,
-        store: str | os.PathLike[str] | None,
-        progress: Callable[[int, int], None] | bool | None,
-    ) -> RunOptions:
-        """Return the options of a run, checked, except the store, which is opened later."""
-        if not (progress is None or isinstance(progress, bool) or callable(progress)):
-            raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
-        return cls(*check_executor(executor, workers)[::-1], store, progress)
-
-
 def run_pieces(
     settings: Any,
     work: Callable[[int], Result],
     total: int,
-    options: RunOptions,
     *,
     read: Callable[[dict[str, Any]], Result],
     solved: Callable[[Result], bool],
+    workers: int | None,
+    executor: ExecutorLike,
+    store: str | os.PathLike[str] | None,
+    progress: Callable[[int, int], None] | bool | None,
 ) -> Generator[Result, None, None]:
     """Yield the results of pieces: those that the store has, then each after it was stored.
 
@@ -169,28 +149,28 @@ def run_pieces(
     are dataclasses with the number as ``index`` and the sum of squared residuals ``f``, which
     `read` makes of the dict of their fields; `solved` tells which ones a bar counts.
     """
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
+    executor, workers = check_executor(executor, workers)
     with ExitStack() as stack:
-        store, known = None, {}
-        if options.store is not None:
-            store = Store(options.store, asdict(settings))
-            stack.enter_context(closing(store))
-            known = {k: each for k, each in _known(store, read).items() if k < total}
+        file, known = None, {}
+        if store is not None:
+            file = stack.enter_context(closing(Store(store, asdict(settings))))
+            known = {k: each for k, each in _known(file, read).items() if k < total}
         run, piece = _NOUNS[settings.kind]
-        count = stack.enter_context(_counted(options, piece, total, len(known), solved))
+        count = stack.enter_context(_counted(progress, piece, total, len(known), solved))
         for result in known.values():
             count(result, False)
             yield result
-        stack.enter_context(_how_to_continue(options.store, run))
+        stack.enter_context(_how_to_continue(store, run))
         numbers = (number for number in range(total) if number not in known)
-        running = completed(
-            work, numbers, options.executor, options.workers, finish=store is not None
-        )
+        running = completed(work, numbers, executor, workers, finish=file is not None)
         for done, (_, result) in enumerate(stack.enter_context(closing(running)), len(known) + 1):
-            if store is not None:
-                store.append(asdict(result))  # type: ignore[call-overload]
+            if file is not None:
+                file.append(asdict(result))  # type: ignore[call-overload]
             count(result, True)
-            if callable(options.progress):
-                options.progress(done, total)
+            if callable(progress):
+                progress(done, total)
             yield result
 
 
@@ -206,10 +186,10 @@ def _known(store: Store, read: Callable[[dict[str, Any]], Result]) -> dict[int, 
 
 @contextmanager
 def _counted(
-    options: RunOptions, piece: str, total: int, known: int, solved: Callable[[Any], bool]
+    progress: Any, piece: str, total: int, known: int, solved: Callable[[Any], bool]
 ) -> Iterator[Callable[[Any, bool], None]]:
-    """Yield a function that counts a result, new or stored, and shows it on the bar."""
-    if options.progress is not True:
+    """Yield a function that counts a result, new or stored, and shows it on a bar, if there is."""
+    if progress is not True:
         yield lambda result, new: None
         return
     best, number = float("inf"), 0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
-from cg.construction.runs import RunOptions, run_pieces
+from cg.construction.runs import run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
@@ -229,12 +229,12 @@ def construct(
     )  # fmt: skip
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
-    options = RunOptions.checked(workers, executor, store, progress)
     bound = None if abscissae is None and minimise is None else settings.largest
     requirements = Requirements.checked(order, abscissae, bound, minimise)
     results = run_pieces(
-        settings, partial(run_attempt, settings), tries, options,
+        settings, partial(run_attempt, settings), tries,
         read=Attempt.of_fields, solved=partial(succeeded, settings),
+        workers=workers, executor=executor, store=store, progress=progress,
     )  # fmt: skip
     # the first one by number counts
     finished: dict[int, Attempt] = {}
