@@ -79,19 +79,17 @@ class Candidate:
         return float(np.linalg.norm(core_calls.residuals(*self.next_order)))
 
     @property
-    def estimate(self) -> float:
-        """Norm of the order-q residuals of the second result: the size of the estimate."""
-        layout = self.system.layout
-        if not layout.pair:
-            raise ValueError("candidate must be a pair")
-        second = replace(layout, results=layout.results[1:])
-        values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
-        return float(np.linalg.norm(values[count(self.system.order - 1) :]))
-
-    @property
     def blind(self) -> bool:
-        """Whether it is a pair whose results have one order; equal stages lead to it."""
-        return self.system.layout.pair and self.estimate < _MIN_ESTIMATE
+        """Whether it is a pair whose results have one order; equal stages lead to it.
+
+        The size of the estimate is the norm of the residuals of order q of the second result.
+        """
+        layout, order = self.system.layout, self.system.order
+        if not layout.pair:
+            return False
+        second = ConditionSystem(order, replace(layout, results=layout.results[1:]))
+        values = second.residual(self.x, independent=False)[count(order - 1) :]
+        return bool(np.linalg.norm(values) < _MIN_ESTIMATE)
 
     def without(self, stage: int) -> Candidate:
         """Return the candidate without a stage (from 0) whose column is zero."""
@@ -259,7 +257,7 @@ class Reduction:
         noise = _SPREAD * self.random.standard_normal(len(starts))
         for k in np.argsort(closeness + noise, kind="stable")[:_TRIES]:
             smaller = solve_start(starts[k], iterations, promising=promising)
-            if solved(smaller) and smaller.largest <= self.largest and self.accept(smaller):
+            if self.accept(smaller):
                 return smaller
         return None
 
