@@ -69,7 +69,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import count
@@ -98,22 +97,14 @@ _NO_WEIGHT = 1e-8
 _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 
-@dataclass(frozen=True, eq=False)
-class NodeSet:
-    """Nodes within a step, from 0 to 1, and the polynomial w."""
-
-    nodes: Array
-    blend: Polynomial
-
-
 @cache
-def nodes_of(count: int) -> NodeSet:
-    """Return the set of ``count`` nodes, at least 2."""
+def nodes_of(count: int) -> tuple[Array, Polynomial]:
+    """Return ``count`` nodes within a step, at least 2, from 0 to 1, and the polynomial w."""
     inner = np.sort(np.real(Legendre.basis(count).deriv().roots()))
     lobatto = np.concatenate([[0.0], 0.5 * (inner + 1.0), [1.0]])
     nodes = np.delete(lobatto, (count + 1) // 2)
     integral = Polynomial.fromroots(nodes).integ()
-    return NodeSet(nodes, integral / integral(1.0))
+    return nodes, integral / integral(1.0)
 
 
 def output_of(method: Method, paths: MethodPaths) -> Output:
@@ -138,9 +129,8 @@ def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
         node[:, -1] = stages
         return node, blend
     for size in range(2, nodes + 1):
-        nodes_here = nodes_of(size)
-        node[:size, size - 2] = nodes_here.nodes
-        blend[: size + 2, size - 2] = nodes_here.blend.coef
+        node[:size, size - 2], last = nodes_of(size)
+        blend[: size + 2, size - 2] = last.coef
     return node, blend
 
 
@@ -240,7 +230,7 @@ def _between_ends(nodes: int) -> Extension:
     theta: list[float] = []
     rows: list[Array] = []
     for level in range(3, nodes + 1):
-        inner = nodes_of(level).nodes[1:-1]
+        inner = nodes_of(level)[0][1:-1]
         theta += inner.tolist()
         rows += [_values(len(basis), node) @ basis for node in inner.tolist()]
         k = np.arange(1, level + 2)[:, None]
