@@ -249,18 +249,11 @@ def _flat_tableau(method: Method) -> Tableau:
         return method
     if isinstance(method, MuntheKaas):
         return method.tableau
-    units = [
-        {stage: weight.unit for stage, weight in row.items()}
-        for row in method.layout.point_weights(method.coefficients)
-    ]
+    units = method.layout.tree([weight.unit for weight in method.coefficients])
 
     def row(end: int) -> list[Coefficient]:
-        sums = [Fraction(0)] * method.stages
-        for m in method.tree.path(end):
-            for stage, unit in units[m].items():
-                sums[stage] += unit
-        values = method.tree.flat_row(end)
-        return [Coefficient(v, to_decimal(v), u) for v, u in zip(values, sums, strict=True)]
+        rows = zip(method.tree.flat_row(end), units.flat_row(end), strict=True)
+        return [Coefficient(value, to_decimal(value), unit) for value, unit in rows]
 
     return Tableau([row(at) for at in method.tree.stage_points], row(method.tree.result))
 
