@@ -105,10 +105,16 @@ class Store:
             self._file.close()
             raise
 
-    def pieces(self) -> dict[int, dict[str, Any]]:
-        """Return the fields of finished pieces by their numbers."""
+    def results(self, read: Callable[[dict[str, Any]], Result]) -> dict[int, Result]:
+        """Return the results of finished pieces by their numbers; `read` makes them of fields."""
         lines = read_store(self.path, self.run)
-        return {line["index"]: line for line in lines if line.pop("run") and "index" in line}
+        pieces = {line["index"]: line for line in lines if line.pop("run") and "index" in line}
+        try:
+            return {number: read(pieces[number]) for number in sorted(pieces)}
+        except (KeyError, TypeError) as error:
+            raise StoreError(
+                f"store {self.path} was written by another version of this package: {error!r}"
+            ) from error
 
     def append(self, line: Mapping[str, Any]) -> None:
         """Store the settings, or a finished piece, which has an ``index``."""
@@ -156,7 +162,7 @@ def run_pieces(
         file, known = None, {}
         if store is not None:
             file = stack.enter_context(closing(Store(store, asdict(settings))))
-            known = {k: each for k, each in _known(file, read).items() if k < total}
+            known = {k: each for k, each in file.results(read).items() if k < total}
         run, piece = _NOUNS[settings.kind]
         count = stack.enter_context(_counted(progress, piece, total, len(known), solved))
         for result in known.values():
@@ -172,16 +178,6 @@ def run_pieces(
             if callable(progress):
                 progress(done, total)
             yield result
-
-
-def _known(store: Store, read: Callable[[dict[str, Any]], Result]) -> dict[int, Result]:
-    """Return the results in a store by their numbers, in order."""
-    try:
-        return {number: read(fields) for number, fields in sorted(store.pieces().items())}
-    except (KeyError, TypeError) as error:
-        raise StoreError(
-            f"store {store.path} was written by another version of this package: {error!r}"
-        ) from error
 
 
 @contextmanager
