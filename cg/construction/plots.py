@@ -115,8 +115,8 @@ def _text(value: Fraction, digits: int = 4) -> str:
 def _flow(weights: Mapping[int, Fraction]) -> str:
     """Return the sum of fields of a flow as text, two terms a line."""
     terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
-    signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
-    return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
+    lines = [" + ".join(terms[k : k + 2]) for k in range(0, len(terms), 2)]
+    return "\n+ ".join(lines).replace("+ −", "− ")
 
 
 def points(method: str | Method, ax: Any = None) -> Any:

@@ -289,8 +289,6 @@ class MuntheKaas(Method):
     tableau: Tableau
     third_weights: tuple[Coefficient, ...] | None
     of_trees: ClassVar[bool] = False
-    nominal_order: int | None
-    nominal_residual: Coefficient | None
 
     def __init__(
         self,
