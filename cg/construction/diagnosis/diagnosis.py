@@ -301,22 +301,18 @@ def first_failing(method: Method) -> FailingCondition | None:
     lower = conditions.count(order - 1, independent=True) if order > 1 else 0
     trees = conditions.condition_trees(order, independent=True)[lower:]
     sides = conditions.right_sides(order, independent=True)[lower:]
-    residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
-    residuals = residuals_in(arithmetic="balls")[lower:]
     allowed = method.tolerance(order)[lower:].tolist()
-    # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
-    failing = [
-        k
-        for k, (r, t) in enumerate(zip(residuals, allowed, strict=True))
-        if not math.isfinite(t) or not (r.contains(0) or abs(r) <= t)
-    ]
-    if failing:
-        residual = float(residuals[failing[0]].mid())
-    else:  # the balls contain zero: decide in exact arithmetic
-        exact = residuals_in(arithmetic="exact")[lower:]
-        pairs = enumerate(zip(exact, allowed, strict=True))
-        failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
-        residual = float(exact[failing[0]])
+    residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
+    for arithmetic in ("balls", "exact"):  # the latter if the balls contain zero
+        residuals = residuals_in(arithmetic=arithmetic)[lower:]
+        # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
+        failing = [
+            k
+            for k, (r, t) in enumerate(zip(residuals, allowed, strict=True))
+            if not (math.isfinite(t) and (abs(r) <= t or (arithmetic == "balls" and 0 in r)))
+        ]
+        if failing:
+            break
     k = failing[0]
-    tree = forest(order + 1).tree(trees[k])
+    tree, residual = forest(order + 1).tree(trees[k]), float(residuals[k])
     return FailingCondition(order, tree, residual, sides[k], len(failing), len(trees))
