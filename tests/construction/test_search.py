@@ -324,6 +324,8 @@ def test_construct_keeps_held_values_and_the_interval_of_abscissae():
     assert_held(
         cg.construct(5, 10, 1, hold=hold, structure=cg.Structure.STAGE_ORDER_TWO).method, hold
     )
+    hold = {"c[2]": "1/3"}
+    assert_held(cg.construct(3, 4, seed=1, tree=cg.methods["CF4"], hold=hold).method, hold)
     for shape in ({}, {"flows": 6}):
         method = cg.construct(4, 5, seed=1, abscissae=(0, 0.95), **shape).method
         assert method.c.min() >= 0
