@@ -15,7 +15,7 @@ from cg.construction.search.candidate import (
     solved,
     to_method,
 )
-from cg.construction.search.construct import acceptable, run_attempt
+from cg.construction.search.construct import run_attempt
 from cg.construction.search.optimise import Goals, optimise
 from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -159,7 +159,8 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    assert acceptable(settings, candidate) is useful
+    reduction = Reduction(np.random.default_rng(0), settings.largest)
+    assert reduction.accepts(candidate) is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

@@ -7,7 +7,7 @@ to zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -123,12 +123,6 @@ def solved(candidate: Candidate) -> bool:
     return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
 
 
-def refinable(candidate: Candidate) -> bool:
-    """Return whether refinement in real(16) leads to an exact solution."""
-    refined, _, bound = _refined(candidate)
-    return refined.largest_residual <= bound
-
-
 def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
     """Refine a candidate, whose exact zeros stay; return what may move, and the bound to reach."""
     movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
@@ -171,15 +165,18 @@ def make_method(
 
 @dataclass(frozen=True)
 class Reduction:
-    """Steps along the solution set, by which stages and flows are eliminated.
-
-    Coefficients stay below `largest`, and `accept` tests smaller candidates.
-    """
+    """Steps along the solution set, by which stages and flows are eliminated."""
 
     random: np.random.Generator
-    largest: float = 4.0
+    largest: float = 4.0  # bound on coefficients
     restarts: int = 3  # walks after which a number of stages or flows is the smallest
-    accept: Callable[[Candidate], bool] = solved
+
+    def accepts(self, candidate: Candidate) -> bool:
+        """Return whether a candidate is bounded, on the solution set, and no useless pair."""
+        if not (solved(candidate) and candidate.largest <= self.largest):
+            return False
+        refined, _, bound = _refined(candidate)
+        return refined.largest_residual <= bound and not candidate.blind
 
     def eliminate_stages(self, candidate: Candidate, stages: int) -> Candidate:
         """Eliminate one stage after another until `stages` are left; return the smallest candidate.
@@ -204,7 +201,7 @@ class Reduction:
     def eliminate_flows(self, candidate: Candidate, flows: int) -> Candidate:
         """Return what is left when flows are dropped one by one, with walks where that fails."""
         walks = 0
-        while self.accept(candidate) and walks <= self.restarts:
+        while self.accepts(candidate) and walks <= self.restarts:
             if candidate.system.layout.flows == flows:
                 break
             smaller = self.drop_flow(candidate)
@@ -257,7 +254,7 @@ class Reduction:
         noise = _SPREAD * self.random.standard_normal(len(starts))
         for k in np.argsort(closeness + noise, kind="stable")[:_TRIES]:
             smaller = solve_start(starts[k], iterations, promising=promising)
-            if self.accept(smaller):
+            if self.accepts(smaller):
                 return smaller
         return None
 
@@ -268,7 +265,7 @@ class Reduction:
         order = np.argsort(sizes * np.exp(0.4 * self.random.standard_normal(sizes.size)))
         for k in order[:_MAX_COLUMNS]:
             smaller = self.shrink_stage(candidate, stages[int(k)])
-            if smaller is not None and self.accept(smaller):
+            if smaller is not None and self.accepts(smaller):
                 return smaller
         return None
 

@@ -19,9 +19,7 @@ from cg.construction.search.candidate import (
     Reduction,
     default_name,
     fixed_entries,
-    refinable,
     solve_start,
-    solved,
     to_method,
 )
 from cg.construction.search.requirements import Requirements
@@ -56,7 +54,7 @@ class Attempt:
 
 def run_attempt(settings: Settings, index: int) -> Attempt:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
-    random, accept = start_generator(settings.seed, index), partial(acceptable, settings)
+    random = start_generator(settings.seed, index)
     if settings.first_flows is not None:
         layout = settings.tree_for(settings.first_flows, random)
     else:
@@ -65,14 +63,15 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
         layout = Layout.tableau(stages, pair=settings.embedded)
     guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
-    reduction = Reduction(random, settings.largest, settings.restarts, accept)
+    reduction = Reduction(random, settings.largest, settings.restarts)
     if settings.flows is not None:
         candidate = reduction.eliminate_flows(candidate, settings.flows)
-    elif accept(candidate):
+    elif reduction.accepts(candidate):
         candidate = reduction.eliminate_stages(candidate, settings.stages)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
     points = (layout.flows, layout) if layout.rows is None else ()
-    return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
+    accepted = reduction.accepts(candidate)
+    return Attempt(index, layout.stages, accepted, candidate.f, x, *points)
 
 
 def random_candidate(
@@ -103,12 +102,6 @@ def succeeded(settings: Settings, attempt: Attempt) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
     goal = settings.stages, settings.flows
     return attempt.solved and (attempt.stages, attempt.flows) == goal
-
-
-def acceptable(settings: Settings, candidate: Candidate) -> bool:
-    """Return whether a candidate is on the solution set, and as the settings require."""
-    within = solved(candidate) and candidate.largest <= settings.largest
-    return within and refinable(candidate) and not candidate.blind
 
 
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
