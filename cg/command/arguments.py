@@ -47,8 +47,6 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return what is made of the method; raise BadParameter if it can't be read."""
-        if not isinstance(value, str):  # it is converted
-            return value
         try:
             if is_file(value):
                 return self._read(value)

@@ -351,6 +351,11 @@ class Layout:
         """Whether there is a second result."""
         return len(self.results) > 1
 
+    @property
+    def flows(self) -> int:
+        """Number of flows, without one to a second result."""
+        return len(self.parents) - self.pair
+
     @cached_property
     def size(self) -> int:
         """Number of unknowns."""

@@ -64,10 +64,10 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(method.abscissae[i]), **_cell(FAINT))
+            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, _SIZE))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry), **_cell("black"))
+                ax.text(j, y, _text(entry), **_centred(size=_SIZE))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
@@ -103,8 +103,8 @@ def _set_title(ax: Any, method: Method) -> None:
     ax.set_title(f"{verbatim(method.name) or 'without name'}: {method.description()}", fontsize=10)
 
 
-def _cell(colour: str) -> dict[str, Any]:
-    return {"ha": "center", "va": "center", "fontsize": _SIZE, "color": colour}
+def _centred(colour: str = "black", size: float = 7) -> dict[str, Any]:
+    return {"ha": "center", "va": "center", "fontsize": size, "color": colour}
 
 
 def _text(value: Fraction, digits: int = 4) -> str:
@@ -115,8 +115,8 @@ def _text(value: Fraction, digits: int = 4) -> str:
 def _flow(weights: Mapping[int, Fraction]) -> str:
     """Return the sum of fields of a flow as text, two terms a line."""
     terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
-    signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
-    return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
+    lines = [" + ".join(terms[k : k + 2]) for k in range(0, len(terms), 2)]
+    return "\n+ ".join(lines).replace("+ −", "− ")
 
 
 def points(method: str | Method, ax: Any = None) -> Any:
@@ -149,15 +149,9 @@ def points(method: str | Method, ax: Any = None) -> Any:
         xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
         ax.plot(xs, ys, "-", color=FAINT, linewidth=1.2, zorder=1)
         if labelled:
-            ax.text(
-                (xs[0] + xs[1]) / 2,
-                (ys[0] + ys[1]) / 2,
-                _flow(tree.points[m].weights),
-                ha="center",
-                va="center",
-                fontsize=7,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-            )
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            flow = _flow(tree.points[m].weights)
+            ax.text(sum(xs) / 2, sum(ys) / 2, flow, bbox=box, **_centred())
     _draw_points(ax, tree, places)
     ax.set_xlabel("time of the point, in steps")
     ax.set_yticks([])
@@ -180,16 +174,8 @@ def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]
     for number, (at, numbers) in enumerate(stages.items()):
         once = {"label": "stages"} if number == 0 else {}
         ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
-        ax.text(
-            *places[at],
-            ", ".join(numbers),
-            color="white",
-            ha="center",
-            va="center",
-            fontsize=7,
-            fontweight="bold",
-            zorder=5,
-        )
+        text = ", ".join(numbers)
+        ax.text(*places[at], text, fontweight="bold", zorder=5, **_centred("white"))
     ax.legend(frameon=False, fontsize=8, markerscale=0.5, loc="upper left")
 
 

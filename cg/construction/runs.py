@@ -19,10 +19,10 @@ import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from cg.support.parallel import ExecutorLike, check_executor, completed, make_bar
 
@@ -105,10 +105,16 @@ class Store:
             self._file.close()
             raise
 
-    def pieces(self) -> dict[int, dict[str, Any]]:
-        """Return the fields of finished pieces by their numbers."""
+    def results(self, read: Callable[[dict[str, Any]], Result]) -> dict[int, Result]:
+        """Return the results of finished pieces by their numbers; `read` makes them of fields."""
         lines = read_store(self.path, self.run)
-        return {line["index"]: line for line in lines if line.pop("run") and "index" in line}
+        pieces = {line["index"]: line for line in lines if line.pop("run") and "index" in line}
+        try:
+            return {number: read(pieces[number]) for number in sorted(pieces)}
+        except (KeyError, TypeError) as error:
+            raise StoreError(
+                f"store {self.path} was written by another version of this package: {error!r}"
+            ) from error
 
     def append(self, line: Mapping[str, Any]) -> None:
         """Store the settings, or a finished piece, which has an ``index``."""
@@ -131,101 +137,64 @@ def _versions() -> dict[str, str]:
     return {"crouch-grossman": package, "numpy": version("numpy")}
 
 
-class Score(NamedTuple):
-    """How good the result of a piece is."""
-
-    f: float  # sum of squared residuals
-    solved: bool
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """How a long run is carried out, which doesn't change results."""
-
-    workers: int | None
-    executor: ExecutorLike
-    store: str | os.PathLike[str] | None
-    progress: Callable[[int, int], None] | None
-    bar: bool
-
-    @classmethod
-    def checked(
-        cls,
-        workers: int | None,
-        executor: ExecutorLike,
-        store: str | os.PathLike[str] | None,
-        progress: Callable[[int, int], None] | bool | None,
-    ) -> RunOptions:
-        """Return the options of a run, checked, except the store, which is opened later."""
-        if not (progress is None or isinstance(progress, bool) or callable(progress)):
-            raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
-        call = progress if callable(progress) else None
-        return cls(*check_executor(executor, workers)[::-1], store, call, progress is True)
-
-
 def run_pieces(
     settings: Any,
     work: Callable[[int], Result],
     total: int,
-    options: RunOptions,
     *,
     read: Callable[[dict[str, Any]], Result],
-    score: Callable[[Result], Score],
+    solved: Callable[[Result], bool],
+    workers: int | None,
+    executor: ExecutorLike,
+    store: str | os.PathLike[str] | None,
+    progress: Callable[[int, int], None] | bool | None,
 ) -> Generator[Result, None, None]:
     """Yield the results of pieces: those that the store has, then each after it was stored.
 
     A piece is a function of the `settings`, a dataclass with a ``kind``, and of its number. Results
-    are dataclasses with the number as ``index``, which `read` makes of the dict of their fields.
+    are dataclasses with the number as ``index`` and the sum of squared residuals ``f``, which
+    `read` makes of the dict of their fields; `solved` tells which ones a bar counts.
     """
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise TypeError(f"progress must be callable, got {progress!r}; True asks for a bar")
+    executor, workers = check_executor(executor, workers)
     with ExitStack() as stack:
-        store, known = None, {}
-        if options.store is not None:
-            store = Store(options.store, asdict(settings))
-            stack.enter_context(closing(store))
-            known = {k: each for k, each in _known(store, read).items() if k < total}
-        count = stack.enter_context(_counted(options, _NOUNS[settings.kind][1], total, len(known)))
+        file, known = None, {}
+        if store is not None:
+            file = stack.enter_context(closing(Store(store, asdict(settings))))
+            known = {k: each for k, each in file.results(read).items() if k < total}
+        run, piece = _NOUNS[settings.kind]
+        count = stack.enter_context(_counted(progress, piece, total, len(known), solved))
         for result in known.values():
-            count(score(result), False)
+            count(result, False)
             yield result
-        stack.enter_context(_how_to_continue(options.store, _NOUNS[settings.kind][0]))
+        stack.enter_context(_how_to_continue(store, run))
         numbers = (number for number in range(total) if number not in known)
-        running = completed(
-            work, numbers, options.executor, options.workers, finish=store is not None
-        )
+        running = completed(work, numbers, executor, workers, finish=file is not None)
         for done, (_, result) in enumerate(stack.enter_context(closing(running)), len(known) + 1):
-            if store is not None:
-                store.append(asdict(result))  # type: ignore[call-overload]
-            count(score(result), True)
-            if options.progress is not None:
-                options.progress(done, total)
+            if file is not None:
+                file.append(asdict(result))  # type: ignore[call-overload]
+            count(result, True)
+            if callable(progress):
+                progress(done, total)
             yield result
-
-
-def _known(store: Store, read: Callable[[dict[str, Any]], Result]) -> dict[int, Result]:
-    """Return the results in a store by their numbers, in order."""
-    try:
-        return {number: read(fields) for number, fields in sorted(store.pieces().items())}
-    except (KeyError, TypeError) as error:
-        raise StoreError(
-            f"store {store.path} was written by another version of this package: {error!r}"
-        ) from error
 
 
 @contextmanager
 def _counted(
-    options: RunOptions, piece: str, total: int, known: int
-) -> Iterator[Callable[[Score, bool], None]]:
-    """Yield a function that counts a result, new or stored, and shows it on the bar."""
-    if not options.bar:
-        yield lambda score, new: None
+    progress: Any, piece: str, total: int, known: int, solved: Callable[[Any], bool]
+) -> Iterator[Callable[[Any, bool], None]]:
+    """Yield a function that counts a result, new or stored, and shows it on a bar, if there is."""
+    if progress is not True:
+        yield lambda result, new: None
         return
-    best, solved = float("inf"), 0
+    best, number = float("inf"), 0
     with make_bar(total=total, initial=known, unit=piece) as bar:
 
-        def count(score: Score, new: bool) -> None:
-            nonlocal best, solved
-            best, solved = min(best, score.f), solved + score.solved
-            bar.set_postfix_str(f"{solved} solved, smallest f {best:.1e}", refresh=False)
+        def count(result: Any, new: bool) -> None:
+            nonlocal best, number
+            best, number = min(best, result.f), number + solved(result)
+            bar.set_postfix_str(f"{number} solved, smallest f {best:.1e}", refresh=False)
             bar.update(int(new))
 
         yield count

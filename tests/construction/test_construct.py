@@ -11,14 +11,11 @@ from cg.construction.conditions import Rows, residuals
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
-    drop_flow,
-    eliminate,
-    eliminate_stage,
+    Reduction,
     solved,
     to_method,
-    walk,
 )
-from cg.construction.search.construct import acceptable, run_attempt
+from cg.construction.search.construct import run_attempt
 from cg.construction.search.optimise import Goals, optimise
 from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -52,16 +49,15 @@ class TestSystem:
 class TestMoving:
     def test_walk_reaches_another_solution(self):
         candidate = a_candidate(4, 6)
-        moved = walk(candidate, np.random.default_rng(1), size=0.2)
+        moved = Reduction(np.random.default_rng(1)).walk(candidate, size=0.2)
         assert solved(moved)
         assert np.linalg.norm(moved.x - candidate.x) > 0.02
 
     def test_eliminate_stage(self):
-        random = np.random.default_rng(3)
-        reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
-        assert [candidate.system.stages for candidate in reached] == [7, 6]
-        assert all(solved(candidate) for candidate in reached)
-        method = to_method(reached[-1], name="six", source="test")
+        reduction = Reduction(np.random.default_rng(3))
+        smallest = reduction.eliminate_stages(a_candidate(4, 8, seed=1), 6)
+        assert solved(smallest)
+        method = to_method(smallest, name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
 
     def test_drops_stage_without_influence(self):
@@ -72,7 +68,7 @@ class TestMoving:
         a[np.ix_(keep, keep)] = full_a
         a[1, 0], b[keep] = 0.7, full_b
         wider = Candidate(ConditionSystem.tableau(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
-        smaller = eliminate_stage(wider, 1)
+        smaller = Reduction(np.random.default_rng(0)).shrink_stage(wider, 1)
         np.testing.assert_allclose(smaller.x, candidate.x, rtol=0, atol=1e-12)
 
 
@@ -163,7 +159,8 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    assert acceptable(settings, candidate) is useful
+    reduction = Reduction(np.random.default_rng(0), settings.largest)
+    assert reduction.accepts(candidate) is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():
@@ -174,7 +171,7 @@ def test_dropped_flows_leave_no_idle_stage():
     )
     layout = candidate.system.layout
     assert set(layout.stage_of.tolist()) == set(range(layout.stages))
-    assert drop_flow(candidate, np.random.default_rng(0)) is None
+    assert Reduction(np.random.default_rng(0)).drop_flow(candidate) is None
 
 
 def test_construct_starts_at_the_highest_order():

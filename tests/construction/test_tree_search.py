@@ -8,7 +8,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.layouts import Layout, MethodError, check_tree
-from cg.construction.search.candidate import Candidate, drop_flow, solved
+from cg.construction.search.candidate import Candidate, Reduction, solved
 from cg.construction.search.shapes import draw_layout
 from cg.construction.search.start import draw_start, run_start
 from cg.construction.solvers.system import ConditionSystem
@@ -119,7 +119,6 @@ def solution(order, **shape):
 
 def test_dropping_flow_leaves_solution():
     candidate = solution(4, stages=6, flows=9, starts=20)
-    random = np.random.default_rng(1)
-    fewer = drop_flow(candidate, random, largest=10.0)
+    fewer = Reduction(np.random.default_rng(1), largest=10.0).drop_flow(candidate)
     assert solved(fewer)
     assert (fewer.system.stages, len(fewer.system.layout.parents)) == (6, 8)

@@ -104,17 +104,17 @@ def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
 def test_the_last_flow_removes_the_leading_error(count):
     """This holds for coefficients that are a polynomial of one degree more than interpolated."""
     rng = np.random.default_rng(count)
-    nodes = nodes_of(count)
-    assert len(nodes.nodes) == count
-    assert (np.diff(nodes.nodes) > 0).all()
+    nodes, blend = nodes_of(count)
+    assert len(nodes) == count
+    assert (np.diff(nodes) > 0).all()
     field = Polynomial(rng.standard_normal(count + 1))
     solution = field.integ()
-    values = field(nodes.nodes)
+    values = field(nodes)
     s = np.linspace(0, 1, 11)
-    interpolated = Polynomial.fit(nodes.nodes, values, count - 1, domain=[0, 1], window=[0, 1])
+    interpolated = Polynomial.fit(nodes, values, count - 1, domain=[0, 1], window=[0, 1])
     integral = interpolated.integ()
     rest = solution(1.0) - (integral(1.0) - integral(0.0))
-    value = integral(s) - integral(0.0) + rest * nodes.blend(s)
+    value = integral(s) - integral(0.0) + rest * blend(s)
     np.testing.assert_allclose(value, solution(s), rtol=0, atol=5e-14)
 
 

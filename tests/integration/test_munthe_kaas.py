@@ -16,7 +16,6 @@ from cg import frames as fr
 from cg.construction.catalogue import dumps, loads
 from cg.construction.layouts import MethodError
 from cg.construction.methods.compile import error_exponent
-from cg.construction.methods.interpolant import extension_of
 from cg.construction.methods.low_storage import from_two_registers
 from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere
 from cg.integration.plan.plan import dexpinv_of, is_compiled
@@ -126,9 +125,8 @@ def test_rows_that_repeat_or_are_zero(frame):
 def test_interpolants_of_any_tableau_meet_the_conditions_of_their_order(name):
     """On a quadrature and on an equation in the plane, where the flat order is seen."""
     method = cg.MuntheKaas(cg.Tableau(*cg.methods[name].exact))
-    extension = extension_of(method)
     known = {"BS3(2)": 0, "DVERK6(5)": 4, "Verner7(6)": 6, "Verner8(7)": 9}
-    assert len(extension.theta) == known[name]
+    assert len(method.table().output.theta) == known[name]
 
     f = lambda t, y: [-y[1] + 0.3 * np.sin(t), y[0] * y[1]]
     sizes, t = np.array([0.2, 0.1]), np.linspace(0.1, 0.9, 9)

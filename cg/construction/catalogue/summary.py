@@ -89,8 +89,4 @@ def write_summaries(path: Any) -> None:
 
 
 def _finite(x: float) -> float | None:
-    return _rounded(x) if math.isfinite(x) else None
-
-
-def _rounded(x: float) -> float:
-    return float(f"{x:.4g}")
+    return float(f"{x:.4g}") if math.isfinite(x) else None

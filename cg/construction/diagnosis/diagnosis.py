@@ -163,12 +163,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     [[[]]]  Φ = 0.3, 1/γ = 1/2, off by -0.2
     """
     method = resolve_method(method)
-    if isinstance(method, MagnusMethod):
-        raise TypeError(f"method must be for nonlinear equations, got {method!r}")
-    if isinstance(method, Splitting):
+    if isinstance(method, MagnusMethod | Splitting):
         raise TypeError(
-            "method must not be a splitting method, whose conditions are listed by "
-            f"`crouch-grossman show --conditions`, got {method!r}"
+            "method must be for nonlinear equations, and no splitting method, whose conditions "
+            f"`crouch-grossman show --conditions` lists, got {method!r}"
         )
     order, flat = method.exact_order, flat_order(_flat_tableau(method))
     changes: tuple[Correction, ...] = ()
@@ -251,18 +249,11 @@ def _flat_tableau(method: Method) -> Tableau:
         return method
     if isinstance(method, MuntheKaas):
         return method.tableau
-    units = [
-        {stage: weight.unit for stage, weight in row.items()}
-        for row in method.layout.point_weights(method.coefficients)
-    ]
+    units = method.layout.tree([weight.unit for weight in method.coefficients])
 
     def row(end: int) -> list[Coefficient]:
-        sums = [Fraction(0)] * method.stages
-        for m in method.tree.path(end):
-            for stage, unit in units[m].items():
-                sums[stage] += unit
-        values = method.tree.flat_row(end)
-        return [Coefficient(v, to_decimal(v), u) for v, u in zip(values, sums, strict=True)]
+        rows = zip(method.tree.flat_row(end), units.flat_row(end), strict=True)
+        return [Coefficient(value, to_decimal(value), unit) for value, unit in rows]
 
     return Tableau([row(at) for at in method.tree.stage_points], row(method.tree.result))
 
@@ -310,22 +301,18 @@ def first_failing(method: Method) -> FailingCondition | None:
     lower = conditions.count(order - 1, independent=True) if order > 1 else 0
     trees = conditions.condition_trees(order, independent=True)[lower:]
     sides = conditions.right_sides(order, independent=True)[lower:]
-    residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
-    residuals = residuals_in(arithmetic="balls")[lower:]
     allowed = method.tolerance(order)[lower:].tolist()
-    # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
-    failing = [
-        k
-        for k, (r, t) in enumerate(zip(residuals, allowed, strict=True))
-        if not math.isfinite(t) or not (r.contains(0) or abs(r) <= t)
-    ]
-    if failing:
-        residual = float(residuals[failing[0]].mid())
-    else:  # the balls contain zero: decide in exact arithmetic
-        exact = residuals_in(arithmetic="exact")[lower:]
-        pairs = enumerate(zip(exact, allowed, strict=True))
-        failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
-        residual = float(exact[failing[0]])
+    residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
+    for arithmetic in ("balls", "exact"):  # the latter if the balls contain zero
+        residuals = residuals_in(arithmetic=arithmetic)[lower:]
+        # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
+        failing = [
+            k
+            for k, (r, t) in enumerate(zip(residuals, allowed, strict=True))
+            if not (math.isfinite(t) and (abs(r) <= t or (arithmetic == "balls" and 0 in r)))
+        ]
+        if failing:
+            break
     k = failing[0]
-    tree = forest(order + 1).tree(trees[k])
+    tree, residual = forest(order + 1).tree(trees[k]), float(residuals[k])
     return FailingCondition(order, tree, residual, sides[k], len(failing), len(trees))

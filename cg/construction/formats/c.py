@@ -1,11 +1,8 @@
 """A step in C: a header file."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from cg.construction.formats.code import (
-    Language,
     Program,
     array,
     comment,
@@ -13,6 +10,7 @@ from cg.construction.formats.code import (
     identifier,
     reals,
     template,
+    write,
 )
 from cg.construction.formats.digits import Numbers
 from cg.frames.base import Frame
@@ -20,63 +18,16 @@ from cg.frames.inertia import times
 from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind, BlockOption
 
-_DEXPINV = """
-/* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
-   u by the derivative of the coordinates. */
-typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
-"""
 
-_DERIVATIVE = """            if (@name@_slot[stage]) {
-                status = dexpinv(work + @slots@ * n + (@stages@ + @name@_slot[stage]) * m,
-                    fields + stage * m, data);
-                if (status) return status;
-            }
-"""
-
-_ALGEBRA = {
-    "typedef": _DEXPINV,
-    "dexpinv": "@name@_dexpinv dexpinv, ",
-    "v": "            v = fields + (@stages@ + @name@_target[move]) * m;\n",
-    "derivative": _DERIVATIVE,
-}
-
-_PAIR = {
-    "output": """    if (second)
-        for (i = 0; i < n; i++) second[i] = work[@second_slot@ * n + i];
-""",
-    "remark": """
-   Writes the second result, of order @lower@, to second unless that is a null pointer.""",
-    "second": "@NAME@_REAL *second, ",
-}
-
-_ERROR = """    if (error)
-        for (k = 0; k < @errors@; k++)
-            for (i = 0; i < m; i++) {
-                @NAME@_REAL sum = (h * @name@_error[k * @stages@]) * fields[i];
-                for (stage = 1; stage < @stages@; stage++)
-                    sum = sum + (h * @name@_error[k * @stages@ + stage]) * fields[stage * m + i];
-                error[k * m + i] = sum;
-            }
-"""
-
-_ERROR_REMARKS = {
-    1: """
-   Writes the m coefficients of its error to error unless that is a null pointer: the
-   coefficients of the field whose flow joins the two results.""",
-    2: """
-   Writes the m coefficients of its error e, and the m of e_3, to error unless that is a null
-   pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
-}
+def to_c(program: Program, frame: Frame | None) -> str:
+    """Return a header with the step, and the flow of a frame unless that is None."""
+    flows = ""
+    if frame is not None:
+        flows = _Flows(frame).text(template("frame_flow.h"), program.name, program.on_algebra)
+    return write(program, ["top.h", "step.h"], "//", _tables(program), flows)
 
 
-def flows_of(program: Program, frame: Frame | None) -> str:
-    """Return the part of a header that has the flows of a frame; empty without a frame."""
-    if frame is None:
-        return ""
-    return _Flows(frame).text(template("frame_flow.h"), program.name, program.on_algebra)
-
-
-def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
+def with_free_motion(numbers: Numbers, frame: PhaseSpace) -> str:
     """Return the header of a step of a splitting method for mechanical systems."""
     flows, name = _Flows(frame), identifier(numbers.method.name)
     if frame.gyroscopic is not None or frame.jointed:
@@ -114,7 +65,7 @@ def with_free_motion(numbers: Numbers, title: str, frame: PhaseSpace) -> str:
         "stages": str(numbers.method.stages),
         "free_motion": fill(template(motion), {"gauss": "\n".join(gauss)}) if motion else "",
     })  # fmt: skip
-    heading = comment(f"{title}\n{numbers.method.source}".strip(), "//")
+    heading = comment(numbers.heading, "//")
     return fill(flows.text(text, name, False), {"heading": heading})
 
 
@@ -157,24 +108,23 @@ class _Flows:
 
     def text(self, text: str, name: str, on_algebra: bool) -> str:
         """Return a text with the flows."""
-        rotations = {BlockKind.SO3, BlockKind.SPHERE}
-        used = {
-            "quaternion.h": bool(self._kinds - {BlockKind.EUCLIDEAN}),
-            "turn.h": BlockKind.QUATERNION in self._kinds,
-            "rotate.h": bool(self._kinds & rotations),
-            "rotation_dexpinv.h": on_algebra and bool(self._changes),
-        }
+        conditions = {"algebra"} if on_algebra else set()
+        if self._kinds - {BlockKind.EUCLIDEAN}:
+            conditions |= {"rotations", "dexpinv"} if on_algebra else {"rotations"}
+        if BlockKind.QUATERNION in self._kinds:
+            conditions.add("quaternions")
+        if self._kinds & {BlockKind.SO3, BlockKind.SPHERE}:
+            conditions.add("vectors")
         return fill(text, {
             "moves": "\n".join(f"    {line}" for line in self.moves),
-            "dexpinvs": template("frame_dexpinv.h") if on_algebra else "",
             "changes": "".join(f"    {line}\n" for line in self._changes),
-            "parts": template(*(name for name, needed in used.items() if needed)),
+            "parts": fill(template("rotations.h"), {}, conditions),
             "n": self._size, "m": self._dim, "frame": self.frame,
             "name": name, "NAME": name.upper(),
-        })  # fmt: skip
+        }, conditions)  # fmt: skip
 
 
-def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
+def _tables(program: Program) -> str:
     weights = tuple(weight for move in program.moves for _, weight in move.terms)
     numbers = {"weight": weights, "c": program.c}
     if program.errors:
@@ -184,16 +134,8 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
         "   number of moves before it, and a slot. Each move is a flow from one slot to another,",
         "   along the weighted sum of the fields at stages. */",
     ]
-    for name, entries in integers.items():
+    for name, entries in program.integer_tables().items():
         lines.append(array(f"static const int {program.name}_{name}", entries))
     for name, texts in numbers.items():
         lines.append(reals(program.name, name, texts))
     return "\n".join(lines)
-
-
-C = Language(
-    ("top.h", "step.h"), mark="//", tables=_tables,
-    pair=_PAIR,
-    error={"output": _ERROR, "second": "@NAME@_REAL *error, "}, remarks=_ERROR_REMARKS,
-    algebra=_ALGEBRA,
-)  # fmt: skip

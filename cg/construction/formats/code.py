@@ -9,8 +9,8 @@ NumPy, or a pure function for JAX.
 
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from importlib.resources import files
@@ -22,6 +22,7 @@ from cg.construction.methods.commutator_free import MuntheKaas
 from cg.support.parsing import visible
 
 _WIDTH = 96
+_SECTION = re.compile(r"@if (\w+)@\n?(.*?)@end \1@\n?", re.DOTALL)  # of a template
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,7 @@ class Program:
     """The moves and evaluations of a step; slots and stages are counted from 0."""
 
     name: str  # an identifier in lower case
-    title: str  # one-line summary of the method
-    source: str
+    heading: str  # a summary and the source of the method
     slots: int  # number of slots
     moves: tuple[Move, ...]
     before: tuple[int, ...]  # number of moves before each stage; the others follow the last stage
@@ -69,48 +69,35 @@ class Program:
         return {name: list(map(str, values)) for name, values in tables.items()}
 
 
-Parts = Mapping[str, str]
+def write(
+    program: Program, templates: Sequence[str], mark: str, tables: str, flows: str = ""
+) -> str:
+    """Return the text of a file of templates, in which `mark` begins a comment.
 
-
-@dataclass(frozen=True)
-class Language:
-    """Templates in which each ``@key@`` is a part; parts may contain keys of later ones."""
-
-    templates: tuple[str, ...]  # names, see `text.template`, of those that follow each other
-    mark: str  # begins a comment
-    tables: Callable[[Program, Mapping[str, list[str]]], str]  # as text
-    pair: Parts  # text for methods with a second result
-    error: Parts  # text for methods with errors in the algebra,
-    remarks: Mapping[int, str]  # and the part ``remark``, by the number of errors
-    algebra: Parts  # text for methods that work in the algebra,
-    manifold: Parts = field(default_factory=dict)  # and of others: by default empty texts
-
-    def write(self, program: Program, flows: str) -> str:
-        """Return the text of a file, with the text of the flows of a frame."""
-        parts: dict[str, object] = dict.fromkeys([*self.pair, *self.error, "remark"], "")
-        if program.second is not None:
-            parts |= self.pair
-        elif program.errors:
-            parts |= {**self.error, "remark": self.remarks[len(program.errors)]}
-        on_manifold = {**dict.fromkeys(self.algebra, ""), **self.manifold}
-        parts |= self.algebra if program.on_algebra else on_manifold
-        parts |= {
-            "tables": self.tables(program, program.integer_tables()),
-            "name": program.name,
-            "NAME": program.name.upper(),
-            "slots": program.slots,
-            "stages": program.stages,
-            "moves": len(program.moves),
-            "rows": program.stages + (program.slots if program.on_algebra else 1),
-            "result": program.result,
-            "second_slot": program.second or 0,
-            "errors": len(program.errors),
-            "lower": program.lower_order,
-            "flows": flows,
-            # the last one, as users write it
-            "heading": comment(f"{program.title}\n{program.source}", self.mark),
-        }
-        return fill(template(*self.templates), parts)
+    It has the tables of the moves, and the text of the flows of a frame.
+    """
+    conditions = {"algebra" if program.on_algebra else "manifold"}
+    if program.second is not None:
+        conditions.add("pair")
+    elif program.errors:
+        conditions |= {"error", "one_error" if len(program.errors) == 1 else "two_errors"}
+    parts = {
+        "tables": tables,
+        "name": program.name,
+        "NAME": program.name.upper(),
+        "slots": program.slots,
+        "stages": program.stages,
+        "moves": len(program.moves),
+        "rows": program.stages + (program.slots if program.on_algebra else 1),
+        "result": program.result,
+        "second_slot": program.second,
+        "errors": len(program.errors),
+        "lower": program.lower_order,
+        "flows": flows,
+        # the last one, as users write it
+        "heading": comment(program.heading, mark),
+    }
+    return fill(template(*templates), parts, conditions)
 
 
 def identifier(name: str) -> str:
@@ -121,7 +108,7 @@ def identifier(name: str) -> str:
     return text[:40].rstrip("_")
 
 
-def make_program(numbers: Numbers, title: str) -> Program:
+def make_program(numbers: Numbers) -> Program:
     """Return the program of a step of an explicit method; ValueError for others."""
     method = numbers.method
     if not method.explicit:
@@ -146,8 +133,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
     lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
     return Program(
         identifier(method.name),
-        title,
-        method.source,
+        numbers.heading,
         count,
         moves,
         before,
@@ -227,11 +213,17 @@ def template(*names: str) -> str:
     return "".join((folder / f"{name}.in").read_text(encoding="utf-8") for name in names)
 
 
-def fill(template: str, parts: Mapping[str, object]) -> str:
-    """Return a template with each ``@key@``, also in earlier parts, replaced by its part."""
+def fill(text: str, parts: Mapping[str, object], conditions: Container[str] = ()) -> str:
+    """Return a template with each ``@key@``, also in earlier parts, replaced by its part.
+
+    What is between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
+    """
+    while section := _SECTION.search(text):
+        kept = section[2] if section[1] in conditions else ""
+        text = text[: section.start()] + kept + text[section.end() :]
     for key, part in parts.items():
-        template = template.replace(f"@{key}@", str(part))
-    return template
+        text = text.replace(f"@{key}@", str(part))
+    return text
 
 
 def comment(text: str, mark: str) -> str:
@@ -276,59 +268,9 @@ def reals(name: str, table: str, texts: Iterable[str]) -> str:
     return array(f"static const {name.upper()}_REAL {name}_{table}", values)
 
 
-_ON_MANIFOLD = {
-    "call": "f, flow, t, y, h",
-    "argument": "",
-    "coordinates": "",
-    "moved": "flow, points, fields",
-    "evaluate": "        fields.append(_array(f(t + c * h, points[slot])))",
-    "move": "        points[target] = flow(_combined(terms, fields, h), points[origin])",
-}
-
-_ALGEBRA = {
-    "call": "f, flow, dexpinv, t, y, h",
-    "argument": """    dexpinv : callable
-        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point whose velocity
-        has the coefficients v.
-""",
-    "coordinates": "    coordinates = [None] * SLOTS\n",
-    "moved": "flow, points, coordinates, fields",
-    "evaluate": """        field = _array(f(t + c * h, points[slot]))
-        fields.append(field if slot == 0 else _array(dexpinv(coordinates[slot], field)))""",
-    "move": """        coordinates[target] = _combined(terms, fields, h)
-        points[target] = flow(coordinates[target], points[origin])""",
-}
-
-_PAIR = '''
-
-def step_pair(@call@):
-    """Return the point after a step, and the second result, of order @lower@.
-
-    The arguments are those of `step`.
-    """
-    points, _ = _stages(@call@)
-    return points[RESULT], points[SECOND]
-'''
-
-_ERROR = '''
-
-def step_error(@call@):
-    """Return the point after a step, and the coefficients of its error.
-
-    The arguments are those of `step`. @remark@
-    """
-    points, fields = _stages(@call@)
-    return points[RESULT], np.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
-'''
-
-_ERROR_REMARKS = {
-    1: "The error has shape (1, m): the field whose flow joins the two results.",
-    2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
-    which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
-}
-
-
-def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
+def to_python(program: Program) -> str:
+    """Return a module of Python with the step."""
+    integers = program.integer_tables()
     lines = [
         "# slots hold points; slot 0 holds the initial one",
         f"SLOTS = {program.slots}",
@@ -353,11 +295,5 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
         for row in program.errors:
             lines.append(f"    (\n{wrapped(row, '        ')},\n    ),")
         lines.append(")")
-    return "\n".join(lines)
-
-
-# the docstring comes first, since Python looks for an encoding in comments of two lines
-PYTHON = Language(
-    ("step.py",), mark="#", tables=_tables, pair={"output": _PAIR},
-    error={"output": _ERROR}, remarks=_ERROR_REMARKS, algebra=_ALGEBRA, manifold=_ON_MANIFOLD,
-)  # fmt: skip
+    # the docstring comes first, since Python looks for an encoding in comments of two lines
+    return write(program, ["step.py"], "#", "\n".join(lines))

@@ -11,6 +11,7 @@ from cg.construction.layouts import MethodError
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
 from cg.support.checks import check_instance, check_integer
+from cg.support.parsing import visible
 from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
@@ -26,6 +27,12 @@ class Numbers:
     method: Method
     values: tuple[Fraction, ...]
     digits: int | None
+
+    @property
+    def heading(self) -> str:
+        """A line such as ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``, and the source."""
+        name = visible(self.method.name) or "without name"
+        return f"{name}: {self.method.description(complete=True)}\n{self.method.source}".strip()
 
     def decimal(self, value: Fraction) -> str:
         """Return a number in `digits` digits, by default enough of them to give the same double."""

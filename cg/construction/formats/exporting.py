@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cg.construction.catalogue import dumps, dumps_json, resolve_method
-from cg.construction.formats.c import C, flows_of, with_free_motion
-from cg.construction.formats.code import PYTHON, make_program
+from cg.construction.formats.c import to_c, with_free_motion
+from cg.construction.formats.code import make_program, to_python
 from cg.construction.formats.digits import numbers_of
 from cg.construction.formats.latex import to_latex
 from cg.construction.methods.magnus import MagnusMethod
@@ -14,12 +14,10 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.frames.base import Frame, check_frame
 from cg.frames.phase_space import PhaseSpace
-from cg.support.parsing import visible
+from cg.support.checks import check_choice
 
 if TYPE_CHECKING:
     from cg.construction.proofs import Certificate
-
-_CODE = {"python": PYTHON, "c": C}
 
 FORMATS = {
     "json": ".json",
@@ -84,37 +82,26 @@ def export(
     True
     """
     method = resolve_method(method)
-    if not isinstance(format, str):
-        raise TypeError(f"format must be a str, got {format!r}")
-    if format not in FORMATS:
-        raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
-    mechanical = frame if isinstance(method, Splitting) and isinstance(frame, PhaseSpace) else None
-    data = format in ("json", "toml") or (mechanical is not None and format == "c")
-    if isinstance(method, MagnusMethod | Splitting) and not data:
-        if isinstance(method, Splitting) and format == "c":
-            raise ValueError(f"frame must be a PhaseSpace for the method {method!r}, got {frame!r}")
+    check_choice("format", format, FORMATS)
+    mechanical = format == "c" and isinstance(method, Splitting)
+    only_data = isinstance(method, MagnusMethod | Splitting) and not mechanical
+    if only_data and format not in ("json", "toml"):
         raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     if frame is not None:
         check_frame(frame)
-    if isinstance(frame, PhaseSpace) and mechanical is None:
-        raise ValueError(
-            f"frame must not be a PhaseSpace for methods other than splitting, got {method!r}"
-        )
-    if frame is not None and format != "c":
-        raise ValueError(f"frame must be None unless format is 'c', got {frame!r}")
+        if format != "c":
+            raise ValueError(f"frame must be None unless format is 'c', got {frame!r}")
+    if mechanical != isinstance(frame, PhaseSpace):
+        kind = "a PhaseSpace" if mechanical else "no PhaseSpace"
+        raise ValueError(f"frame must be {kind} for the method {method!r}, got {frame!r}")
     numbers = numbers_of(method, digits, certificate)
     if format == "json":
         return dumps_json(numbers.rounded())
     if format == "toml":
         return dumps(numbers.rounded())
     if format == "latex":
-        return to_latex(numbers, summary(method))
-    if mechanical is not None:
-        return with_free_motion(numbers, summary(method), mechanical)
-    program = make_program(numbers, summary(method))
-    return _CODE[format].write(program, flows_of(program, frame))
-
-
-def summary(method: Method) -> str:
-    """Return a one-line summary of a method: ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``."""
-    return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"
+        return to_latex(numbers)
+    if isinstance(frame, PhaseSpace):
+        return with_free_motion(numbers, frame)
+    program = make_program(numbers)
+    return to_python(program) if format == "python" else to_c(program, frame)

@@ -20,7 +20,7 @@ _MAX_ROWS = 40  # longest table that stays on one page
 _MAX_INTEGER_BITS = 10_000  # longest integer that is written; Python's limit is 4300 decimal digits
 
 
-def to_latex(numbers: Numbers, title: str) -> str:
+def to_latex(numbers: Numbers) -> str:
     """Return a table, after a comment that names the method and the required packages."""
     method = numbers.rounded(zeros=True)
     if isinstance(method, CommutatorFree):
@@ -33,7 +33,7 @@ def to_latex(numbers: Numbers, title: str) -> str:
     needs = r"% \usepackage{booktabs}"
     if "longtable" in table:
         needs += r", \usepackage{longtable}"
-    return f"% Method {title}\n{needs}\n{table}\n"
+    return f"% Method {numbers.heading.splitlines()[0]}\n{needs}\n{table}\n"
 
 
 def _entries(method: Method, numbers: Numbers) -> Iterator[list[Coefficient | None]]:

@@ -131,11 +131,11 @@ def read_row(
     return tuple(map(read_coefficient, numbers, names))
 
 
-def values_of(rows: Any) -> Any:
-    """Return nested tuples of coefficients, or None, with their values."""
+def values_of(rows: Any, kind: str = "value") -> Any:
+    """Return nested tuples of coefficients, or None, with their values or their units."""
     if isinstance(rows, Coefficient):
-        return rows.value
-    return rows and tuple(map(values_of, rows))
+        return getattr(rows, kind)
+    return rows and tuple(values_of(row, kind) for row in rows)
 
 
 def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ...] | None:

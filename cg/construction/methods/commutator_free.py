@@ -146,7 +146,10 @@ class CommutatorFree(Method):
     def from_layout(
         cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
     ) -> CommutatorFree:
-        """Return the method with a layout and packed weights, point by point."""
+        """Return the method with a layout and packed weights, point by point.
+
+        `fields` are further keyword arguments of the class, such as `name` and `source`.
+        """
         return cls(
             zip(layout.parents, layout.point_weights(coefficients), strict=True),
             layout.stage_points,
@@ -154,6 +157,9 @@ class CommutatorFree(Method):
             embedded_result=layout.results[1] if layout.pair else None,
             **fields,
         )
+
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> CommutatorFree:
+        return CommutatorFree.from_layout(self.layout, coefficients, **fields)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -184,7 +190,7 @@ class CommutatorFree(Method):
         if self.third_weights is None or self.tree.embedded_result is None:
             return ()
         sums, other = map(self.tree.flat_row, self.advancing_results)
-        others = other, [w.value for w in self.third_weights]
+        others = other, values_of(self.third_weights)
         return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
 
     @property
@@ -283,8 +289,6 @@ class MuntheKaas(Method):
     tableau: Tableau
     third_weights: tuple[Coefficient, ...] | None
     of_trees: ClassVar[bool] = False
-    nominal_order: int | None
-    nominal_residual: Coefficient | None
 
     def __init__(
         self,
@@ -308,19 +312,15 @@ class MuntheKaas(Method):
         values["tableau"] = tableau
         weights = read_third(third, tableau.stages, tableau.embedded_weights)
         others = tableau.exact[1], tableau.exact_embedded
-        if weights and tuple(w.value for w in weights) in others:
+        if weights and values_of(weights) in others:
             raise MethodError("third must differ from the other weights, or it estimates no error")
         values["third_weights"] = weights
         self._set(values)
         if tableau.explicit:
             check_tree(self.tree)
 
-    @classmethod
-    def from_layout(
-        cls, layout: Layout, coefficients: Sequence[Any], *, third: Any = None, **fields: Any
-    ) -> MuntheKaas:
-        """Return the method with a layout of its tableau and packed entries, row by row."""
-        return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
+    def _with(self, coefficients: Sequence[Any], *, third: Any = None, **fields: Any) -> MuntheKaas:
+        return MuntheKaas(Tableau.from_layout(self.layout, coefficients, **fields), third=third)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -390,7 +390,7 @@ class MuntheKaas(Method):
         b = self.tableau.exact[1]
         others = [] if self.exact_embedded is None else [self.exact_embedded]
         if self.third_weights is not None:
-            others.append(tuple(w.value for w in self.third_weights))
+            others.append(values_of(self.third_weights))
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     @property

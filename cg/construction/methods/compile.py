@@ -9,20 +9,12 @@ import numpy as np
 from cg.construction.conditions import MAX_ORDER, residuals
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.estimate import error_power
-from cg.construction.methods.interpolant import (
-    extension_of,
-    flows_within,
-    inner_nodes,
-    nodes_of,
-    result_flows,
-    series_order,
-)
+from cg.construction.methods.interpolant import output_of
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import MethodPaths, paths_of, polynomial_paths
 from cg.construction.methods.splitting import Splitting
-from cg.support.arrays import Array
-from cg.tables.table import Kind, MethodTable, Output
+from cg.tables.table import Kind, MethodTable
 
 _MIN_DIFFERENCE = 1e-6  # smallest useful one of elementary weights of both results of a pair
 
@@ -56,7 +48,7 @@ def table_of_paths(
         fault=_estimate_fault(method) if pair else "",
         numbers=paths.numbers,
         arrays=paths.arrays,
-        output=_output(method, paths),
+        output=output_of(method, paths),
         polynomial=polynomial,
         source=method,
     )
@@ -94,34 +86,6 @@ def kind_of(method: Method) -> Kind:
     if isinstance(method, MuntheKaas):
         return Kind.ALGEBRA if method.explicit else Kind.COLLOCATION
     return Kind.GROUP if method.explicit else Kind.IMPLICIT
-
-
-def _output(method: Method, paths: MethodPaths) -> Output:
-    extension, along = extension_of(method), paths.polynomial
-    node, blend = _node_tables(
-        method.stages if along else inner_nodes(method), paths.abscissae if along else None
-    )
-    flow_c, weights = result_flows(paths) if along else flows_within(method)
-    return Output(
-        extension.final + 1, series_order(method), extension.theta, extension.rows,
-        extension.basis, node, blend, flow_c, weights,
-    )  # fmt: skip
-
-
-def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
-    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
-
-    With nodes at given stages there is one interpolant.
-    """
-    node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
-    if stages is not None:
-        node[:, -1] = stages
-        return node, blend
-    for count in range(2, nodes + 1):
-        nodes_here = nodes_of(count)
-        node[:count, count - 2] = nodes_here.nodes
-        blend[: count + 2, count - 2] = nodes_here.blend.coef
-    return node, blend
 
 
 def error_exponent(method: Method) -> float:

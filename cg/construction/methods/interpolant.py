@@ -69,7 +69,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import count
@@ -78,14 +77,14 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.paths import MethodPaths, collocation_polynomial, paths_of
+from cg.construction.methods.paths import MethodPaths, collocation_polynomial
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.tables import basis_polynomials, stored_table
+from cg.tables.table import Output
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
@@ -98,25 +97,44 @@ _NO_WEIGHT = 1e-8
 _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 
-@dataclass(frozen=True, eq=False)
-class NodeSet:
-    """Nodes within a step, from 0 to 1, and the polynomial w."""
-
-    nodes: Array
-    blend: Polynomial
-
-
 @cache
-def nodes_of(count: int) -> NodeSet:
-    """Return the set of ``count`` nodes, at least 2."""
+def nodes_of(count: int) -> tuple[Array, Polynomial]:
+    """Return ``count`` nodes within a step, at least 2, from 0 to 1, and the polynomial w."""
     inner = np.sort(np.real(Legendre.basis(count).deriv().roots()))
     lobatto = np.concatenate([[0.0], 0.5 * (inner + 1.0), [1.0]])
     nodes = np.delete(lobatto, (count + 1) // 2)
     integral = Polynomial.fromroots(nodes).integ()
-    return NodeSet(nodes, integral / integral(1.0))
+    return nodes, integral / integral(1.0)
 
 
-def inner_nodes(method: Method) -> int:
+def output_of(method: Method, paths: MethodPaths) -> Output:
+    """Return how points between steps of a method are computed."""
+    (final, theta, rows, basis), along = _extension_of(method), paths.polynomial
+    node, blend = _node_tables(
+        method.stages if along else _inner_nodes(method), paths.abscissae if along else None
+    )
+    flow_c, weights = _result_flows(method, paths)
+    return Output(
+        final + 1, _series_order(method), theta, rows, basis, node, blend, flow_c, weights
+    )
+
+
+def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
+    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
+
+    With nodes at given stages there is one interpolant.
+    """
+    node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
+    if stages is not None:
+        node[:, -1] = stages
+        return node, blend
+    for size in range(2, nodes + 1):
+        node[:size, size - 2], last = nodes_of(size)
+        blend[: size + 2, size - 2] = last.coef
+    return node, blend
+
+
+def _inner_nodes(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
     step = 1
     enough = max(2, max(method.order, method.embedded_order or 0) - 1)
@@ -129,15 +147,15 @@ def inner_nodes(method: Method) -> int:
 def extra_evaluations(method: Method) -> int:
     """Return the number of evaluations of an interpolant, besides those at both ends."""
     if isinstance(method, MuntheKaas):
-        return len(extension_of(method).theta)
-    return _evaluations(inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
+        return len(_extension_of(method)[1])
+    return _evaluations(_inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
 
 
-def series_order(method: Method) -> int:
+def _series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
         return max(method.advancing.order, 1)
-    return inner_nodes(method) + 1
+    return _inner_nodes(method) + 1
 
 
 def _evaluations(nodes: int, step: int) -> int:
@@ -145,18 +163,15 @@ def _evaluations(nodes: int, step: int) -> int:
     return sum(range(nodes - 2, 0, -step))
 
 
-@dataclass(frozen=True, eq=False)
-class Extension:
-    """The coordinates within a step as combinations of their derivatives."""
+Extension = tuple[int, Array, Array, Array]
+"""The coordinates within a step as combinations of their derivatives.
 
-    final: int  # the place, from 0, of the derivative at the end
-    theta: Array  # further nodes, in the order of evaluation, shape (n,)
-    rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
-    basis: Array  # the coefficients B, shape (degree, k)
+`final`, from 0, `theta`, `rows` and `basis` of an `Output`.
+"""
 
 
 @cached
-def extension_of(method: Method) -> Extension:
+def _extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas) and not method.explicit:
         powers = collocation_polynomial(method.c[1:])
@@ -164,7 +179,7 @@ def extension_of(method: Method) -> Extension:
         return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
         return _with_stages(method.advancing)
-    return _between_ends(inner_nodes(method))
+    return _between_ends(_inner_nodes(method))
 
 
 def _with_stages(method: MuntheKaas) -> Extension:
@@ -215,7 +230,7 @@ def _between_ends(nodes: int) -> Extension:
     theta: list[float] = []
     rows: list[Array] = []
     for level in range(3, nodes + 1):
-        inner = nodes_of(level).nodes[1:-1]
+        inner = nodes_of(level)[0][1:-1]
         theta += inner.tolist()
         rows += [_values(len(basis), node) @ basis for node in inner.tolist()]
         k = np.arange(1, level + 2)[:, None]
@@ -233,7 +248,7 @@ def _extension(final: int, theta: list[float], rows: list[Array], basis: Array) 
     width = basis.shape[1] if not rows else max(basis.shape[1], len(rows[-1]) + 1)
     padded = [np.pad(row, (0, width - len(row))) for row in rows]
     basis = np.pad(basis, ((0, 0), (0, width - basis.shape[1])))
-    return Extension(final, np.array(theta), np.array(padded).reshape(-1, width), basis)
+    return final, np.array(theta), np.array(padded).reshape(-1, width), basis
 
 
 class _Trees:
@@ -300,12 +315,17 @@ def _least_norm(known: Array, targets: Array) -> Array:
     return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 
 
-def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
+def _result_flows(method: Method, paths: MethodPaths) -> tuple[Array, Array]:
     """Return the flows to the result of a method, for fields that depend on time only.
 
     They are the abscissae of the stages that the flows use, and their weights in the flows, shape
-    ``(flows, stages)``.
+    ``(flows, stages)``; of a method with brackets those of another one.
     """
+    if paths.brackets:
+        tables = map(stored_table, _WITH_FLOWS)
+        fitting = (table for table in tables if table.order >= method.order)
+        output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
+        return output.flow_c, output.flow_weights
     flows: list[dict[int, Fraction]] = []
     k = paths.result
     while k:
@@ -315,13 +335,3 @@ def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
     used = sorted({stage for flow in flows for stage in flow})
     weights = [[float(flow.get(k, 0)) for k in used] for flow in flows]
     return paths.abscissae[used], np.array(weights)
-
-
-def flows_within(method: Method) -> tuple[Array, Array]:
-    """Return the flows of interpolants: those of a method, or of another one without brackets."""
-    if isinstance(method, MagnusMethod) and method.brackets:
-        tables = map(stored_table, _WITH_FLOWS)
-        fitting = (table for table in tables if table.order >= method.order)
-        output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
-        return output.flow_c, output.flow_weights
-    return result_flows(paths_of(method))

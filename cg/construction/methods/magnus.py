@@ -25,7 +25,6 @@ from cg.construction.layouts import (
     MethodError,
     Point,
     PointTree,
-    check_length,
 )
 from cg.construction.methods.coefficients import (
     Coefficient,
@@ -141,26 +140,11 @@ class MagnusMethod(Method):
             raise MethodError(f"third_factor must be positive, got {third_factor!r}")
         self._set(values)
 
-    @classmethod
-    def from_layout(
-        cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
-    ) -> MagnusMethod:
-        """Return the method with a layout and packed nodes and weights."""
-        packed = layout.point_weights(coefficients)
-        stages = range(layout.stages)
-        nodes = [0 if at == START else packed[at][k] for k, at in enumerate(layout.stage_points)]
-        first = layout.stages - layout.stage_points.count(START)
-        rows = [[weights.get(k, 0) for k in stages] for weights in packed[first:]]
-        flows = layout.results[0] + 1 - first
-        second = rows[flows:] if layout.pair else None
-        return cls(nodes, rows[:flows], second, **fields)
-
-    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other nodes and weights, and the same third ones."""
-        check_length(coefficients, len(self.coefficients))
-        nodes, pairs, weights, second = self.with_numbers(coefficients, 0)
+        nodes, brackets, weights, second = self.with_numbers(coefficients, 0)
         same: dict[str, Any] = {"third": self.third_weights, "third_factor": self.third_factor}
-        same |= {"brackets": pairs, "name": self.name, "source": self.source}
+        same["brackets"] = brackets
         return MagnusMethod(nodes, weights, second or None, **(same | fields))
 
     @property
@@ -306,13 +290,8 @@ class MagnusMethod(Method):
 
     def _numbers(self, kind: str) -> Values:
         """Return nodes, weights and brackets as their values or units."""
-
-        def read(entries: Any) -> Any:
-            if isinstance(entries, Coefficient):
-                return getattr(entries, kind)
-            return [read(entry) for entry in entries]
-
-        return read(self.nodes), read(self.weights), read(self.brackets)
+        nodes, weights, brackets = values_of((self.nodes, self.weights, self.brackets), kind)
+        return nodes, weights, brackets
 
 
 def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:

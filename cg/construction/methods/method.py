@@ -97,20 +97,6 @@ class Method(ABC):
     def embedded(self) -> Self | None:
         """The method of the second result of a pair; None without it."""
 
-    @classmethod
-    @abstractmethod
-    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Self:
-        """Return the method of this class with a layout and packed coefficients.
-
-        Parameters
-        ----------
-        layout
-        coefficients
-            Sequence of layout.size numbers. Strings, Fractions, integers, floats or `Coefficient`s.
-        **fields
-            Further keyword arguments of the class, such as `name` and `source`.
-        """
-
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> Self:
         """Return the method with other coefficients in the same places.
 
@@ -135,9 +121,12 @@ class Method(ABC):
         >>> cg.methods["CG2"].with_coefficients(["2/3", "1/4", "3/4"], name="Ralston")
         <Tableau Ralston: order 2, 2 evaluations, 3 flows>
         """
-        check_length(coefficients, self.layout.size)
-        names = {"name": self.name, "source": self.source}
-        return self.from_layout(self.layout, coefficients, **(names | fields))
+        check_length(coefficients, len(self.coefficients))
+        return self._with(coefficients, **({"name": self.name, "source": self.source} | fields))
+
+    @abstractmethod
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method with as many other coefficients and with arguments of its class."""
 
     @property
     @abstractmethod
@@ -185,7 +174,7 @@ class Method(ABC):
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
             pair = "" if self.embedded_order is None else f"({self.embedded_order})"
             parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
-        elif self.layout.pair:
+        elif self.exact_embedded is not None:
             parts.append("a pair")
         if not self.explicit:
             parts.append("implicit")

@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
-from cg.construction.layouts import START
+from cg.construction.layouts import START, PointTree
+from cg.construction.methods.coefficients import values_of
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.estimate import error_power
@@ -58,42 +59,32 @@ class Path:
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """A method as paths.
+    """A method as paths, with the other numbers and arrays of a record (`METHOD`).
 
     Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
+
+    With a second result `errors` are weights of the second estimate, or those of `end_weights`,
+    where the end of the step is a stage more. Those of `kink_weights` are the last but one.
     """
 
     paths: tuple[Path, ...]
     stages: tuple[int, ...]  # the path to each stage
-    # The paths to the result of the step, the one of higher order of a pair, and to its second
-    # result, or 0.
-    result: int
-    embedded: int
-    # The stage (from 1) at the end of the step, which is the first one of the next step, or 0.
-    final_stage: int
+    result: int  # the path to the result of the step, the one of higher order of a pair
+    embedded: int  # the path to the second result of a pair, or 0
+    final_stage: int  # the stage (from 1) that is the first one of the next step, or 0
     c: tuple[Fraction, ...]  # abscissae
-    registers: Registers | None = None  # A and B of a method of two registers
-    # For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else 0.
-    # Coefficients at stages become derivatives of coordinates.
+    registers: Registers | None = None
     series: int = 0
-    # Weights on the coefficients at stages of the combinations by which errors are estimated. With
-    # a second result they are those of the second estimate, or those of `end_weights`, where the
-    # end of the step is a stage more. Those of `kink_weights` are the last but one.
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[Fraction, ...] = ()  # numbers of `transformation`, of collocation
-    third: int = 0  # the path to a third result, for a second estimate of the error, or 0
-    # The exponent of the quotient of two error estimates, see `error_power`, 0 if the larger one
-    # counts; and the factor of the second one in it, by default that of DOP853.
-    power: int = 1
-    factor: Fraction = Fraction(1, 10)
-    # Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along which
-    # one flow leads to the result.
+    transformation: tuple[Fraction, ...] = ()
+    third: int = 0  # the path to a third result, or 0
+    power: int = 1  # see `error_power`; 0 if the larger of both estimates counts
+    factor: Fraction = Fraction(1, 10)  # that of DOP853
+    # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
-    # Weights of both sides of brackets, on stages and earlier brackets. Flows and errors have
-    # weights on brackets after those on stages.
-    brackets: Brackets = ()
-    blocks: int = 0  # groups of implicit stages that are solved one after the other
+    brackets: Brackets = ()  # flows and errors have weights on them after those on stages
+    blocks: int = 0
     drifts: tuple[Fraction, ...] = ()  # after each kick of splitting methods
 
     @cached_property
@@ -154,10 +145,10 @@ def paths_of(method: Method) -> MethodPaths:
     if isinstance(method, MuntheKaas):
         method = method.advancing
         series = max(method.order, 1)
-    errors = method.error_weights
-    result, *second = method.advancing_results
-    builder = _Builder(method, {result, *second})
-    stages = tuple(map(builder.path_to, method.tree.stage_points))
+    errors, tree = method.error_weights, method.tree.without_repetitions()
+    result, *second = (method.tree.merged[end] for end in method.advancing_results)
+    builder = _Builder(tree, method.explicit)
+    stages = tuple(map(builder.path_to, tree.stage_points))
     result_path = builder.path_to(result)
     c = method.abscissae
     ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
@@ -166,9 +157,7 @@ def paths_of(method: Method) -> MethodPaths:
     third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
-        brackets = tuple(
-            tuple(tuple(a.value for a in row) for row in pair) for pair in method.brackets
-        )
+        brackets = values_of(method.brackets)
     if method.third_flow is not None:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
@@ -270,35 +259,24 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
 
 
 class _Builder:
-    """Builds the paths, merging equal points and leaving out unused ones."""
+    """Builds the paths of a tree without repetitions, leaving out unused points."""
 
-    def __init__(self, method: Method, results: set[int]) -> None:
-        self.points = method.tree.points
-        self.same = method.tree.merged
-        ends = {self.same[point] for point in results.union(method.tree.stage_points)}
-        used: set[int] = set()
-        pending = list(ends)
-        while pending:
-            point = pending.pop()
-            if point != START and point not in used:
-                used.add(point)
-                pending.append(self._parent(point))
-        children = Counter(self._parent(point) for point in used)
+    def __init__(self, tree: PointTree, explicit: bool) -> None:
+        self.points = tree.points
+        ends = {*tree.stage_points, *tree.results}
+        used = {m for end in ends for m in tree.path(end)}
+        children = Counter(tree.points[m].parent for m in used)
         self.kept = ends | {point for point in used if children[point] > 1}
-        if not method.explicit:  # iterations repeat the last flow of a stage
-            self.kept |= {self._parent(self.same[point]) for point in method.tree.stage_points}
+        if not explicit:  # iterations repeat the last flow of a stage
+            self.kept |= {tree.points[at].parent for at in tree.stage_points}
         self.index = {START: 0}
         self.paths: list[Path] = []
 
-    def _parent(self, point: int) -> int:
-        return self.same[self.points[point].parent]
-
     def path_to(self, point: int) -> int:
         """Return the number of the path to a stored point, adding it and those before it."""
-        point = self.same[point]
         if point not in self.index:
             links = [point]
-            while (parent := self._parent(links[-1])) not in self.kept and parent != START:
+            while (parent := self.points[links[-1]].parent) not in self.kept and parent != START:
                 links.append(parent)
             origin = self.path_to(parent)
             flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))

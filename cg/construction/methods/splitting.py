@@ -18,7 +18,6 @@ from cg.construction.conditions.linear_equations import (
     splitting_residuals,
     splitting_values,
 )
-from cg.construction.layouts import START, Layout
 from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
@@ -97,10 +96,8 @@ class Splitting(Method):
         values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
         self._set(values)
 
-    @classmethod
-    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Splitting:
-        """Return the method with drifts and kicks in the order of a step."""
-        return cls(coefficients[::2], coefficients[1::2], **fields)
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> Splitting:
+        return Splitting(coefficients[::2], coefficients[1::2], **fields)
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -111,15 +108,6 @@ class Splitting(Method):
         """Drifts and kicks in the order of a step, the first drift first."""
         pairs = zip(self.drift_coefficients, self.kick_coefficients, strict=False)
         return *chain.from_iterable(pairs), self.drift_coefficients[-1]
-
-    @cached_property
-    def layout(self) -> Layout:
-        """Positions of drifts and kicks in `coefficients`: a chain of points, one for each."""
-        size, last = 2 * self.stages + 1, self.stages - 1
-        weights = tuple((min(m // 2, last),) for m in range(size))
-        return Layout(
-            tuple(range(START, size - 1)), weights, tuple(range(0, size - 1, 2)), (size - 1,)
-        )
 
     @cached_property
     def drifts(self) -> NDArray[np.float64]:
@@ -145,6 +133,8 @@ class Splitting(Method):
     def tree(self) -> NoReturn:
         """A splitting method has none: AttributeError."""
         raise AttributeError(f"{self!r} has drifts and kicks, no tree of points and no tableau")
+
+    layout = tree
 
     @property
     def stages(self) -> int:

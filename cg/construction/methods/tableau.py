@@ -117,10 +117,16 @@ class Tableau(Method):
 
     @classmethod
     def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Tableau:
-        """Return the tableau with a layout and packed entries, row by row."""
+        """Return the tableau with a layout and packed entries, row by row.
+
+        `fields` are further keyword arguments of the class, such as `name` and `source`.
+        """
         rows = layout.full_rows(coefficients)
         a, (b, *second) = rows[: layout.stages], rows[layout.stages :]
         return cls(a, b, b_embedded=second[0] if second else None, **fields)
+
+    def _with(self, coefficients: Sequence[Any], **fields: Any) -> Tableau:
+        return Tableau.from_layout(self.layout, coefficients, **fields)
 
     @property
     def _key(self) -> tuple[Any, ...]:

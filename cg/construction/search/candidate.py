@@ -7,7 +7,7 @@ to zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from cg.construction.conditions import core_calls, count
 from cg.construction.layouts import Layout, Rows, check_length
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import fixed_weights, merge_point
@@ -80,19 +79,17 @@ class Candidate:
         return float(np.linalg.norm(core_calls.residuals(*self.next_order)))
 
     @property
-    def estimate(self) -> float:
-        """Norm of the order-q residuals of the second result: the size of the estimate."""
-        layout = self.system.layout
-        if not layout.pair:
-            raise ValueError("candidate must be a pair")
-        second = replace(layout, results=layout.results[1:])
-        values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
-        return float(np.linalg.norm(values[count(self.system.order - 1) :]))
-
-    @property
     def blind(self) -> bool:
-        """Whether it is a pair whose results have one order; equal stages lead to it."""
-        return self.system.layout.pair and self.estimate < _MIN_ESTIMATE
+        """Whether it is a pair whose results have one order; equal stages lead to it.
+
+        The size of the estimate is the norm of the residuals of order q of the second result.
+        """
+        layout, order = self.system.layout, self.system.order
+        if not layout.pair:
+            return False
+        second = ConditionSystem(order, replace(layout, results=layout.results[1:]))
+        values = second.residual(self.x, independent=False)[count(order - 1) :]
+        return bool(np.linalg.norm(values) < _MIN_ESTIMATE)
 
     def without(self, stage: int) -> Candidate:
         """Return the candidate without a stage (from 0) whose column is zero."""
@@ -124,12 +121,6 @@ def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
 def solved(candidate: Candidate) -> bool:
     """Return whether the conditions hold up to rounding errors of double precision."""
     return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
-
-
-def refinable(candidate: Candidate) -> bool:
-    """Return whether refinement in real(16) leads to an exact solution."""
-    refined, _, bound = _refined(candidate)
-    return refined.largest_residual <= bound
 
 
 def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
@@ -165,107 +156,145 @@ def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
 
 def make_method(
     layout: Layout, coefficients: Sequence[Any], **fields: Any
-) -> Tableau | CommutatorFree | MagnusMethod:
+) -> Tableau | CommutatorFree:
     """Return the method with a layout and packed coefficients, which `Coefficient.read` takes."""
     check_length(coefficients, layout.size)
-    points = MagnusMethod if layout.of_time else CommutatorFree
-    kind = points if layout.rows is None else Tableau
+    kind = CommutatorFree if layout.rows is None else Tableau
     return kind.from_layout(layout, coefficients, **fields)
 
 
-Accept = Callable[[Candidate], bool]
+@dataclass(frozen=True)
+class Reduction:
+    """Steps along the solution set, by which stages and flows are eliminated."""
 
+    random: np.random.Generator
+    largest: float = 4.0  # bound on coefficients
+    restarts: int = 3  # walks after which a number of stages or flows is the smallest
 
-def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
-    """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
+    def accepts(self, candidate: Candidate) -> bool:
+        """Return whether a candidate is bounded, on the solution set, and no useless pair."""
+        if not (solved(candidate) and candidate.largest <= self.largest):
+            return False
+        refined, _, bound = _refined(candidate)
+        return refined.largest_residual <= bound and not candidate.blind
 
-    Its column of ``a`` and its weight shrink to zero together, the other coefficients follow along
-    the set. Steps that fail are halved.
-    """
-    column = candidate.system.layout.column(stage)
-    target = candidate.x[column].copy()
-    left, step, used = 1.0, 0.2, 0
-    while left > 0:
-        target_left = left - step if left - step > _LAST_FRACTION else 0.0
-        x = candidate.x.copy()
-        x[column] = target_left * target
-        last = target_left == 0
-        iterations = 300 if last else 30
-        trial = correct(
-            Candidate(candidate.system, x),
-            column,
-            ftol=1e-26 if last else 1e-22,
-            max_iterations=iterations,
+    def eliminate_stages(self, candidate: Candidate, stages: int) -> Candidate:
+        """Eliminate one stage after another until `stages` are left; return the smallest candidate.
+
+        Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution
+        set without success, columns are shrunk to zero (`shrink_stage`).
+        """
+        smallest, stuck, pair = candidate, 0, candidate.system.layout.pair
+        while candidate.system.stages > stages:
+            smaller = None if pair else self.drop_stage(candidate)
+            if smaller is None and (pair or stuck == self.restarts):
+                smaller = self._shrink_one(candidate)
+            if smaller is None:
+                stuck += 1
+                if stuck > self.restarts:
+                    break
+                candidate = self.walk(candidate)
+            else:
+                candidate, smallest, stuck = smaller, smaller, 0
+        return smallest
+
+    def eliminate_flows(self, candidate: Candidate, flows: int) -> Candidate:
+        """Return what is left when flows are dropped one by one, with walks where that fails."""
+        walks = 0
+        while self.accepts(candidate) and walks <= self.restarts:
+            if candidate.system.layout.flows == flows:
+                break
+            smaller = self.drop_flow(candidate)
+            walks = walks + 1 if smaller is None else 0
+            candidate = smaller or self.walk(candidate)
+        return candidate
+
+    def walk(self, candidate: Candidate, size: float = 0.3) -> Candidate:
+        """Return another point of the solution set, after a random step of length `size`."""
+        for _ in range(6):
+            movable = candidate.system.movable
+            x = candidate.x.copy()
+            x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
+            moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
+            if solved(moved) and moved.largest <= self.largest:
+                return moved
+            size /= 2
+        return candidate
+
+    def drop_stage(self, candidate: Candidate) -> Candidate | None:
+        """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
+
+        The column of the stage is added to that of a neighbour, or dropped.
+        """
+        starts = list(_without_column(candidate))
+        return self._first_solved(starts, iterations=200, promising=1e-14)
+
+    def drop_flow(self, candidate: Candidate) -> Candidate | None:
+        """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
+        layout = candidate.system.layout
+        merged = (
+            merge_point(layout, candidate.x.tolist(), m)
+            for m in range(len(layout.parents))
+            if m not in layout.ends
         )
-        used += iterations if last else 10
-        good = solved(trial) if last else trial.f <= _INTERMEDIATE
-        if good and trial.largest <= largest:
-            candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
-            continue
-        step /= 2
-        if step < _MIN_STEP or used > _BUDGET:
+        starts = [
+            Candidate(replace(candidate.system, layout=smaller), x)
+            for smaller, x in merged
+            if len(set(smaller.stage_of.tolist())) == smaller.stages
+        ]
+        return self._first_solved(starts, iterations=400, promising=1e-10)
+
+    def _first_solved(
+        self, starts: Sequence[Candidate], *, iterations: int, promising: float
+    ) -> Candidate | None:
+        """Solve from starts until one leads to an acceptable candidate; None if none does."""
+        if not starts:
             return None
-    return candidate.without(stage)
+        closeness = np.log([max(start.f, 1e-300) for start in starts])
+        noise = _SPREAD * self.random.standard_normal(len(starts))
+        for k in np.argsort(closeness + noise, kind="stable")[:_TRIES]:
+            smaller = solve_start(starts[k], iterations, promising=promising)
+            if self.accepts(smaller):
+                return smaller
+        return None
 
+    def _shrink_one(self, candidate: Candidate) -> Candidate | None:
+        """Shrink the column of one of the stages with small columns; None if that fails."""
+        stages, column = _removable(candidate.system), candidate.system.layout.column
+        sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
+        order = np.argsort(sizes * np.exp(0.4 * self.random.standard_normal(sizes.size)))
+        for k in order[:_MAX_COLUMNS]:
+            smaller = self.shrink_stage(candidate, stages[int(k)])
+            if smaller is not None and self.accepts(smaller):
+                return smaller
+        return None
 
-def walk(
-    candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
-) -> Candidate:
-    """Return another point of the solution set, after a random step of length `size`."""
-    for _ in range(6):
-        movable = candidate.system.movable
-        x = candidate.x.copy()
-        x[movable] += size / np.sqrt(movable.size) * random.standard_normal(movable.size)
-        moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
-        if solved(moved) and moved.largest <= largest:
-            return moved
-        size /= 2
-    return candidate
+    def shrink_stage(self, candidate: Candidate, stage: int) -> Candidate | None:
+        """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
 
-
-def eliminate(
-    candidate: Candidate,
-    stages: int,
-    *,
-    random: np.random.Generator,
-    largest: float = 4.0,
-    restarts: int = 3,
-    accept: Accept = lambda candidate: True,
-) -> Iterator[Candidate]:
-    """Eliminate one stage after another until `stages` are left, and yield each candidate.
-
-    Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
-    without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
-    """
-    stuck = 0
-    while candidate.system.stages > stages:
-        smaller = None
-        pair = candidate.system.layout.pair
-        if not pair:
-            smaller = drop_stage(candidate, random, largest=largest, accept=accept)
-        if smaller is None and (pair or stuck == restarts):
-            smaller = _shrink_one(candidate, random, largest, accept)
-        if smaller is None:
-            stuck += 1
-            if stuck > restarts:
-                return
-            candidate = walk(candidate, random, largest=largest)
-        else:
-            candidate, stuck = smaller, 0
-            yield candidate
-
-
-def _shrink_one(
-    candidate: Candidate, random: np.random.Generator, largest: float, accept: Accept
-) -> Candidate | None:
-    stages, column = _removable(candidate.system), candidate.system.layout.column
-    sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
-    order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
-    for k in order[:_MAX_COLUMNS]:
-        smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)
-        if smaller is not None and accept(smaller):
-            return smaller
-    return None
+        Its column of ``a`` and its weight shrink to zero together, the other coefficients follow
+        along the set. Steps that fail are halved.
+        """
+        column = candidate.system.layout.column(stage)
+        target = candidate.x[column].copy()
+        left, step, used = 1.0, 0.2, 0
+        while left > 0:
+            target_left = left - step if left - step > _LAST_FRACTION else 0.0
+            x = candidate.x.copy()
+            x[column] = target_left * target
+            last = target_left == 0
+            iterations, ftol = (300, 1e-26) if last else (30, 1e-22)
+            start = Candidate(candidate.system, x)
+            trial = correct(start, column, ftol=ftol, max_iterations=iterations)
+            used += iterations if last else 10
+            good = solved(trial) if last else trial.f <= _INTERMEDIATE
+            if good and trial.largest <= self.largest:
+                candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
+                continue
+            step /= 2
+            if step < _MIN_STEP or used > _BUDGET:
+                return None
+        return candidate.without(stage)
 
 
 def _removable(system: ConditionSystem) -> range:
@@ -299,70 +328,10 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     )
 
 
-def drop_stage(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
-
-    The column of the stage is added to that of a neighbour, or dropped.
-    """
-    starts = list(_without_column(candidate))
-    return _first_solved(starts, random, largest, accept, iterations=200, promising=1e-14)
-
-
-def drop_flow(
-    candidate: Candidate,
-    random: np.random.Generator,
-    *,
-    largest: float = 4.0,
-    accept: Accept = solved,
-) -> Candidate | None:
-    """Drop a point of a tree that is neither a stage nor a result, like `drop_stage`."""
-    layout = candidate.system.layout
-    merged = (
-        merge_point(layout, candidate.x.tolist(), m)
-        for m in range(len(layout.parents))
-        if m not in layout.ends
-    )
-    starts = [
-        Candidate(replace(candidate.system, layout=smaller), x)
-        for smaller, x in merged
-        if len(set(smaller.stage_of.tolist())) == smaller.stages
-    ]
-    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
-
-
-def _first_solved(
-    starts: Sequence[Candidate],
-    random: np.random.Generator,
-    largest: float,
-    accept: Accept,
-    *,
-    iterations: int,
-    promising: float,
-) -> Candidate | None:
-    """Solve from starts until one leads to an acceptable candidate; None if none does."""
-    if not starts:
-        return None
-    closeness = np.log([max(start.f, 1e-300) for start in starts])
-    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
-    for k in order[:_TRIES]:
-        smaller = solve_start(starts[k], iterations, promising=promising)
-        if solved(smaller) and smaller.largest <= largest and accept(smaller):
-            return smaller
-    return None
-
-
 def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
     stages = _removable(system)
-    if len(stages) < 2:
-        return
     for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
         if receiver is not None and receiver not in stages:
             continue

@@ -12,19 +12,15 @@ from numpy.typing import NDArray
 
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
-from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.runs import run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
+    Reduction,
     default_name,
-    drop_flow,
-    eliminate,
     fixed_entries,
-    refinable,
     solve_start,
-    solved,
     to_method,
-    walk,
 )
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
@@ -58,7 +54,7 @@ class Attempt:
 
 def run_attempt(settings: Settings, index: int) -> Attempt:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
-    random, accept = start_generator(settings.seed, index), partial(acceptable, settings)
+    random = start_generator(settings.seed, index)
     if settings.first_flows is not None:
         layout = settings.tree_for(settings.first_flows, random)
     else:
@@ -67,17 +63,15 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
         layout = Layout.tableau(stages, pair=settings.embedded)
     guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    reduction = Reduction(random, settings.largest, settings.restarts)
     if settings.flows is not None:
-        candidate = _with_fewer_flows(settings, candidate, random)
-    elif accept(candidate):
-        for smaller in eliminate(
-            candidate, settings.stages, random=random, largest=settings.largest,
-            restarts=settings.restarts, accept=accept,
-        ):  # fmt: skip
-            candidate = smaller
+        candidate = reduction.eliminate_flows(candidate, settings.flows)
+    elif reduction.accepts(candidate):
+        candidate = reduction.eliminate_stages(candidate, settings.stages)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
-    points = (_flows(settings, layout), layout) if layout.rows is None else ()
-    return Attempt(index, layout.stages, accept(candidate), candidate.f, x, *points)
+    points = (layout.flows, layout) if layout.rows is None else ()
+    accepted = reduction.accepts(candidate)
+    return Attempt(index, layout.stages, accepted, candidate.f, x, *points)
 
 
 def random_candidate(
@@ -104,38 +98,10 @@ def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) 
         x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
 
 
-def _with_fewer_flows(
-    settings: Settings, candidate: Candidate, random: np.random.Generator
-) -> Candidate:
-    """Return what is left when flows are dropped one by one, with walks where that fails."""
-    walks, accept = 0, partial(acceptable, settings)
-    while accept(candidate) and walks <= settings.restarts:
-        if _flows(settings, candidate.system.layout) == settings.flows:
-            break
-        smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
-        if smaller is None:
-            walks += 1
-            candidate = walk(candidate, random, largest=settings.largest)
-        else:
-            candidate, walks = smaller, 0
-    return candidate
-
-
-def _flows(settings: Settings, layout: Layout) -> int:
-    """Return the number of flows of a layout without that of a second result."""
-    return len(layout.parents) - settings.embedded
-
-
 def succeeded(settings: Settings, attempt: Attempt) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
     goal = settings.stages, settings.flows
     return attempt.solved and (attempt.stages, attempt.flows) == goal
-
-
-def acceptable(settings: Settings, candidate: Candidate) -> bool:
-    """Return whether a candidate is on the solution set, and as the settings require."""
-    within = solved(candidate) and candidate.largest <= settings.largest
-    return within and refinable(candidate) and not candidate.blind
 
 
 def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
@@ -256,13 +222,12 @@ def construct(
     )  # fmt: skip
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
-    options = RunOptions.checked(workers, executor, store, progress)
     bound = None if abscissae is None and minimise is None else settings.largest
     requirements = Requirements.checked(order, abscissae, bound, minimise)
     results = run_pieces(
-        settings, partial(run_attempt, settings), tries, options,
-        read=Attempt.of_fields,
-        score=lambda attempt: Score(attempt.f, succeeded(settings, attempt)),
+        settings, partial(run_attempt, settings), tries,
+        read=Attempt.of_fields, solved=partial(succeeded, settings),
+        workers=workers, executor=executor, store=store, progress=progress,
     )  # fmt: skip
     # the first one by number counts
     finished: dict[int, Attempt] = {}

@@ -21,7 +21,7 @@ from cg.construction.conditions import Rows
 from cg.construction.layouts import Layout, MethodError
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import to_floats
-from cg.construction.runs import RunOptions, Score, run_pieces
+from cg.construction.runs import run_pieces
 from cg.construction.search.candidate import (
     Candidate,
     NotExactError,
@@ -275,12 +275,12 @@ def search(
     )  # fmt: skip
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
-    options = RunOptions.checked(workers, executor, store, progress)
     requirements = Requirements.checked(order, abscissae, bound, minimise, nonnegative)
     requirements.check(settings.order, settings.layout, force)
     results = run_pieces(
-        settings, partial(run_start, settings), starts, options,
-        read=RandomStart.of_fields, score=lambda start: Score(start.f, start.exact),
+        settings, partial(run_start, settings), starts,
+        read=RandomStart.of_fields, solved=attrgetter("exact"),
+        workers=workers, executor=executor, store=store, progress=progress,
     )  # fmt: skip
     finished = tuple(sorted(results, key=attrgetter("index")))
     return SearchResult(settings, finished, requirements)

@@ -137,10 +137,6 @@ class Settings:
     largest: float = 0.0
     restarts: int = 0
 
-    def system(self, layout: Layout) -> ConditionSystem:
-        """Return the conditions on methods of a layout."""
-        return ConditionSystem(self.order, layout, self.structure, self.hold, self.registers)
-
     @classmethod
     def checked(
         cls,
@@ -163,36 +159,20 @@ class Settings:
             hold=() if hold is None else read_hold(hold),
             **others,
         )
-        if kind == "search":
-            check_choice("algorithm", settings.algorithm, ALGORITHMS)
-            if check_flag("registers", settings.registers):
-                settings = replace(settings, tree=settings._check_registers(force))
-            return settings._checked_search(check_rows(settings.rows), force)
-        return settings._checked_construction(force)
+        check_choice("algorithm", settings.algorithm, ALGORITHMS)
+        flags = ("registers", "embedded", "first_same_as_last")
+        changes: dict[str, Any] = {
+            name: check_flag(name, getattr(settings, name)) for name in flags
+        }
+        settings = replace(settings, rows=check_rows(settings.rows), **changes)
+        settings = settings._with_points() if settings.of_points else settings._with_structure()
+        settings._check_held()
+        settings._check_counts(force)
+        return settings._for_search() if kind == "search" else settings._for_construction()
 
-    def check_held(self, layout: Layout | None, force: bool) -> None:
-        """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
-        if not self.hold:
-            return
-        if layout is None:
-            raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
-        system = self.system(layout)
-        x = start_generator(0, 0).uniform(-1, 1, system.size)
-        off = np.abs(system.residual(x)) > _RESIDUAL_ROUNDING
-        if (lost := off & ~system.jacobian(x).any(axis=1)).any():
-            tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
-            raise ValueError(
-                f"hold allows no method of order {self.order}: the condition of tree {tree} "
-                "depends on nothing else, and isn't satisfied"
-            )
-        flat = len(rooted_trees_through(self.order))  # conditions where flows commute
-        conditions = flat if system.rows is None else system.equations
-        if system.movable.size < conditions:
-            refuse(
-                force,
-                f"hold leaves {system.movable.size} unknowns for {conditions} conditions of order "
-                f"{self.order}",
-            )
+    def system(self, layout: Layout) -> ConditionSystem:
+        """Return the conditions on methods of a layout."""
+        return ConditionSystem(self.order, layout, self.structure, self.hold, self.registers)
 
     @property
     def layout(self) -> Layout | None:
@@ -204,221 +184,176 @@ class Settings:
     @property
     def of_points(self) -> bool:
         """Whether they describe methods of points, not tableaux."""
-        return not (self.tree is None and self.flows is None and self.first_flows is None)
-
-    def check_tableau(self) -> bool:
-        """Return `embedded`; ValueError if an argument is only for methods of points."""
-        if check_flag("first_same_as_last", self.first_same_as_last):
-            raise ValueError("first_same_as_last needs flows; it is for commutator-free methods")
-        return check_flag("embedded", self.embedded)
-
-    def check_layout(self, force: bool) -> tuple[Layout | None, int]:
-        """Return the layout of a given tree, None if trees are drawn, and the number of flows.
-
-        Unless `force` is true, shapes are refused that can't have the order where flows commute.
-        """
-        embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
-        last = int(check_flag("first_same_as_last", self.first_same_as_last))
-        layout = None
-        if self.tree is not None:
-            if last:
-                raise ValueError("first_same_as_last must be False with a tree")
-            if flows is not None:
-                raise ValueError(f"flows must be None with a tree, got {flows!r}")
-            layout = layout_of(self.tree)
-            if layout.stages != stages:
-                raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
-            if embedded and not layout.pair:
-                raise ValueError("embedded must be False, as tree has no second result")
-            flows, unknowns = len(layout.parents), layout.size
-        else:
-            if last:
-                check_integer("stages", stages, 2)
-            flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
-            unknowns = most_unknowns(stages - last, flows)
-        if not force:
-            second = 0 if layout is None else int(layout.pair)
-            _check_counts(self.order, stages - last, flows - second, unknowns)
-        return layout, flows
+        given = self.tree, self.flows, self.first_flows
+        return self.registers or given != (None, None, None)
 
     def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
         """Return the given tree, or one that is drawn at random."""
         options = {"embedded": self.embedded, "first_same_as_last": self.first_same_as_last}
         return self.tree or draw_layout(self.stages, flows, random, **options)
 
-    def _check_registers(self, force: bool) -> Layout:
-        """Return the chain of a two-register method."""
+    def _with_structure(self) -> Settings:
+        """Return the settings of tableaux, with the structure of constructions."""
+        if self.first_same_as_last:
+            raise ValueError("first_same_as_last needs flows; it is for commutator-free methods")
+        order, stages, structure = self.order, self.stages, self.structure
+        if structure is None:
+            likely = likely_structure(order, stages, self.embedded)
+            structure = Structure.GENERAL if self.hold else likely
+        system = ConditionSystem.tableau(order, stages, self.rows, self.embedded, structure)
+        return replace(self, structure=system.structure)
+
+    def _with_points(self) -> Settings:
+        """Return the settings of methods of points, with the layout of a given tree."""
+        for name in ("rows", "structure", "first_stages"):
+            if value := getattr(self, name):
+                raise ValueError(f"{name} is for tableaux, got {value!r} with flows or a tree")
+        settings = replace(self, structure=Structure.GENERAL)
+        if not self.registers:
+            return settings._with_flows() if self.tree is None else settings._with_tree()
         for name in ("tree", "flows", "first_same_as_last", "hold"):
             if getattr(self, name):
                 raise ValueError(f"registers must be False with {name}")
-        pair = check_flag("embedded", self.embedded)
-        layout = register_chain(check_integer("stages", self.stages, 1 + pair), self.order, pair)
-        system = self.system(layout)
-        conditions = len(rooted_trees_through(self.order))
-        if layout.pair:
-            conditions += len(rooted_trees_through(self.order - 1))
-        if system.movable.size < conditions:
-            refuse(
-                force,
-                f"stages = {self.stages} gives two registers {system.movable.size} unknowns for "
-                f"{conditions} conditions of order {self.order}",
-            )
-        return layout
+        check_integer("stages", self.stages, 1 + self.embedded)
+        return replace(settings, tree=register_chain(self.stages, self.order, self.embedded))
 
-    def _checked_search(self, rows: Rows, force: bool) -> Settings:
+    def _with_flows(self) -> Settings:
+        """Return the settings with the numbers of flows of trees that are drawn."""
+        if self.hold:
+            raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
+        if self.flows is None:
+            raise ValueError("first_flows needs flows, the number of flows to reach")
+        if self.first_same_as_last:
+            check_integer("stages", self.stages, 2)
+        least, most = self.stages - self.first_same_as_last, 10 * MAX_STAGES
+        flows, first_flows = check_integer("flows", self.flows, least, most), None
+        if self.kind == "construct":
+            first_flows = flows if self.first_flows is None else self.first_flows
+            first_flows = check_integer("first_flows", first_flows, flows, most)
+        return replace(self, flows=flows, first_flows=first_flows)
+
+    def _with_tree(self) -> Settings:
+        """Return the settings with the layout of a given tree, and its number of flows."""
+        if self.first_same_as_last:
+            raise ValueError("first_same_as_last must be False with a tree")
+        layout = layout_of(self.tree)
+        if layout.stages != self.stages:
+            given = f"{layout.stages}, got {self.stages}"
+            raise ValueError(f"stages must be those of the tree, {given}")
+        if self.embedded and not layout.pair:
+            raise ValueError("embedded must be False, as tree has no second result")
+        unused = "flows" if self.kind == "search" else "first_flows"
+        if (value := getattr(self, unused)) is not None:
+            raise ValueError(f"{unused} must be None with a tree, got {value!r}")
+        if self.kind == "search":
+            return replace(self, tree=layout)
+        most = layout.flows
+        least = len({START, *layout.stage_points, layout.results[0]}) - 1
+        flows = most if self.flows is None else check_integer("flows", self.flows, least, most)
+        return replace(self, tree=layout, flows=flows, first_flows=most, embedded=layout.pair)
+
+    def _check_counts(self, force: bool) -> None:
+        """Refuse methods with too few stages, flows or unknowns, unless `force` is true.
+
+        Conditions on methods of points are counted where flows commute.
+        """
+        order, layout, stages = self.order, self.layout, self.stages - self.first_same_as_last
+        conditions, kind = len(rooted_trees_through(order)), "conditions where flows commute"
+        subject, structure = f"stages = {stages} gives", ""
+        if layout is None:
+            flows, size = self.flows or 0, most_unknowns(stages, self.flows or 0)
+        else:
+            system = self.system(layout)
+            flows, size = layout.flows, system.movable.size
+        if self.registers:
+            conditions += len(rooted_trees_through(order - 1)) if self.embedded else 0
+            subject += " two registers"
+        elif self.of_points:
+            subject, least = "the flows have", MIN_STAGES[order - 1]
+            if stages < least:
+                few = f"stages = {stages} is too few for order {order}, which needs {least}"
+                refuse(force, f"{few} even where flows commute")
+            if (order, flows) == (4, 4):
+                few = "flows = 4 is too few for order 4, which needs 5"
+                page = "see the page 'Methods that do not exist' of the documentation"
+                refuse(force, f"{few}: {page}")
+        else:
+            conditions, kind = system.equations, "independent conditions"
+            structure = f" with structure {self.structure.name}" * bool(self.structure)
+        if size < conditions:
+            subject = "hold leaves" if self.hold else subject
+            few = f"{subject} {size} unknowns for {conditions} {kind} of order {order}"
+            refuse(force, f"{few}{structure}")
+
+    def _check_held(self) -> None:
+        """Raise ValueError if a condition depends on held values alone, and isn't satisfied."""
+        if not self.hold or self.layout is None:
+            return
+        system = self.system(self.layout)
+        x = start_generator(0, 0).uniform(-1, 1, system.size)
+        off = np.abs(system.residual(x)) > _RESIDUAL_ROUNDING
+        if (lost := off & ~system.jacobian(x).any(axis=1)).any():
+            tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
+            raise ValueError(
+                f"hold allows no method of order {self.order}: the condition of tree {tree} "
+                "depends on nothing else, and isn't satisfied"
+            )
+
+    def _for_search(self) -> Settings:
         """Return the settings of a search with defaults for None."""
-        layout, flows, size = self._check_shape(rows, force)
-        lmdif = self.algorithm == "lmdif"
-        if lmdif and (self.hold or self.registers):
-            other = "hold" if self.hold else "registers"
-            raise ValueError(f"algorithm must be 'minimum-norm' with {other}, got 'lmdif'")
-        self.check_held(replace(self, rows=rows, tree=layout).layout, force)
-        width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
+        layout, lmdif = self.layout, self.algorithm == "lmdif"
+        pair = self.embedded if layout is None else layout.pair
+        for name, used in {"hold": self.hold, "registers": self.registers, "pairs": pair}.items():
+            if lmdif and used:
+                raise ValueError(f"algorithm must be 'minimum-norm' with {name}, got 'lmdif'")
+        size = most_unknowns(self.stages, self.flows or 0)
+        if layout is not None:
+            size = layout.size - len(layout.fixed)
         by_order = (self.order > 4) + (self.order > 5)
-        if width is None:
-            best = _TREE_WIDTH if self.of_points else _WIDTHS[by_order]
-            best = _REGISTER_WIDTH if self.registers else best
-            width = 1.0 if lmdif else best
-        if maxfev is None:
-            best = _TREE_EVALUATIONS if self.of_points else _EVALUATIONS[by_order]
-            maxfev = 200 * (size + 1) if lmdif else best
-        if refine_maxfev is None:
-            refine_maxfev = 20 * (size + 1)
+        width = _TREE_WIDTH if self.of_points else _WIDTHS[by_order]
+        width = 1.0 if lmdif else _REGISTER_WIDTH if self.registers else width
+        maxfev = _TREE_EVALUATIONS if self.of_points else _EVALUATIONS[by_order]
+        defaults = {
+            "width": width,
+            "maxfev": 200 * (size + 1) if lmdif else maxfev,
+            "refine_maxfev": 20 * (size + 1),
+        }
+        given = {name: value for name in defaults if (value := getattr(self, name)) is not None}
+        values = defaults | given
         return replace(
             self,
-            width=check_real("width", width, most=MAX_HALF_WIDTH),
-            flows=flows if layout is None else None,
-            embedded=bool(self.embedded),
-            tree=layout,
-            first_same_as_last=bool(self.first_same_as_last),
-            rows=rows,
-            maxfev=check_integer("maxfev", maxfev, 1, MAX_COUNT),
+            width=check_real("width", values["width"], most=MAX_HALF_WIDTH),
+            maxfev=check_integer("maxfev", values["maxfev"], 1, MAX_COUNT),
             refine_below=check_real("refine_below", self.refine_below),
-            refine_maxfev=check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT),
+            refine_maxfev=check_integer("refine_maxfev", values["refine_maxfev"], 1, MAX_COUNT),
         )
 
-    def _check_shape(self, rows: Rows, force: bool) -> tuple[Layout | None, int | None, int]:
-        """Return the layout of a given tree, the number of flows, and that of unknowns."""
-        order, stages = self.order, self.stages
-        layout = flows = None
-        if self.of_points:
-            layout, flows = self.check_layout(force)
-            size = most_unknowns(stages, flows) if layout is None else layout.size
-            if rows is not Rows.EXPLICIT:
-                raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
-        else:
-            system = ConditionSystem.tableau(order, stages, rows, self.check_tableau())
-            size = system.movable.size
-            _check_unknowns(system, force, f" ({rows.name.lower()} rows)")
-        if self.algorithm == "lmdif" and (self.embedded or (layout and layout.pair)):
-            raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
-        return layout, flows, size
-
-    def _checked_construction(self, force: bool) -> Settings:
-        """Return the settings of a construction."""
-        order, stages = self.order, self.stages
+    def _for_construction(self) -> Settings:
+        """Return the settings of a construction with defaults for None."""
+        order, stages, first_stages = self.order, self.stages, self.first_stages
         if self.of_points:
             start = StartSettings(1, _TREE_WIDTH, 300 if order < 7 else 1500, 1e-14)
-            shape = self._check_tree(force)
         else:
-            structure = self._check_structure(force)
-            start = default_start(order, structure, self.embedded)
-            first_stages = self.first_stages
-            if first_stages is None:
-                first_stages = stages if self.hold else max(stages, start.stages)
-            first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
-            shape = {"structure": structure, "first_stages": first_stages}
-        steps = shape["first_stages"] - stages, shape.get("first_flows") != shape.get("flows")
-        if self.hold and any(steps):
+            start = default_start(order, self.structure, self.embedded)
+        if first_stages is None:
+            first_stages = stages if self.hold else max(stages, start.stages)
+        first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
+        if self.hold and (first_stages, self.first_flows) != (stages, self.flows):
             raise ValueError("hold: stages and flows can't be dropped")
         width = start.width if self.width is None else self.width
         iterations = start.iterations if self.iterations is None else self.iterations
         return replace(
             self,
+            first_stages=first_stages,
             width=check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
             iterations=check_integer("iterations", iterations, 1, MAX_COUNT),
             promising=start.promising,
             largest=check_real("largest", self.largest, positive=True),
             restarts=check_integer("restarts", self.restarts, 0),
-            **shape,
         )
-
-    def _check_structure(self, force: bool) -> Structure:
-        """Return the simplifying assumptions of a tableau."""
-        embedded = self.check_tableau()
-        order, stages = self.order, self.stages
-        structure = self.structure
-        if structure is None and self.hold:
-            structure = Structure.GENERAL
-        elif structure is None:
-            structure = likely_structure(order, stages, embedded)
-        system = ConditionSystem.tableau(order, stages, embedded=embedded, structure=structure)
-        structure = system.structure
-        _check_unknowns(system, force)
-        replace(self, structure=structure).check_held(system.layout, force)
-        return structure
-
-    def _check_tree(self, force: bool) -> dict[str, Any]:
-        """Return the settings that only methods of points have."""
-        for name, value in (("structure", self.structure), ("first_stages", self.first_stages)):
-            if value:
-                raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
-        if self.flows is None and self.tree is None:
-            raise ValueError("first_flows needs flows, the number of flows to reach")
-        shape = self if self.tree is None else replace(self, flows=None)
-        layout, most = shape.check_layout(force)
-        embedded, flows, first_flows = self.embedded, self.flows, self.first_flows
-        if layout is None:
-            flows, first_flows = most, most if first_flows is None else first_flows
-        else:
-            if first_flows is not None:
-                raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
-            embedded = layout.pair
-            first_flows = most - embedded
-            least = len({START, *layout.stage_points, layout.results[0]}) - 1
-            flows = check_integer(
-                "flows", first_flows if flows is None else flows, least, first_flows
-            )
-        shape.check_held(layout, force)
-        return {
-            "structure": Structure.GENERAL,
-            "first_stages": self.stages,
-            "flows": flows,
-            "first_flows": check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
-            "embedded": check_flag("embedded", embedded),
-            "tree": layout,
-            "first_same_as_last": check_flag("first_same_as_last", self.first_same_as_last),
-        }
 
 
 def refuse(force: bool, problem: str) -> None:
     """Raise ValueError for arguments that allow no method, unless `force` is true."""
     if not force:
         raise ValueError(f"{problem}; pass force=True to try nevertheless")
-
-
-def _check_unknowns(system: ConditionSystem, force: bool, kind: str = "") -> None:
-    """Refuse tableaux with fewer unknowns than independent conditions."""
-    size, equations = system.movable.size, system.equations
-    structure = f" with structure {system.structure.name}" if system.structure else ""
-    if size < equations:
-        refuse(
-            force,
-            f"stages = {system.stages} gives {size} unknowns{kind} for {equations} independent "
-            f"conditions of order {system.order}{structure}",
-        )
-
-
-def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
-    """Refuse methods of points that can't have the order where flows commute."""
-    least, conditions = MIN_STAGES[order - 1], len(rooted_trees_through(order))
-    where = "where flows commute"
-    if stages < least:
-        few = f"stages = {stages} is too few for order {order}, which needs {least}"
-        refuse(False, f"{few} even {where}")
-    if (order, flows) == (4, 4):
-        few = "flows = 4 is too few for order 4, which needs 5"
-        refuse(False, f"{few}: see the page 'Methods that do not exist' of the documentation")
-    if unknowns < conditions:
-        few = f"the flows have {unknowns} unknowns for {conditions} conditions of order {order}"
-        refuse(False, f"{few} {where}")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import START, Layout, MethodError, Point, PointTree, check_tree
+from cg.construction.layouts import START, Layout, MethodError, PointTree, check_tree
 from cg.construction.methods.commutator_free import as_index
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
@@ -38,9 +38,6 @@ def _layout_of_places(tree: Any) -> Layout:
         raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
     results = tuple(as_index(end) for end in tree[2:]) or (len(parents) - 1,)
-    # checked with weights on the first stage only: other weights need valid stage points
-    points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
-    check_tree(PointTree(points, stage_points, *results))
     return _with_all_weights(parents, stage_points, results)
 
 
@@ -49,7 +46,8 @@ def _with_all_weights(
 ) -> Layout:
     """Return the layout in which each flow has weights on all stages before it."""
     weights = tuple(
-        tuple(stage for stage, at in enumerate(stage_points) if at < m) for m in range(len(parents))
+        tuple(stage for stage, at in enumerate(stage_points) if isinstance(at, int) and at < m)
+        for m in range(len(parents))
     )
     return Layout(tuple(parents), weights, tuple(stage_points), tuple(results))
 
