@@ -26,10 +26,14 @@ contains
     real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
+    real(wp) :: answer(size(v) + 1)          ! of a frame in Python: also what is dropped
     integer :: i
 
     if (frame%python_derivatives) then
-      call by_python(frame, t, y, slope, v)
+      call frame%callback%apply(coefficients_operation, y, slope, answer)
+      v = answer(:size(v))
+      dropped = answer(size(answer))
+      if (dropped > absolute) call report(frame, t, dropped**2, sum(slope**2))
       return
     end if
     do i = 1, size(frame%blocks)
@@ -80,19 +84,6 @@ contains
     frame%dropped = sqrt(dropped / whole)
     frame%dropped_at = t
   end subroutine report
-
-  ! The coefficients on a frame that compiled code doesn't know
-  subroutine by_python(frame, t, y, slope, v)
-    type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:), slope(:)
-    real(wp), contiguous, intent(out) :: v(:)
-    real(wp) :: answer(size(v) + 1)
-
-    call frame%callback%apply(coefficients_operation, y, slope, answer)
-    v = answer(:size(v))
-    if (answer(size(answer)) > absolute) call report(frame, t, answer(size(answer))**2, sum(slope**2))
-  end subroutine by_python
 
   ! The coefficients of a derivative of a rotation of space, with translations or without them, and
   ! the square of the length of what is dropped, as in the procedures below. Matrices are stored by
