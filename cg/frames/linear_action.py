@@ -177,9 +177,10 @@ class LinearAction(CompiledFlow, UserFrame):
             terms = terms.imag.copy()
         if kind == _Entries.COMPLEX:
             places = np.stack([2 * place + 1, 2 * place + 2], axis=-1).reshape(-1)
-        starts = np.searchsorted(generator, np.arange(self.dim + 1))
-        sizes = pattern.size, self.dim, len(pattern.rows), len(generator), kind, self.is_skew
-        indices = pattern.starts + 1, pattern.columns + 1, starts + 1, places
+        n, rows, columns = pattern
+        starts = np.searchsorted(generator * n + rows[place], np.arange(self.dim * n + 1))
+        sizes = n, self.dim, len(rows), len(generator), kind, self.is_skew
+        indices = pattern.starts + 1, columns + 1, starts + 1, columns[place] + 1, places
         return np.concatenate([sizes, *indices, terms.view(np.float64)], dtype=np.float64)
 
     @cached_property

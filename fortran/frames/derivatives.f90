@@ -3,6 +3,7 @@
 module derivatives_m
   use kinds, only: wp
   use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, skew_coefficients
+  use coordinates_m, only: quaternion_quotient
   use frames_m, only: frame_t
   use stiefel_m, only: isospectral_coefficients, stiefel_coefficients
   use orthogonal_m, only: multiply
@@ -24,11 +25,15 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
-    real(wp) :: dropped, q(4), matrix(8)
+    real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
+    real(wp) :: answer(size(v) + 1)          ! of a frame in Python: also what is dropped
     integer :: i
 
     if (frame%python_derivatives) then
-      call by_python(frame, t, y, slope, v)
+      call frame%callback%apply(coefficients_operation, y, slope, answer)
+      v = answer(:size(v))
+      dropped = answer(size(answer))
+      if (dropped > absolute) call report(frame, t, dropped**2, sum(slope**2))
       return
     end if
     do i = 1, size(frame%blocks)
@@ -40,14 +45,17 @@ contains
           cycle
         case (so3_block, se3_block)
           call in_motion(block, y(first), slope(first), v(k), dropped)
-        case (quaternion_block)
-          call in_quaternion(block, y(first), slope(first), v(k), dropped)
-        case (su2_block)
+        case (quaternion_block, su2_block)
+          p = get_quaternion(block, y(first:last))
           q = get_quaternion(block, slope(first:last))
-          call in_quaternion(block, get_quaternion(block, y(first:last)), q, v(k), dropped)
-          call set_quaternion(q, matrix)
-          ! matrices are longer by the root of 2
-          dropped = 2 * dropped + sum((slope(first:last) - matrix)**2)
+          quotient = quaternion_quotient(p, q, block%space)
+          v(k:block%v2) = 2 * quotient(1:3)
+          dropped = dot_product(p, q)**2
+          if (block%kind == su2_block) then
+            call set_quaternion(q, matrix)
+            ! matrices are longer by the root of 2
+            dropped = 2 * dropped + sum((slope(first:last) - matrix)**2)
+          end if
         case (sphere_block)
           v(k:block%v2) = cross(y(first:last), slope(first:last))
           dropped = dot_product(y(first:last), slope(first:last))**2
@@ -77,42 +85,9 @@ contains
     frame%dropped_at = t
   end subroutine report
 
-  ! The coefficients on a frame that compiled code doesn't know
-  subroutine by_python(frame, t, y, slope, v)
-    type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:), slope(:)
-    real(wp), contiguous, intent(out) :: v(:)
-    real(wp) :: answer(size(v) + 1)
-
-    call frame%callback%apply(coefficients_operation, y, slope, answer)
-    v = answer(:size(v))
-    if (answer(size(answer)) > absolute) call report(frame, t, answer(size(answer))**2, sum(slope**2))
-  end subroutine by_python
-
-  ! The coefficients of the derivative q of a quaternion p, and the square of the length of what is
-  ! dropped, as in the procedures below: twice the vector part of p^-1 q, or of
-  ! q p^-1
-  pure subroutine in_quaternion(block, p, q, v, dropped)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: p(4), q(4)
-    real(wp), intent(out) :: v(3), dropped
-    real(wp) :: side
-    integer :: x, y, z, w                      ! the places of their entries
-
-    x = merge(2, 1, block%scalar_first)
-    y = x + 1
-    z = x + 2
-    w = merge(1, 4, block%scalar_first)
-    side = merge(2.0_wp, -2.0_wp, block%space)
-    v(1) = 2 * (p(w) * q(x) - q(w) * p(x)) + side * (p(y) * q(z) - p(z) * q(y))
-    v(2) = 2 * (p(w) * q(y) - q(w) * p(y)) + side * (p(z) * q(x) - p(x) * q(z))
-    v(3) = 2 * (p(w) * q(z) - q(w) * p(z)) + side * (p(x) * q(y) - p(y) * q(x))
-    dropped = (p(x) * q(x) + p(y) * q(y) + p(z) * q(z) + p(w) * q(w))**2
-  end subroutine in_quaternion
-
-  ! The coefficients of a derivative of a rotation of space, with translations or without them.
-  ! Matrices are stored by rows.
+  ! The coefficients of a derivative of a rotation of space, with translations or without them, and
+  ! the square of the length of what is dropped, as in the procedures below. Matrices are stored by
+  ! rows.
   pure subroutine in_motion(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)

@@ -13,7 +13,7 @@ module joints_m
   use kinds, only: wp
   use blocks_m, only: block_t, body_t, find_velocities
   use callback_m, only: callback_t
-  use rotations_m, only: get_quaternion
+  use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_body, along_space, between_axes, coincident_axes, &
                             constraints_operation, euclidean_block, fixed_length, so3_block
   use vectors_m, only: cross
@@ -36,11 +36,10 @@ module joints_m
     integer :: forces = 0                    ! momenta
     integer :: before = 0                    ! entries of a point before the momenta
     integer :: after = 0                     ! and up to their end
-    integer, allocatable :: attitude(:), position(:)   ! (bodies) blocks, 0 for none
+    integer, allocatable :: places(:, :)     ! (2, 0:bodies) blocks of attitude and position, 0 for none
     type(row_t), allocatable :: row(:)
-    integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies, 0 of
-                                             ! the ground
-    integer, allocatable :: field(:, :)      ! (4, rows) velocities before theirs, -1 of the ground
+    integer, allocatable :: block(:, :)      ! (4, rows) attitudes and positions of both bodies
+    integer, allocatable :: field(:, :)      ! (4, rows) velocities before theirs, -1 for none
     integer, allocatable :: first(:)         ! (rows + own) the first column in the envelope
     integer, allocatable :: start(:)         ! (rows + own) its place in the factor, less one
     type(callback_t) :: python               ! evaluates rows of one's own
@@ -70,41 +69,30 @@ contains
     integer, intent(in) :: integers(:, :)    ! (3, rows)
     real(wp), intent(in) :: numbers(:, :)    ! (13, rows)
     type(linkage_t), intent(inout) :: linkage
-    integer :: i, j, n
+    integer :: i, j
 
     linkage%rows = size(integers, 2)
     linkage%own = own
     linkage%forces = forces
     linkage%before = blocks(findloc(blocks%v1, forces + 1, 1))%p1 - 1
     linkage%after = linkage%before + forces
-    linkage%attitude = places(1, :)
-    linkage%position = places(2, :)
-    n = linkage%rows + own
+    allocate (linkage%places(2, 0:size(places, 2)), source=0)
+    linkage%places(:, 1:) = places
     allocate (linkage%row(linkage%rows), linkage%block(4, linkage%rows), &
-              linkage%field(4, linkage%rows), linkage%first(n), linkage%start(n))
+              linkage%field(4, linkage%rows))
     do i = 1, linkage%rows
       linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
                              reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
       if (i > 1) linkage%row(i)%repeats = all(integers(2:, i - 1) == integers(2:, i)) &
                                           .and. .not. any(abs(numbers(:6, i - 1) - numbers(:6, i)) > 0)
-      linkage%block(:, i) = 0
-      do j = 1, 2
-        if (linkage%row(i)%body(j) > 0) &
-          linkage%block(2 * j - 1:2 * j, i) = places(:, linkage%row(i)%body(j))
-      end do
+      linkage%block(:, i) = reshape(linkage%places(:, integers(2:3, i)), [4])
       associate (block => linkage%block(:, i))
         linkage%field(:, i) = merge(blocks(max(block, 1))%v1 - 1, -1, block > 0)
       end associate
     end do
-    linkage%first = 1
-    do i = 1, linkage%rows
-      linkage%first(i) = findloc([(coupled(linkage%block(:, i), linkage%block(:, j)), j = 1, i)], &
-                                 .true., 1)
-    end do
-    linkage%start(1) = 1 - linkage%first(1)
-    do i = 2, n
-      linkage%start(i) = linkage%start(i - 1) + i - linkage%first(i)
-    end do
+    linkage%first = [(findloc([(coupled(linkage%block(:, i), linkage%block(:, j)), j=1, i)], &
+                              .true., 1), i=1, linkage%rows), spread(1, 1, own)]
+    linkage%start = [(sum([(j - linkage%first(j), j=1, i)]), i=1, linkage%rows + own)]
   end subroutine make_linkage
 
   ! Whether two rows depend on a block that both have
@@ -124,11 +112,12 @@ contains
     integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
     type(constraints_t), intent(inout) :: c
     logical, intent(out) :: failed                     ! whether Python raised an exception
-    real(wp), dimension(3, size(linkage%attitude)) :: x, velocity, turning
-    real(wp) :: r(3, 3, size(linkage%attitude)), omega(merge(linkage%forces, 0, depth == 2))
+    real(wp), dimension(3, 0:ubound(linkage%places, 2)) :: x, velocity, turning
+    real(wp) :: r(3, 3, 0:ubound(linkage%places, 2)), omega(merge(linkage%forces, 0, depth == 2))
     ! points of a row and of those that repeat them, from the bodies and from the origin
     real(wp) :: arm(3, 2), end(3, 2), d(3), length
     real(wp) :: axis(3, 2), n(3)             ! axes of a row, and its derivative along d
+    integer :: carrier(2)                    ! bodies that the axes are fixed in
     integer :: i, k
 
     call reserve(linkage, c)
@@ -136,8 +125,8 @@ contains
     if (depth == 2) call velocities(blocks, bodies, y(linkage%before + 1:linkage%after), omega)
     velocity = 0.0_wp
     turning = 0.0_wp
-    do i = 1, size(linkage%attitude)
-      associate (turns => linkage%attitude(i), moves => linkage%position(i))
+    do i = 0, ubound(linkage%places, 2)
+      associate (turns => linkage%places(1, i), moves => linkage%places(2, i))
         call place(blocks, turns, moves, y, x(:, i), r(:, :, i))
         if (depth < 2) cycle
         if (moves > 0) velocity(:, i) = omega(blocks(moves)%v1:blocks(moves)%v2)
@@ -167,26 +156,20 @@ contains
     subroutine evaluate_row(i, row)
       integer, intent(in) :: i
       type(row_t), intent(in) :: row
-      integer :: j, k
+      integer :: j
 
       if (.not. row%repeats) then
         do j = 1, 2
-          k = row%body(j)
-          arm(:, j) = row%point(:, j)
-          end(:, j) = arm(:, j)
-          if (k == 0) cycle
-          arm(:, j) = matmul(r(:, :, k), arm(:, j))
-          end(:, j) = x(:, k) + arm(:, j)
+          arm(:, j) = matmul(r(:, :, row%body(j)), row%point(:, j))
+          end(:, j) = x(:, row%body(j)) + arm(:, j)
         end do
         d = end(:, 1) - end(:, 2)
         length = maxval(abs(end)) + maxval(abs(arm))
       end if
+      carrier = merge(0, row%body, row%form == along_space)
       axis = row%axis
       do j = 1, 2
-        k = row%body(j)
-        if (k == 0 .or. row%form == fixed_length) cycle
-        if (row%form < between_axes .and. (j == 2 .or. row%form == along_space)) cycle
-        axis(:, j) = matmul(r(:, :, k), axis(:, j))
+        if (carrier(j) > 0) axis(:, j) = matmul(r(:, :, carrier(j)), axis(:, j))
       end do
       c%scale(i) = length
       select case (row%form)
@@ -210,21 +193,18 @@ contains
       integer, intent(in) :: i
       type(row_t), intent(in) :: row
       real(wp) :: torque(3)
-      integer :: j, k
+      integer :: j
 
       do j = 1, 2
-        k = row%body(j)
-        c%slope(:, 2 * j - 1:2 * j, i) = 0.0_wp
-        if (k == 0) cycle
-        if (row%form == between_axes .or. row%form == coincident_axes) then
+        c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
+        torque = cross(arm(:, j), c%slope(:, 2 * j, i))
+        if (row%form == between_axes .or. row%form == coincident_axes) &
           torque = cross(axis(:, j), axis(:, 3 - j))
-        else
-          c%slope(:, 2 * j, i) = merge(n, -n, j == 1)
-          torque = cross(arm(:, j), c%slope(:, 2 * j, i))
-          if (j == 1 .and. row%form == along_body) torque = torque + cross(axis(:, 1), d)
-        end if
-        if (linkage%attitude(k) == 0) cycle
-        if (.not. blocks(linkage%attitude(k))%space) torque = matmul(torque, r(:, :, k))
+        if (row%form == along_body .and. j == 1) torque = torque + cross(axis(:, 1), d)
+        associate (turns => linkage%places(1, row%body(j)))
+          if (turns == 0) cycle
+          if (.not. blocks(turns)%space) torque = matmul(torque, r(:, :, row%body(j)))
+        end associate
         c%slope(:, 2 * j - 1, i) = torque
       end do
     end subroutine find_slopes
@@ -235,26 +215,23 @@ contains
       type(row_t), intent(in) :: row
       real(wp) :: first(3, 2), second(3, 2)            ! derivatives of the axes by time
       real(wp) :: d1(3), d2(3), swing(3), side         ! and those of d
-      integer :: j, k
+      integer :: j
 
       first = 0.0_wp
       second = 0.0_wp
       d1 = 0.0_wp
       d2 = 0.0_wp
       do j = 1, 2
-        k = row%body(j)
-        if (k == 0) cycle
         side = merge(1.0_wp, -1.0_wp, j == 1)
-        swing = cross(turning(:, k), arm(:, j))
-        d1 = d1 + side * (velocity(:, k) + swing)
-        d2 = d2 + side * cross(turning(:, k), swing)
-        first(:, j) = cross(turning(:, k), axis(:, j))
-        second(:, j) = cross(turning(:, k), first(:, j))
+        swing = cross(turning(:, row%body(j)), arm(:, j))
+        d1 = d1 + side * (velocity(:, row%body(j)) + swing)
+        d2 = d2 + side * cross(turning(:, row%body(j)), swing)
+        if (carrier(j) == 0) cycle
+        first(:, j) = cross(turning(:, carrier(j)), axis(:, j))
+        second(:, j) = cross(turning(:, carrier(j)), first(:, j))
       end do
       select case (row%form)
-      case (along_space)
-        c%bias(i) = dot_product(axis(:, 1), d2)
-      case (along_body)
+      case (along_space, along_body)
         c%bias(i) = dot_product(second(:, 1), d) + 2 * dot_product(first(:, 1), d1) &
                     + dot_product(axis(:, 1), d2)
       case (between_axes, coincident_axes)
@@ -270,29 +247,23 @@ contains
   ! The position of a body, and the matrix that turns vectors of the body into those of space
   pure subroutine place(blocks, attitude, position, y, x, r)
     type(block_t), intent(in) :: blocks(:)
-    integer, intent(in) :: attitude, position
+    integer, intent(in) :: attitude, position          ! blocks, 0 for none
     real(wp), contiguous, intent(in) :: y(:)
     real(wp), intent(out) :: x(3), r(3, 3)
-    real(wp) :: q(4)
+    real(wp), parameter :: identity(3, 3) = reshape(real([1, 0, 0, 0, 1, 0, 0, 0, 1], wp), [3, 3])
 
     x = 0.0_wp
     if (position > 0) x = y(blocks(position)%p1:blocks(position)%p2)
-    q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
-    if (attitude > 0) then
-      associate (block => blocks(attitude), k => blocks(attitude)%p1)
-        if (block%kind == so3_block) then
-          r(1, :) = y(k:k + 2)
-          r(2, :) = y(k + 3:k + 5)
-          r(3, :) = y(k + 6:k + 8)
-          return
-        end if
-        q = get_quaternion(block, y(k:k + 3))
-      end associate
-    end if
-    associate (a => q(1), b => q(2), c => q(3), w => q(4))
-      r(:, 1) = [1 - 2 * (b * b + c * c), 2 * (a * b + c * w), 2 * (a * c - b * w)]
-      r(:, 2) = [2 * (a * b - c * w), 1 - 2 * (a * a + c * c), 2 * (b * c + a * w)]
-      r(:, 3) = [2 * (a * c + b * w), 2 * (b * c - a * w), 1 - 2 * (a * a + b * b)]
+    r = identity
+    if (attitude == 0) return
+    associate (block => blocks(attitude), k => blocks(attitude)%p1)
+      if (block%kind == so3_block) then
+        r(1, :) = y(k:k + 2)
+        r(2, :) = y(k + 3:k + 5)
+        r(3, :) = y(k + 6:k + 8)
+      else
+        call rotate_matrix(get_quaternion(block, y(k:k + 3)), .false., r(1, :), r(2, :), r(3, :))
+      end if
     end associate
   end subroutine place
 

@@ -34,11 +34,10 @@ module linear_action_m
     logical :: skew = .false.                ! whether all G_i are skew-Hermitian
     integer, allocatable :: first(:)         ! (n + 1) where rows of X begin
     integer, allocatable :: column(:)        ! (entries of X)
-    integer, allocatable :: first_term(:)    ! (generators + 1) where those of a G_i begin
+    ! (n generators + 1) the terms where rows of each generator begin, one generator after the other
+    integer, allocatable :: row(:)
     integer, allocatable :: place(:)         ! (parts, terms) number in X to which it adds
     real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
-    ! the generators one by one
-    integer, allocatable :: row(:, :)        ! (n + 1, generators) the terms where rows begin
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
     ! tolerances of the point, zero if steps are fixed, and which part of them the flow of a step
@@ -71,7 +70,7 @@ contains
     real(wp), intent(in) :: numbers(:)
     type(linear_action_t), intent(out) :: action
     integer, intent(out) :: used
-    integer :: entries, terms
+    integer :: entries, i, j, terms
 
     action%n = nint(numbers(1))
     action%generators = nint(numbers(2))
@@ -84,11 +83,14 @@ contains
     used = 6
     call take(action%n + 1, action%first)
     call take(entries, action%column)
-    call take(action%generators + 1, action%first_term)
+    call take(action%n * action%generators + 1, action%row)
+    call take(terms, action%term_column)
     call take(action%parts * terms, action%place)
     action%value = numbers(used + 1:used + action%parts * terms)
     used = used + action%parts * terms
-    call separate_generators(action)
+    action%norm = [(maxval([(sum(abs(action%value( &
+      action%parts * (action%row(j) - 1) + 1:action%parts * (action%row(j + 1) - 1)))), &
+      j=(i - 1) * action%n + 1, i * action%n)]), i=1, action%generators)]
 
   contains
 
@@ -102,31 +104,6 @@ contains
     end subroutine take
 
   end subroutine make_linear_action
-
-  ! Finds the rows of each generator, whose terms come row by row.
-  subroutine separate_generators(action)
-    type(linear_action_t), intent(inout) :: action
-    integer :: entry, i, j, k, m
-
-    m = action%parts
-    action%term_column = action%column((action%place(m::m) + m - 1) / m)
-    allocate (action%row(action%n + 1, action%generators))
-    allocate (action%norm(action%generators), source=0.0_wp)
-    do i = 1, action%generators
-      k = action%first_term(i)
-      do j = 1, action%n
-        action%row(j, i) = k
-        do while (k < action%first_term(i + 1))
-          entry = (action%place(m * k) + m - 1) / m
-          if (entry >= action%first(j + 1)) exit
-          k = k + 1
-        end do
-        action%norm(i) = max(action%norm(i), &
-                             sum(abs(action%value(m * action%row(j, i) - m + 1:m * (k - 1)))))
-      end do
-      action%row(action%n + 1, i) = k
-    end do
-  end subroutine separate_generators
 
   ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large, or a
   ! coefficient isn't finite.
@@ -184,7 +161,7 @@ contains
     if (.not. allocated(x)) allocate (x(m * size(action%column)))
     x = 0.0_wp
     do i = 1, action%generators
-      do k = m * action%first_term(i) - m + 1, m * action%first_term(i + 1) - m
+      do k = m * action%row((i - 1) * action%n + 1) - m + 1, m * action%row(i * action%n + 1) - m
         x(action%place(k)) = x(action%place(k)) + v(i) * action%value(k)
       end do
     end do
@@ -269,7 +246,7 @@ contains
   ! Computes the product of a matrix with y.
   subroutine multiply(action, first, column, x, y, product)
     type(linear_action_t), intent(in) :: action
-    integer, contiguous, intent(in) :: first(:)        ! (n + 1) where rows begin
+    integer, contiguous, intent(in) :: first(:)        ! (n + 1) or more, where rows begin
     integer, contiguous, intent(in) :: column(:)       ! (entries)
     real(wp), contiguous, intent(in) :: x(:)           ! (parts, entries)
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
@@ -473,7 +450,8 @@ contains
             argument = argument + d(i, m) * terms(:, 1 + modulo(k - m, n))
         end do
         if (.not. any(abs(d(i, :)) > 0)) cycle
-        call multiply(action, action%row(:, i), action%term_column, action%value, argument, product)
+        call multiply(action, action%row((i - 1) * action%n + 1:), action%term_column, &
+                      action%value, argument, product)
         term = term + product
       end do
       term = term / real(k, wp)

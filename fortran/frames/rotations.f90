@@ -9,8 +9,8 @@ module rotations_m
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
   private
-  public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_vector, &
-            rotation_bound, set_quaternion, turn_point
+  public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_matrix, &
+            rotate_vector, rotation_bound, set_quaternion, turn_point
 
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))       ! its square doesn't underflow
   ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
