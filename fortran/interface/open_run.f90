@@ -41,7 +41,6 @@ contains
                         run%record%sizer_data, run%record%sizer_stride, run%sizes)
       run%problem%sizes => run%sizes
     end if
-    call set_output(run)
   end subroutine open_run
 
   ! Sets the frame, the method and the right-hand side of a problem.

@@ -14,6 +14,7 @@ from numpy import f2py
 
 _KINDS = """{
     "real": {"wp": "double"},
+    "logical": {"c_bool": "signed_char"},
     "integer": {"int64": "long_long", "c_int64_t": "long_long", "c_intptr_t": "long_long"},
 }
 """
@@ -34,7 +35,7 @@ def main(folder: Path, signatures: Path, sources: list[str]) -> None:
             next(k for k, line in enumerate(lines) if re.match(rf" *{start}\b", line))
             for start in ("interface", "end interface")
         )
-        own = [line for line in lines[first + 1 : last] if not re.match(r" *use ", line)]
+        own = [line for line in lines[first + 1 : last] if not re.match(r" *(use|(end )?module) ", line)]
         before, end, after = text.rpartition("  end interface")
         text = "\n".join([before, *own, end + after])
     complete.write_text(text, encoding="utf-8")
