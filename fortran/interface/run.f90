@@ -18,7 +18,7 @@ module run_m
   use output_m, only: output_t, store_point, store_step
   use accepted_step_m, only: fail_to_observe
   use shared_numbers
-  use trajectory_m, only: problem_t, set_start, store_values, trajectory_t
+  use trajectory_m, only: problem_t, set_start, trajectory_t
   use inputs_m, only: vector_field_t
   implicit none
   private
@@ -280,49 +280,39 @@ contains
   end subroutine evaluate
 
   ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
-  ! once. A lane waits for the values of all events or of single ones, in increasing order.
+  ! once.
   subroutine evaluate_events(run)
     type(run_t), intent(inout) :: run
-    integer :: last(0:size(run%lanes))       ! the last point of each of the lanes that wait
-    integer, allocatable :: waiting(:), taken(:)       ! these lanes, and their points that are done
+    integer, allocatable :: waiting(:)                 ! lanes
+    integer, allocatable :: owner(:), place(:)         ! the lane of each point, and where it has it
     real(wp), allocatable :: t(:), member(:), points(:), values(:)
-    integer :: event, i, j, k, memory, of_all, total
-    logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))
+    integer :: event, i, j, k, memory, total
+    logical :: failed
 
-    waits = run%asks .and. run%lanes%status == needs_events
-    for_all = waits
-    do i = 1, size(waits)
-      if (waits(i)) for_all(i) = .not. run%lanes(i)%query(1, 1) > 0
-    end do
-    of_all = count(for_all)
-    allocate (waiting(count(waits)), taken(count(waits)), source=0)
-    waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
-    waiting(of_all + 1:) = pack([(i, i=1, size(waits))], waits .and. .not. for_all)
-    run%asks(waiting) = .false.
-    total = sum(run%lanes(waiting)%queries)
     associate (lanes => run%lanes, n => run%frame%point_size)
-      allocate (t(total), member(total), points(n * total), values(total), stat=memory)
+      waiting = pack([(i, i=1, size(lanes))], run%asks .and. lanes%status == needs_events)
+      run%asks(waiting) = .false.
+      total = sum(lanes(waiting)%queries)
+      allocate (owner(total), place(total), t(total), member(total), points(n * total), &
+                values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
-      last(0) = 0
       do event = 1, run%events%count
-        do i = merge(1, of_all + 1, event == 1), size(waiting)
-          k = last(i - 1)
+        k = 0
+        do i = 1, size(waiting)
           associate (lane => lanes(waiting(i)))
-            do while (taken(i) < lane%queries)
-              if (nint(lane%query(1, taken(i) + 1)) > event) exit
-              taken(i) = taken(i) + 1
+            do j = lane%answered + 1, lane%queries
+              if (all(nint(lane%query(1, j)) /= [0, event])) cycle
+              points(k * n + 1:(k + 1) * n) = lane%query(4:n + 3, j)
               k = k + 1
-              t(k) = lane%query(2, taken(i))
+              owner(k) = waiting(i)
+              place(k) = j
+              t(k) = lane%query(3, j)
               member(k) = real(lane%member - 1, wp)
-              points((k - 1) * n + 1:k * n) = lane%query(3:, taken(i))
             end do
           end associate
-          last(i) = k
         end do
-        k = last(size(waiting))
-        if (k == 0) cycle
-        if (run%events%vectorized(event)) then
+        if (k > 0 .and. run%events%vectorized(event)) then
           call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
                                 points(:n * k), values(:k))
         else
@@ -331,9 +321,8 @@ contains
                                   values(j), failed)
           end do
         end if
-        do i = 1, size(waiting)
-          if (last(i) > last(i - 1)) &
-            call store_values(lanes(waiting(i)), event, values(last(i - 1) + 1:last(i)))
+        do j = 1, k
+          lanes(owner(j))%query(n + 3 + event, place(j)) = values(j)
         end do
       end do
     end associate

@@ -35,7 +35,11 @@ def main(folder: Path, signatures: Path, sources: list[str]) -> None:
             next(k for k, line in enumerate(lines) if re.match(rf" *{start}\b", line))
             for start in ("interface", "end interface")
         )
-        own = [line for line in lines[first + 1 : last] if not re.match(r" *(use|(end )?module) ", line)]
+        own = [
+            line
+            for line in lines[first + 1 : last]
+            if not re.match(r" *(use|(end )?module) ", line)
+        ]
         before, end, after = text.rpartition("  end interface")
         text = "\n".join([before, *own, end + after])
     complete.write_text(text, encoding="utf-8")

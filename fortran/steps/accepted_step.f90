@@ -10,10 +10,10 @@ module accepted_step_m
   use method_m, only: kind_polynomial
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step, time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
-  use within_step_m, only: interpolate, point_at, request_ends, time_at
+  use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: nan
@@ -37,7 +37,7 @@ contains
 
     x%seeks_events = size(x%events%before) > 0
     if (x%seeks_events) then
-      call evaluate_events(x, 0, x%t_end, x%y(:, x%result), x%events%after)
+      call evaluate_events(x, 0, 1.0_wp, x%y(:, x%result), x%events%after)
       if (x%status /= finished) return
       call forget_values(x)
     end if

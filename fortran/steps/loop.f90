@@ -49,8 +49,7 @@ contains
       x%status = finished
     case (needs_events)
       x%status = finished
-      x%used = 0
-      x%queries = 0
+      x%answered = x%queries
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)

@@ -16,7 +16,7 @@ module within_step_m
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, &
-            request_ends_of_last, request_node, request_interpolant, time_at
+            request_ends_of_last, request_node, request_interpolant
 
 contains
 
@@ -200,16 +200,5 @@ contains
       call evaluate_interpolant(x%interpolant, theta, y)
     end if
   end subroutine point_at
-
-  ! The time at a fraction of the step, that of its start for zero alone: a jump there has a time of
-  ! its own, behind the point that a step before has reached
-  pure real(wp) function time_at(x, theta)
-    type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: theta
-
-    time_at = x%t_end
-    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
-    if (theta > 0 .and. .not. abs(time_at - x%t) > 0) time_at = nearest(x%t, x%t_end - x%t)
-  end function time_at
 
 end module within_step_m
