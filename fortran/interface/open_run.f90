@@ -124,10 +124,9 @@ contains
       run%counters(:) = counters_t(status=paused)
       within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
                       .or. associated(run%problem%events))
-      allocate (run%lanes(lanes), run%busy(lanes), run%asks(lanes), stat=memory)
+      allocate (run%busy(lanes), run%asks(lanes), source=.false., stat=memory)
+      if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
-      run%busy = .false.
-      run%asks = .false.
       do i = 1, size(run%lanes)
         call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
         if (memory /= 0) return
@@ -245,9 +244,6 @@ contains
       call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
                        [columns, dense])
-      output%lanes = size(run%lanes, kind=int64)
-      output%functions = 0
-      if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
       call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2_int64, events])
       call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
       call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2_int64, events])

@@ -16,13 +16,12 @@ module run_m
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: output_t, store_point, store_step
-  use accepted_step_m, only: fail_to_observe
   use shared_numbers
-  use trajectory_m, only: problem_t, set_start, trajectory_t
+  use trajectory_m, only: fail, problem_t, set_start, trajectory_t
   use inputs_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wake, wp
+  public :: plan_t, run_t, drive, plan_at, run_at, wake
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -193,7 +192,7 @@ contains
           lane%outputs_done = 1
         end if
       end if
-      if (run%output%failed) call fail_to_observe(lane, run%record%t0)
+      if (run%output%failed) call fail(lane, raised, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate

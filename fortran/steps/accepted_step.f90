@@ -19,8 +19,8 @@ module accepted_step_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: begin_after_events, complete_step, detect_events, examine_step, fail_to_observe, &
-            prepare_inner, store_output
+  public :: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, &
+            store_output
 
   integer, parameter :: max_stuck = 20
   ! a value of an event's function that counts as zero, relative to its values at both ends
@@ -168,7 +168,7 @@ contains
     if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
                         .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
     if (output%failed) then
-      call fail_to_observe(x, t)
+      call fail(x, raised, t, observer_failed)
       return
     end if
     if (x%last%kept) then
@@ -259,15 +259,6 @@ contains
       end do
     end associate
   end subroutine store_outputs
-
-  ! Ends a trajectory after a failure of a function that is evaluated at output times.
-  subroutine fail_to_observe(x, t)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: t
-
-    x%request%flag = observer_failed
-    call fail(x, raised, t)
-  end subroutine fail_to_observe
 
   ! Lets the next flow along a polynomial compute the points at the next output times in the step,
   ! as many as have room in memory.

@@ -23,7 +23,7 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
-  use requests_m, only: check_coefficients, retry_or_store
+  use requests_m, only: check_coefficients, retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: request_ends_of_last, request_node, store_begin, store_end, store_node
@@ -115,7 +115,8 @@ contains
     case (phase_complete_step)
       call complete_step(x, output)
     case (phase_step_shared)
-      call retry_or_store(x)
+      x%phase = phase_store_output
+      if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
     case (phase_store_output)
       call store_output(x, output)
     case (phase_after_events)

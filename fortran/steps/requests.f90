@@ -17,7 +17,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, &
-            request, retry_or_store, share_error, share_step, time_at, within_segment
+            request, retry_step, share_error, share_step, time_at, within_segment
 
 contains
 
@@ -163,14 +163,6 @@ contains
     x%phase = phase_choose_step
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
   end subroutine retry_step
-
-  ! Tries an accurate step again if one of the trajectories with common steps must, or stores it.
-  subroutine retry_or_store(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%phase = phase_store_output
-    if (x%request%shared > 0) call retry_step(x)
-  end subroutine retry_or_store
 
   ! Lets trajectories with common steps decide together whether to try an accurate step again.
   subroutine share_step(x, again)

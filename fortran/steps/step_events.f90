@@ -389,8 +389,7 @@ contains
         end if
       end associate
     end associate
-    x%request%flag = event
-    call fail(x, resting_contact, x%t)
+    call fail(x, resting_contact, x%t, event)
   end subroutine find_after_event
 
   ! The power of time that a function grows with, by the last points and others so much later that

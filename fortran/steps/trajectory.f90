@@ -322,13 +322,15 @@ contains
   end subroutine forget_values
 
   ! Ends a trajectory with an error.
-  subroutine fail(x, status, t)
+  subroutine fail(x, status, t, flag)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
+    integer, optional, intent(in) :: flag              ! what it was due to, see shared_numbers
 
     x%status = status
     x%failed_at = t
+    if (present(flag)) x%request%flag = flag
   end subroutine fail
 
 end module trajectory_m

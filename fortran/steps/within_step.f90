@@ -5,7 +5,7 @@ module within_step_m
   use free_motion_m, only: add_constraint_forces
   use blocks_m, only: combine_flows
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-       flows_of_evaluation, make_cubic, next_node, reserve_interpolant, set_ends
+       flows_of_evaluation, make_cubic, next_node, reserve_interpolant
   use requests_m, only: reject_stage, request
   use method_m, only: kind_registers, kind_splitting
   use phases_m
@@ -100,13 +100,24 @@ contains
     logical :: exists
     integer :: status
 
-    x%interpolant%noisy = x%problem%bath%present
-    if (x%interpolate_only) then
-      call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, x%slope)
-    else
-      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                    x%end_slope)
-    end if
+    associate (self => x%interpolant)
+      self%noisy = x%problem%bath%present
+      if (x%interpolate_only) then
+        self%t0 = x%last%t
+        self%h = x%last%h
+        self%y0(:) = x%last%y
+        self%y1(:) = x%y(:, 0)
+        self%field(:, 1) = x%last%slope
+        self%field(:, 2) = x%slope
+      else
+        self%t0 = x%t
+        self%h = x%t_end - x%t
+        self%y0(:) = x%y(:, 0)
+        self%y1(:) = x%y(:, x%result)
+        self%field(:, 1) = x%slope
+        self%field(:, 2) = x%end_slope
+      end if
+    end associate
     if (allocated(x%joints%impulse)) then            ! slopes are forces alone
       call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
                                  status)
