@@ -8,6 +8,7 @@ module open_run_m
   use free_motion_m, only: make_bodies
   use heat_bath_m, only: bath_t
   use kinds, only: wp
+  use method_m, only: reals
   use run_m, only: plan_t, run_t
   use shared_numbers
   use trajectory_m, only: start
@@ -83,12 +84,11 @@ contains
   ! Sets the sizes of steps and their tolerances, of which those in the record may be fewer.
   subroutine set_tolerances(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
+    real(wp), pointer, contiguous :: rtols(:), atol(:)
     integer :: i, n
 
     associate (problem => run%problem, record => run%record)
-      call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
-      problem%stops = stops
+      problem%stops = reals(record%stops, record%segments)
       problem%adaptive = .not. record%h > 0
       problem%h = record%h
       problem%first_step = record%first_step
@@ -103,7 +103,7 @@ contains
       if (problem%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(atol)
-        problem%duration = abs(stops(size(stops)) - record%t0)
+        problem%duration = abs(problem%stops(size(problem%stops)) - record%t0)
       end if
     end associate
   end subroutine set_tolerances
@@ -138,10 +138,9 @@ contains
   ! Sets the inputs of functions, and the limits of steps due to them, from the record.
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: limits(:, :)
 
-    call c_f_pointer(transfer(run%record%limits, c_null_ptr), limits, [2, int(run%record%limited)])
-    run%problem%limits = limits
+    run%problem%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+                                 [2_int64, run%record%limited])
     if (run%record%curves == 0) return
     call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
                      [7, int(run%record%curves)])

@@ -87,9 +87,8 @@ contains
   ! of events come first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
-    integer :: requests(size(run%lanes))     ! lanes that need coefficients
     integer(int64) :: budget, share(size(run%lanes))
-    integer :: i, count, status
+    integer :: i, status
     logical :: waits, stops, together
 
     budget = run%record%budget
@@ -102,7 +101,6 @@ contains
     run%record%events = 0
     run%output%failed = .false.
     drive_all: do
-      count = 0
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
@@ -115,9 +113,6 @@ contains
         end if
         run%asks(i) = status == needs_field .or. status == needs_events
         select case (status)
-        case (needs_field)
-          count = count + 1
-          requests(count) = i
         case (needs_minimum, needs_maximum)
           waits = .true.
         case (paused, buffer_full)
@@ -130,9 +125,8 @@ contains
         exit
       else if (any(run%asks .and. run%lanes%status == needs_events)) then
         call evaluate_events(run)
-      else if (count > 0) then
-        call evaluate(run, requests(:count))
-        run%asks = .false.
+      else if (any(run%asks)) then
+        call evaluate(run)
       else if (waits .and. .not. stops) then
         call exchange(run)
       else
@@ -242,13 +236,15 @@ contains
   end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
-  subroutine evaluate(run, requests)
+  subroutine evaluate(run)
     type(run_t), intent(inout) :: run
-    integer, contiguous, intent(in) :: requests(:)
+    integer, allocatable :: requests(:)                ! these lanes
     real(wp), allocatable :: times(:), points(:), slopes(:)  ! times, then members
     logical :: failed
     integer :: i, m, memory
 
+    requests = pack([(i, i=1, size(run%lanes))], run%asks)
+    run%asks = .false.
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size

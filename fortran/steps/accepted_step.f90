@@ -171,7 +171,7 @@ contains
       call fail(x, raised, t, observer_failed)
       return
     end if
-    if (x%last%kept) then
+    if (allocated(x%last%y)) then
       x%last%t = x%t
       x%last%h = x%t_end - x%t
       x%last%y(:) = x%y(:, 0)

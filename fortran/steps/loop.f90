@@ -26,7 +26,7 @@ module loop_m
   use requests_m, only: check_coefficients, retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
-  use within_step_m, only: request_ends_of_last, request_node, store_begin, store_end, store_node
+  use within_step_m, only: request_ends, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
                             needs_minimum, paused
@@ -100,8 +100,8 @@ contains
       call accept_or_reject(x)
     case (phase_accepted)
       call examine_step(x, output)
-    case (phase_request_begin, phase_request_end)
-      call request_ends_of_last(x)
+    case (phase_request_ends)
+      call request_ends(x)
     case (phase_begin_received)
       call store_begin(x)
     case (phase_end_received)

@@ -107,10 +107,9 @@ module trajectory_m
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
-    logical :: kept = .false.
     logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
-    real(wp), allocatable :: y(:), slope(:)  ! at its start
+    real(wp), allocatable :: y(:), slope(:)  ! at its start, if they are kept
   end type last_step_t
 
   ! The joints of a splitting method's frame
@@ -236,7 +235,6 @@ contains
       x%events%came_from = 0
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      x%last%kept = .true.
       allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
     end associate
   end subroutine start

@@ -16,7 +16,7 @@ module within_step_m
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, &
-            request_ends_of_last, request_node, request_interpolant
+            request_node, request_interpolant
 
 contains
 
@@ -27,35 +27,25 @@ contains
 
     x%interpolate_only = .true.
     x%status = paused
-    x%phase = phase_request_end
+    x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     call reserve_interpolant(x%frame, x%problem%scheme, x%interpolant, memory)
-    if (x%last%cut) then
-      x%phase = phase_store_output
-    else if (memory /= 0) then
-      call fail(x, out_of_memory, x%t)
-    else if (.not. finite(size(x%last%slope), x%last%slope)) then
-      x%phase = phase_request_begin
-    else if (x%slope_known) then
-      call interpolate(x)
-    end if
+    if (memory /= 0 .and. .not. x%last%cut) call fail(x, out_of_memory, x%t)
   end subroutine request_interpolant
 
-  ! Requests the coefficients at one end of the last step.
-  subroutine request_ends_of_last(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (x%phase == phase_request_begin) then
-      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
-    else
-      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
-    end if
-  end subroutine request_ends_of_last
-
-  ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
+  ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
+  ! known; then its interpolant starts.
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. x%slope_known) then
+    if (x%interpolate_only) then
+      if (.not. finite(size(x%last%slope), x%last%slope)) then
+        call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
+      else if (.not. x%slope_known) then
+        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
+      else
+        call interpolate(x)
+      end if
+    else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
     else if (.not. x%end_known) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
@@ -70,12 +60,10 @@ contains
 
     if (x%interpolate_only) then
       x%last%slope(:) = x%request%answer
-      x%phase = phase_request_end
-      if (x%slope_known) call interpolate(x)
-      return
+    else
+      x%slope(:) = x%request%answer
+      x%slope_known = .true.
     end if
-    x%slope(:) = x%request%answer
-    x%slope_known = .true.
     call request_ends(x)
   end subroutine store_begin
 
