@@ -70,9 +70,6 @@ contains
       problem%common = record%common /= 0
       problem%goes_on = record%goes_on /= 0
       problem%of_time = record%of_time /= 0
-      ! few trajectories get all stages in one call; many are evaluated together, stage by stage
-      problem%at_once = problem%of_time .and. record%vectorized /= 0 &
-                        .and. int(record%lanes) <= size(plan%method%c)
       problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
                             record%first_member, record%h)
       problem%unique_flows = record%unique_flows /= 0

@@ -17,6 +17,7 @@ module run_m
   use method_m, only: method_t
   use output_m, only: output_t, store_point, store_step
   use shared_numbers
+  use step_m, only: store_answers, times_of_request
   use trajectory_m, only: fail, problem_t, set_start, trajectory_t
   use inputs_m, only: vector_field_t
   implicit none
@@ -239,39 +240,48 @@ contains
   subroutine evaluate(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: requests(:)                ! these lanes
-    real(wp), allocatable :: times(:), points(:), slopes(:)  ! times, then members
+    integer, allocatable :: asked(:)                   ! for how many times each asks
+    real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
-    integer :: i, m, memory
+    integer :: i, k, m, memory
 
     requests = pack([(i, i=1, size(run%lanes))], run%asks)
     run%asks = .false.
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
-    associate (n => run%frame%point_size, k => size(requests))
-      allocate (times(2 * k), points(n * k), slopes(m * k), stat=memory)
-      if (memory /= 0) run%lanes(requests)%status = out_of_memory
-      if (memory /= 0) return
-      do i = 1, k
+    allocate (asked(size(requests)), points(run%frame%point_size * size(requests)), stat=memory)
+    if (memory == 0) then
+      asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+      k = sum(asked)
+      allocate (times(k), members(k), answers(m * k), stat=memory)
+    end if
+    if (memory /= 0) run%lanes(requests)%status = out_of_memory
+    if (memory /= 0) return
+    associate (n => run%frame%point_size)
+      k = 0
+      do i = 1, size(requests)
         associate (lane => run%lanes(requests(i)))
-          times(i) = lane%request%t
-          times(k + i) = real(lane%member - 1, wp)
+          times(k + 1:k + asked(i)) = times_of_request(lane)
+          members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
           points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
-      end do
-      call run%python%apply(fields_operation, times, points, slopes, failed)
-      do i = 1, k
-        associate (lane => run%lanes(requests(i)))
-          if (run%frame%derivatives) then
-            call coefficients_of(run%frame, lane%request%t, lane%request%y, &
-                                 slopes((i - 1) * m + 1:i * m), lane%request%answer)
-          else
-            lane%request%answer(:m) = slopes((i - 1) * m + 1:i * m)
-          end if
-          lane%request%flag = merge(raised_in_python, 0, failed)
-        end associate
+        k = k + asked(i)
       end do
     end associate
+    call run%python%apply(fields_operation, [times, members], points, answers, failed)
+    k = 0
+    do i = 1, size(requests)
+      associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
+        lane%request%flag = merge(raised_in_python, 0, failed)
+        if (run%frame%derivatives) then
+          call coefficients_of(run%frame, lane%request%t, lane%request%y, own, lane%request%answer)
+        else
+          call store_answers(lane, m, asked(i), own)
+        end if
+      end associate
+      k = k + asked(i)
+    end do
   end subroutine evaluate
 
   ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at

@@ -31,7 +31,6 @@ module trajectory_m
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    logical :: at_once = .false.             ! that is evaluated at all stages in one call
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! for adaptive steps
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
