@@ -27,7 +27,7 @@ contains
                        address) bind(c)
     integer, intent(in) :: blocks, numbers, description(3, blocks)
     real(wp), intent(in) :: constants(numbers)
-    logical(c_bool), intent(in) :: derivatives           ! whether right-hand sides give those of points
+    logical(c_bool), intent(in) :: derivatives     ! whether right-hand sides give those of points
     integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t, or 0
     integer(c_intptr_t), intent(out) :: address
     type(plan_t), pointer :: plan

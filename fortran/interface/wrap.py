@@ -1,6 +1,7 @@
 """Write the C wrapper of an extension module from a signature file of f2py.
 
-The signatures of the procedures of Fortran sources, which f2py reads itself, are added to it.
+The signatures of the procedures of Fortran sources, which f2py reads itself, are added to it. These
+procedures have binding labels, so that they are called as if they belonged to no module.
 """
 
 import io
