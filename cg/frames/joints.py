@@ -246,13 +246,15 @@ class Linkage:
         self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
         reader = self._evaluate  # the only reference of compiled code to this object
         blocks = frame.compiled_blocks() or ()
-        self.address: int = core.joints_open(
-            np.array([block[:3] for block in blocks], dtype=np.intc).T, np.zeros(1),
-            *frame.compiled_bodies(), _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
+        description = np.array([block[:3] for block in blocks], dtype=np.intc).T
+        self.address: int = core.plan_open(description, np.zeros(1), False, 0)
+        weakref.finalize(self, core.plan_close, self.address)
+        core.plan_set_bodies(self.address, *frame.compiled_bodies(), 0)
+        core.plan_set_joints(
+            self.address, _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
             _padded(numbers, 13, np.float64), self.own, id(reader),
         )  # fmt: skip
         self._reader = reader
-        weakref.finalize(self, core.joints_free, self.address)
 
     def _call(self, procedure: str, *rows: NDArray[Any]) -> None:
         """Call a compiled procedure with points and what belongs to each, unless there is none."""

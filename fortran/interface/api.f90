@@ -1,129 +1,117 @@
 ! Interface for f2py of the order conditions, of lmdif on them, and of conversions between kinds.
 ! In Python numbers of the wide kind are arrays of bytes.
-
-! To double and back, rounded to nearest.
-subroutine core_to_double(n, x, y)
+module api_m
   use, intrinsic :: iso_fortran_env, only: real64
+  use conditions_m, only: order_conditions_t
   use kinds, only: wp
-  implicit none
-  integer, intent(in) :: n
-  real(wp), intent(in) :: x(n)
-  real(real64), intent(out) :: y(n)
-
-  y = real(x, real64)
-end subroutine core_to_double
-
-subroutine core_from_double(n, x, y)
-  use, intrinsic :: iso_fortran_env, only: real64
-  use kinds, only: wp
-  implicit none
-  integer, intent(in) :: n
-  real(real64), intent(in) :: x(n)
-  real(wp), intent(out) :: y(n)
-
-  y = real(x, wp)
-end subroutine core_from_double
-
-! x - y, y in double.
-subroutine core_subtract_double(n, x, y, difference)
-  use, intrinsic :: iso_fortran_env, only: real64
-  use kinds, only: wp
-  implicit none
-  integer, intent(in) :: n
-  real(wp), intent(in) :: x(n)
-  real(real64), intent(in) :: y(n)
-  real(wp), intent(out) :: difference(n)
-
-  difference = x - real(y, wp)
-end subroutine core_subtract_double
-
-subroutine core_highest_order(order)
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
   use tree_tables, only: highest_order
-  implicit none
-  integer, intent(out) :: order
-
-  order = highest_order
-end subroutine core_highest_order
-
-! Phi(t) of the listed trees.
-subroutine core_weights(order, l, layout, n, x, m, trees, phi)
-  use kinds, only: wp
   use weights_m, only: weights_t
   implicit none
-  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-  real(wp), intent(in) :: x(n)       ! weights, packed
-  integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
-  real(wp), intent(out) :: phi(m)
-  type(weights_t) :: weights
-  integer :: i
 
-  call weights%set_up(order, layout)
-  call weights%evaluate(x)
-  do i = 1, m
-    phi(i) = weights%weight(trees(i), .false.)
-  end do
-end subroutine core_weights
+contains
 
-! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
-! order_conditions_t. A zero in the list of trees gives a zero.
-subroutine core_residuals(order, l, layout, n, x, m, trees, owner, r)
-  use kinds, only: wp
-  use conditions_m, only: order_conditions_t
-  implicit none
-  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-  real(wp), intent(in) :: x(n)
-  integer, intent(in) :: trees(m), owner(m)
-  real(wp), intent(out) :: r(m)
-  type(order_conditions_t) :: conditions
-  integer :: flag
+  ! To double and back, rounded to nearest.
+  subroutine core_to_double(n, x, y) bind(c)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)
+    real(real64), intent(out) :: y(n)
 
-  flag = 0
-  call conditions%set_up(order, layout, trees, owner)
-  call conditions%residual(x, r, flag)
-end subroutine core_residuals
+    y = real(x, real64)
+  end subroutine core_to_double
 
-subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac)
-  use kinds, only: wp
-  use conditions_m, only: order_conditions_t
-  implicit none
-  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-  real(wp), intent(in) :: x(n)
-  integer, intent(in) :: trees(m), owner(m)
-  real(wp), intent(out) :: jac(m, n)
-  type(order_conditions_t) :: conditions
-  integer :: flag
+  subroutine core_from_double(n, x, y) bind(c)
+    integer, intent(in) :: n
+    real(real64), intent(in) :: x(n)
+    real(wp), intent(out) :: y(n)
 
-  flag = 0
-  call conditions%set_up(order, layout, trees, owner)
-  call conditions%jacobian(x, jac, flag)
-end subroutine core_jacobian
+    y = real(x, wp)
+  end subroutine core_from_double
 
-! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
-! solver wants at least as many rows as unknowns.
-subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
-                           x, f, info, nfev)
-  use kinds, only: wp
-  use conditions_m, only: order_conditions_t
-  use levenberg_marquardt_m, only: lmdif, lmdif_t
-  implicit none
-  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-  real(wp), intent(in) :: x0(n)               ! packed weights
-  integer, intent(in) :: trees(m)
-  real(wp), intent(in) :: ftol(1), xtol(1)
-  integer, intent(in) :: maxfev
-  integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
-  real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
-  integer, intent(out) :: info, nfev
-  type(order_conditions_t) :: conditions
-  type(lmdif_t) :: solver
-  real(wp) :: residual(m)
+  ! x - y, y in double.
+  subroutine core_subtract_double(n, x, y, difference) bind(c)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)
+    real(real64), intent(in) :: y(n)
+    real(wp), intent(out) :: difference(n)
 
-  call conditions%set_up(order, layout, trees)
-  conditions%stop_flag => stop_flag(1)
-  x = x0
-  solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
-  call lmdif(conditions, x, residual, solver)
-  info = solver%info
-  nfev = solver%nfev
-  f(1) = sum(residual**2)
-end subroutine core_fit_lmdif
+    difference = x - real(y, wp)
+  end subroutine core_subtract_double
+
+  subroutine core_highest_order(order) bind(c)
+    integer, intent(out) :: order
+
+    order = highest_order
+  end subroutine core_highest_order
+
+  ! Phi(t) of the listed trees.
+  subroutine core_weights(order, l, layout, n, x, m, trees, phi) bind(c)
+    integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
+    real(wp), intent(in) :: x(n)       ! weights, packed
+    integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
+    real(wp), intent(out) :: phi(m)
+    type(weights_t) :: weights
+    integer :: i
+
+    call weights%set_up(order, layout)
+    call weights%evaluate(x)
+    do i = 1, m
+      phi(i) = weights%weight(trees(i), .false.)
+    end do
+  end subroutine core_weights
+
+  ! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
+  ! order_conditions_t. A zero in the list of trees gives a zero.
+  subroutine core_residuals(order, l, layout, n, x, m, trees, owner, r) bind(c)
+    integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
+    real(wp), intent(in) :: x(n)
+    integer, intent(in) :: trees(m), owner(m)
+    real(wp), intent(out) :: r(m)
+    type(order_conditions_t) :: conditions
+    integer :: flag
+
+    flag = 0
+    call conditions%set_up(order, layout, trees, owner)
+    call conditions%residual(x, r, flag)
+  end subroutine core_residuals
+
+  subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac) bind(c)
+    integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
+    real(wp), intent(in) :: x(n)
+    integer, intent(in) :: trees(m), owner(m)
+    real(wp), intent(out) :: jac(m, n)
+    type(order_conditions_t) :: conditions
+    integer :: flag
+
+    flag = 0
+    call conditions%set_up(order, layout, trees, owner)
+    call conditions%jacobian(x, jac, flag)
+  end subroutine core_jacobian
+
+  ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
+  ! solver wants at least as many rows as unknowns.
+  subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
+                             x, f, info, nfev) bind(c)
+    integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
+    real(wp), intent(in) :: x0(n)               ! packed weights
+    integer, intent(in) :: trees(m)
+    real(wp), intent(in) :: ftol(1), xtol(1)
+    integer, intent(in) :: maxfev
+    integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
+    real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
+    integer, intent(out) :: info, nfev
+    type(order_conditions_t) :: conditions
+    type(lmdif_t) :: solver
+    real(wp) :: residual(m)
+
+    call conditions%set_up(order, layout, trees)
+    conditions%stop_flag => stop_flag(1)
+    x = x0
+    solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
+    call lmdif(conditions, x, residual, solver)
+    info = solver%info
+    nfev = solver%nfev
+    f(1) = sum(residual**2)
+  end subroutine core_fit_lmdif
+
+end module api_m

@@ -1,335 +1,319 @@
 ! Interface for f2py of plans and runs.
 ! Both stay in memory between calls, and the caller knows them by their addresses.
-
-! Makes a plan from a frame and a method.
-subroutine plan_open(blocks, description, numbers, constants, derivatives, method_address, address)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_null_ptr
-  use frames_m, only: make_frame
-  use method_m, only: make_method
-  use run_m, only: c_intptr_t, plan_t, wp
-  use shared_numbers, only: callback_block, linear_action_block, method_record_t
-  implicit none
-  integer, intent(in) :: blocks, numbers, description(3, blocks)
-  real(wp), intent(in) :: constants(numbers)
-  logical, intent(in) :: derivatives     ! whether right-hand sides give derivatives of points
-  integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t
-  integer(c_intptr_t), intent(out) :: address
-  type(plan_t), pointer :: plan
-  type(method_record_t), pointer :: record
-
-  allocate (plan)
-  call make_frame(description, constants, plan%frame)
-  plan%frame%derivatives = derivatives
-  associate (kind => plan%frame%blocks%kind)
-    plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
-  end associate
-  call c_f_pointer(transfer(method_address, c_null_ptr), record)
-  call make_method(record, plan%method)
-  address = transfer(c_loc(plan), address)
-end subroutine plan_open
-
-! Gives the frame of a plan inertia; see make_bodies.
-subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangents)
+module api_run_m
+  use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
+       c_null_ptr
+  use callback_m, only: callback_t
+  use collocation_m, only: refactor
+  use frames_m, only: distance_bound, frame_t, make_frame
   use free_motion_m, only: make_bodies
-  use run_m, only: c_intptr_t, plan_at, plan_t, wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: bodies, numbers, columns(bodies), tangents
-  real(wp), intent(in) :: constants(numbers)
-  type(plan_t), pointer :: plan
-
-  plan => plan_at(address)
-  plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
-  plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
-  plan%frame%tangents = tangents
-  allocate (plan%frame%bodies(bodies))
-  call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
-end subroutine plan_set_bodies
-
-! Gives the frame of a plan the joints of a phase space, which is this frame or its first factor.
-subroutine plan_set_joints(address, joints)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
-  use frames_m, only: frame_t
-  use run_m, only: c_intptr_t, plan_at, plan_t
-  implicit none
-  integer(c_intptr_t), intent(in) :: address, joints   ! joints: from joints_open
-  type(plan_t), pointer :: plan
-  type(frame_t), pointer :: frame
-
-  plan => plan_at(address)
-  call c_f_pointer(transfer(joints, c_null_ptr), frame)
-  if (.not. associated(plan%frame%bodies)) allocate (plan%frame%bodies, source=frame%bodies)
-  plan%frame%linkage = frame%linkage
-  plan%frame%jointed = .true.
-end subroutine plan_set_joints
-
-! Sets the coefficients of the interpolants of a plan; see scheme_t.
-subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
-                           degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &
-                           result_weight)
-  use method_m, only: kind_splitting
-  use run_m, only: c_intptr_t, plan_at, plan_t, wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
-  logical, intent(in) :: flat, at_stages
-  ! the last one is unused, since no array may be empty
-  real(wp), intent(in) :: theta(extra), row(derivatives, extra), basis(derivatives, degree)
-  real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
-  real(wp), intent(in) :: used_c(used), result_weight(used, flows)
-  type(plan_t), pointer :: plan
-
-  plan => plan_at(address)
-  associate (scheme => plan%scheme)
-    scheme%flat = flat
-    scheme%final = final
-    scheme%series = series
-    scheme%theta = theta(:extra - 1)
-    scheme%row = row
-    scheme%basis = basis
-    scheme%at_stages = at_stages
-    scheme%nodes = nodes
-    allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
-    scheme%node(:, :) = node
-    scheme%blend(:, :) = blend
-    scheme%c = used_c
-    scheme%weight = result_weight
-    scheme%columns = columns
-    if (plan%method%kind == kind_splitting) scheme%drift = plan%method%drift
-  end associate
-end subroutine plan_set_scheme
-
-! No less than the distances of points from the manifold; see distance_bound.
-subroutine plan_distance_bound(address, n, members, y, bound)
-  !f2py threadsafe
-  use frames_m, only: distance_bound
-  use run_m, only: c_intptr_t, plan_at, plan_t, wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: n, members
-  real(wp), intent(in) :: y(n, members)
-  real(wp), intent(out) :: bound                       ! of all
-  type(plan_t), pointer :: plan
-  integer :: i
-
-  plan => plan_at(address)
-  bound = 0.0_wp
-  do i = 1, members
-    bound = max(bound, distance_bound(plan%frame, y(:, i)))
-  end do
-end subroutine plan_distance_bound
-
-! Frees a plan.
-subroutine plan_close(address)
-  use run_m, only: c_intptr_t, plan_at, plan_t
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  type(plan_t), pointer :: plan
-
-  plan => plan_at(address)
-  if (associated(plan%frame%bodies)) deallocate (plan%frame%bodies)
-  deallocate (plan)
-end subroutine plan_close
-
-! Makes the run that a record describes.
-subroutine loop_open(plan_address, record_address, address)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_null_ptr
-  use open_run_m, only: open_run
-  use run_m, only: c_intptr_t, plan_at, run_t
-  implicit none
-  integer(c_intptr_t), intent(in) :: plan_address, record_address
-  integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
-  type(run_t), pointer :: run
-  integer :: memory
-
-  allocate (run)
-  call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
-  call open_run(plan_at(plan_address), run, memory)
-  address = transfer(c_loc(run), address)
-  if (memory == 0) return
-  address = 0
-  deallocate (run)
-end subroutine loop_open
-
-! Frees a run.
-subroutine loop_close(address)
-  use run_m, only: c_intptr_t, run_at, run_t
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  type(run_t), pointer :: run
-
-  run => run_at(address)
-  deallocate (run)
-end subroutine loop_close
-
-! Advances a run until all members have ended, the budget is used up, or a buffer is full.
-subroutine loop_drive(address)
-  !f2py threadsafe
-  use run_m, only: c_intptr_t, drive, run_at
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-
-  call drive(run_at(address))
-end subroutine loop_drive
-
-! Takes new buffers from the record.
-subroutine loop_set_output(address)
-  use open_run_m, only: set_output
-  use run_m, only: c_intptr_t, run_at
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-
-  call set_output(run_at(address))
-end subroutine loop_set_output
-
-! Lets trajectories continue with other ends of segments, but for members that a terminal event has
-! ended. There are as many lanes as members.
-subroutine loop_continue(address, segments, stops)
-  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
-  use trajectory_m, only: continue_trajectory
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: segments
-  real(wp), intent(in) :: stops(segments)
-  type(run_t), pointer :: run
-  integer :: i
-
-  run => run_at(address)
-  run%problem%stops = stops
-  call wake(run)
-  do i = 1, size(run%lanes)
-    if (run%busy(i)) call continue_trajectory(run%lanes(i))
-  end do
-end subroutine loop_continue
-
-! Starts trajectories from other points or another time, with other data of the field.
-subroutine loop_restart(address, n, members, t, y, first_step, data_address, stopped)
-  use open_run_m, only: set_inputs
-  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
-  use shared_numbers, only: terminal_event
-  use trajectory_m, only: set_start
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: n, members
-  real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
-  integer(c_intptr_t), intent(in) :: data_address
-  integer, intent(in) :: stopped(members)              ! 1 for those that a terminal event has ended
-  type(run_t), pointer :: run
-  integer :: i
-
-  run => run_at(address)
-  run%field%data_address = data_address
-  run%events%member_data = data_address
-  call set_inputs(run)
-  do i = 1, members
-    if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
-    if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
-  end do
-  call wake(run)
-end subroutine loop_restart
-
-! Requests the interpolants of the last steps, which the next call of loop_drive stores, but for
-! members that a terminal event has ended.
-subroutine loop_interpolate(address)
-  use run_m, only: c_intptr_t, run_at, run_t, wake
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
+  use joints_m, only: make_linkage
+  use kinds, only: wp
+  use linear_action_m, only: inner_points_t
+  use method_m, only: kind_polynomial, kind_splitting, make_method
+  use open_run_m, only: open_run, set_inputs, set_output
+  use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
+  use saved_state_m, only: load_state, save_state
+  use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
+  use trajectory_m, only: continue_trajectory, set_start
   use within_step_m, only: request_interpolant
   implicit none
-  integer(c_intptr_t), intent(in) :: address
-  type(run_t), pointer :: run
-  integer :: i
 
-  run => run_at(address)
-  call wake(run)
-  do i = 1, size(run%lanes)
-    if (run%busy(i)) call request_interpolant(run%lanes(i))
-  end do
-end subroutine loop_interpolate
+contains
 
-! Reads or writes the states of all trajectories.
-subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
-                      slopes)
-  use, intrinsic :: iso_c_binding, only: c_int64_t
-  use collocation_m, only: refactor
-  use run_m, only: c_intptr_t, run_at, run_t, wake, wp
-  use saved_state_m, only: load_state, save_state
-  implicit none
-  integer(c_intptr_t), intent(in) :: address
-  logical, intent(in) :: write
-  integer, intent(in) :: n, m, columns, members, nr, ni  ! nr, ni: see save_state
-  real(wp), intent(inout) :: reals(nr, members)
-  integer(c_int64_t), intent(inout) :: integers(ni, members)
-  real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
-  type(run_t), pointer :: run
-  integer :: i
+  ! Makes a plan from a frame and a method, or of a frame alone.
+  subroutine plan_open(blocks, description, numbers, constants, derivatives, method_address, &
+                       address) bind(c)
+    integer, intent(in) :: blocks, numbers, description(3, blocks)
+    real(wp), intent(in) :: constants(numbers)
+    logical(c_bool), intent(in) :: derivatives     ! whether right-hand sides give those of points
+    integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t, or 0
+    integer(c_intptr_t), intent(out) :: address
+    type(plan_t), pointer :: plan
+    type(method_record_t), pointer :: record
 
-  run => run_at(address)
-  do i = 1, members
-    if (write) then
-      call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
-      call refactor(run%lanes(i))
-    else
-      call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+    allocate (plan)
+    call make_frame(description, constants, plan%frame)
+    plan%frame%derivatives = derivatives
+    associate (kind => plan%frame%blocks%kind)
+      plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
+    end associate
+    address = transfer(c_loc(plan), address)
+    if (method_address == 0) return
+    call c_f_pointer(transfer(method_address, c_null_ptr), record)
+    call make_method(record, plan%method)
+  end subroutine plan_open
+
+  ! Gives the frame of a plan inertia; see make_bodies.
+  subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangents) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: bodies, numbers, columns(bodies), tangents
+    real(wp), intent(in) :: constants(numbers)
+    type(plan_t), pointer :: plan
+
+    plan => plan_at(address)
+    plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
+    plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
+    plan%frame%tangents = tangents
+    allocate (plan%frame%bodies(bodies))
+    call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
+  end subroutine plan_set_bodies
+
+  ! Gives the frame of a plan with inertia joints; see make_linkage.
+  subroutine plan_set_joints(address, bodies, places, rows, integers, joints, reals, own, &
+                             context) bind(c)
+    integer(c_intptr_t), intent(in) :: address, context  ! context: evaluates own rows
+    integer, intent(in) :: bodies, rows, joints, own
+    ! the last columns are unused, since no array may be empty
+    integer, intent(in) :: places(2, bodies), integers(3, rows)
+    real(wp), intent(in) :: reals(13, joints)
+    type(plan_t), pointer :: plan
+
+    plan => plan_at(address)
+    associate (frame => plan%frame)
+      call make_linkage(frame%blocks, frame%forces, places(:, :bodies - 1), &
+                        integers(:, :rows - 1), reals(:, :joints - 1), own, frame%linkage)
+      frame%linkage%python%context = transfer(context, c_null_ptr)
+      frame%jointed = .true.
+    end associate
+  end subroutine plan_set_joints
+
+  ! Gives the frame of a plan the joints of a phase space, which is this frame or its first factor.
+  subroutine plan_share_joints(address, space) bind(c)
+    integer(c_intptr_t), intent(in) :: address, space    ! of plans
+    type(plan_t), pointer :: plan, other
+
+    plan => plan_at(address)
+    other => plan_at(space)
+    if (.not. associated(plan%frame%bodies)) then
+      allocate (plan%frame%bodies, source=other%frame%bodies)
     end if
-  end do
-  if (write) call wake(run)
-end subroutine loop_state
+    plan%frame%linkage = other%frame%linkage
+    plan%frame%jointed = .true.
+  end subroutine plan_share_joints
 
-! Evaluates stored interpolants.
-subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
-                            fields, y)
-  !f2py threadsafe
-  use, intrinsic :: iso_c_binding, only: c_null_ptr
-  use callback_m, only: callback_t
-  use frames_m, only: frame_t
-  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
-  use linear_action_m, only: inner_points_t
-  use method_m, only: kind_polynomial
-  use run_m, only: c_intptr_t, plan_at, plan_t, wp
-  implicit none
-  integer(c_intptr_t), intent(in) :: address, context
-  integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
-  real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
-  real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
-  real(wp), intent(inout) :: y(n, count)
-  type(plan_t), pointer :: plan
-  type(frame_t), target :: frame
-  type(callback_t), target :: python
-  type(interpolant_t) :: interpolant
-  type(inner_points_t), target :: inner
-  integer :: i, k, last, last_in_step, memory
+  ! Sets the coefficients of the interpolants of a plan; see scheme_t.
+  subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, &
+                             row, degree, basis, at_stages, nodes, node, blend, used, used_c, &
+                             flows, result_weight) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
+    logical(c_bool), intent(in) :: flat, at_stages
+    ! the last one is unused, since no array may be empty
+    real(wp), intent(in) :: theta(extra), row(derivatives, extra), basis(derivatives, degree)
+    real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
+    real(wp), intent(in) :: used_c(used), result_weight(used, flows)
+    type(plan_t), pointer :: plan
 
-  plan => plan_at(address)
-  frame = plan%frame
-  python%context = transfer(context, c_null_ptr)
-  if (context /= 0) frame%callback => python
-  call reserve_interpolant(frame, plan%scheme, interpolant, memory)
-  if (memory /= 0) return
-  frame%blocks(1)%action%inner => inner
-  last = -1
-  i = 0
-  do while (i < count)
-    i = i + 1
-    k = which(i) + 1
-    if (k /= last) then
-      interpolant%known = plan%scheme%nodes
-      interpolant%h = t(2, k)
-      interpolant%on_algebra = t(4, k) > 0
-      interpolant%y0(:) = y_ends(:, 1, k)
-      interpolant%field(:, :) = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
-      last = k
-    end if
-    if (.not. theta(i) > 0) then
-      y(:, i) = y_ends(:, 1, k)
-    else if (.not. theta(i) < 1) then
-      y(:, i) = y_ends(:, 2, k)
-    else if (plan%scheme%at_stages .and. plan%method%kind == kind_polynomial) then
-      last_in_step = min(count, i + 31)
-      last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
-                                      .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-      call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
-      i = last_in_step
-    else
-      call evaluate_interpolant(interpolant, theta(i), y(:, i))
-    end if
-  end do
-end subroutine plan_interpolate
+    plan => plan_at(address)
+    associate (scheme => plan%scheme)
+      scheme%flat = flat
+      scheme%final = final
+      scheme%series = series
+      scheme%theta = theta(:extra - 1)
+      scheme%row = row
+      scheme%basis = basis
+      scheme%at_stages = at_stages
+      scheme%nodes = nodes
+      allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
+      scheme%node(:, :) = node
+      scheme%blend(:, :) = blend
+      scheme%c = used_c
+      scheme%weight = result_weight
+      scheme%columns = columns
+      if (plan%method%kind == kind_splitting) scheme%drift = plan%method%drift
+    end associate
+  end subroutine plan_set_scheme
+
+  ! No less than the distances of points from the manifold; see distance_bound.
+  subroutine plan_distance_bound(address, n, members, y, bound) bind(c)
+    !f2py threadsafe
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: n, members
+    real(wp), intent(in) :: y(n, members)
+    real(wp), intent(out) :: bound                       ! of all
+    type(plan_t), pointer :: plan
+    integer :: i
+
+    plan => plan_at(address)
+    bound = 0.0_wp
+    do i = 1, members
+      bound = max(bound, distance_bound(plan%frame, y(:, i)))
+    end do
+  end subroutine plan_distance_bound
+
+  ! Frees a plan.
+  subroutine plan_close(address) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    type(plan_t), pointer :: plan
+
+    plan => plan_at(address)
+    if (associated(plan%frame%bodies)) deallocate (plan%frame%bodies)
+    deallocate (plan)
+  end subroutine plan_close
+
+  ! Makes the run that a record describes.
+  subroutine loop_open(plan_address, record_address, address) bind(c)
+    integer(c_intptr_t), intent(in) :: plan_address, record_address
+    integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
+    type(run_t), pointer :: run
+    integer :: memory
+
+    allocate (run)
+    call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
+    call open_run(plan_at(plan_address), run, memory)
+    address = transfer(c_loc(run), address)
+    if (memory == 0) return
+    address = 0
+    deallocate (run)
+  end subroutine loop_open
+
+  ! Frees a run.
+  subroutine loop_close(address) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    type(run_t), pointer :: run
+
+    run => run_at(address)
+    deallocate (run)
+  end subroutine loop_close
+
+  ! Advances a run until all members have ended, the budget is used up, or a buffer of the record is
+  ! full.
+  subroutine loop_drive(address) bind(c)
+    !f2py threadsafe
+    integer(c_intptr_t), intent(in) :: address
+
+    call set_output(run_at(address))
+    call drive(run_at(address))
+  end subroutine loop_drive
+
+  ! Lets trajectories continue with other ends of segments, but for members that a terminal event
+  ! has ended. There are as many lanes as members.
+  subroutine loop_continue(address, segments, stops) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: segments
+    real(wp), intent(in) :: stops(segments)
+    type(run_t), pointer :: run
+    integer :: i
+
+    run => run_at(address)
+    run%problem%stops = stops
+    call wake(run)
+    do i = 1, size(run%lanes)
+      if (run%busy(i)) call continue_trajectory(run%lanes(i))
+    end do
+  end subroutine loop_continue
+
+  ! Starts trajectories from other points or another time, with other data of the field.
+  subroutine loop_restart(address, n, members, t, y, first_step, data_address, stopped) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: n, members
+    real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
+    integer(c_intptr_t), intent(in) :: data_address
+    integer, intent(in) :: stopped(members)            ! 1 for those that a terminal event has ended
+    type(run_t), pointer :: run
+    integer :: i
+
+    run => run_at(address)
+    run%field%data_address = data_address
+    run%events%member_data = data_address
+    call set_inputs(run)
+    do i = 1, members
+      if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
+      if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
+    end do
+    call wake(run)
+  end subroutine loop_restart
+
+  ! Requests the interpolants of the last steps, which the next call of loop_drive stores, but for
+  ! members that a terminal event has ended.
+  subroutine loop_interpolate(address) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    type(run_t), pointer :: run
+    integer :: i
+
+    run => run_at(address)
+    call wake(run)
+    do i = 1, size(run%lanes)
+      if (run%busy(i)) call request_interpolant(run%lanes(i))
+    end do
+  end subroutine loop_interpolate
+
+  ! Reads or writes the states of all trajectories.
+  subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
+                        slopes) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    logical(c_bool), intent(in) :: write
+    integer, intent(in) :: n, m, columns, members, nr, ni  ! nr, ni: see save_state
+    real(wp), intent(inout) :: reals(nr, members)
+    integer(c_int64_t), intent(inout) :: integers(ni, members)
+    real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
+    type(run_t), pointer :: run
+    integer :: i
+
+    run => run_at(address)
+    do i = 1, members
+      if (write) then
+        call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+        call refactor(run%lanes(i))
+      else
+        call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+      end if
+    end do
+    if (write) call wake(run)
+  end subroutine loop_state
+
+  ! Evaluates stored interpolants.
+  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
+                              fields, y) bind(c)
+    !f2py threadsafe
+    integer(c_intptr_t), intent(in) :: address, context
+    integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
+    real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
+    real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
+    real(wp), intent(inout) :: y(n, count)
+    type(plan_t), pointer :: plan
+    type(frame_t), target :: frame
+    type(callback_t), target :: python
+    type(interpolant_t) :: interpolant
+    type(inner_points_t), target :: inner
+    integer :: i, k, last, last_in_step, memory
+
+    plan => plan_at(address)
+    frame = plan%frame
+    python%context = transfer(context, c_null_ptr)
+    if (context /= 0) frame%callback => python
+    call reserve_interpolant(frame, plan%scheme, interpolant, memory)
+    if (memory /= 0) return
+    frame%blocks(1)%action%inner => inner
+    last = -1
+    i = 0
+    do while (i < count)
+      i = i + 1
+      k = which(i) + 1
+      if (k /= last) then
+        interpolant%known = plan%scheme%nodes
+        interpolant%h = t(2, k)
+        interpolant%on_algebra = t(4, k) > 0
+        interpolant%y0(:) = y_ends(:, 1, k)
+        interpolant%field(:, :) = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
+        last = k
+      end if
+      if (.not. theta(i) > 0) then
+        y(:, i) = y_ends(:, 1, k)
+      else if (.not. theta(i) < 1) then
+        y(:, i) = y_ends(:, 2, k)
+      else if (plan%scheme%at_stages .and. plan%method%kind == kind_polynomial) then
+        last_in_step = min(count, i + 31)
+        last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
+                                        .and. theta(i:last_in_step) < 1, .false.], .false., 1)
+        call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
+        i = last_in_step
+      else
+        call evaluate_interpolant(interpolant, theta(i), y(:, i))
+      end if
+    end do
+  end subroutine plan_interpolate
+
+end module api_run_m

@@ -8,6 +8,7 @@ module open_run_m
   use free_motion_m, only: make_bodies
   use heat_bath_m, only: bath_t
   use kinds, only: wp
+  use method_m, only: reals
   use run_m, only: plan_t, run_t
   use shared_numbers
   use trajectory_m, only: start
@@ -41,7 +42,6 @@ contains
                         run%record%sizer_data, run%record%sizer_stride, run%sizes)
       run%problem%sizes => run%sizes
     end if
-    call set_output(run)
   end subroutine open_run
 
   ! Sets the frame, the method and the right-hand side of a problem.
@@ -70,9 +70,6 @@ contains
       problem%common = record%common /= 0
       problem%goes_on = record%goes_on /= 0
       problem%of_time = record%of_time /= 0
-      ! few trajectories get all stages in one call; many are evaluated together, stage by stage
-      problem%at_once = problem%of_time .and. record%vectorized /= 0 &
-                        .and. int(record%lanes) <= size(plan%method%c)
       problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
                             record%first_member, record%h)
       problem%unique_flows = record%unique_flows /= 0
@@ -84,12 +81,11 @@ contains
   ! Sets the sizes of steps and their tolerances, of which those in the record may be fewer.
   subroutine set_tolerances(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
+    real(wp), pointer, contiguous :: rtols(:), atol(:)
     integer :: i, n
 
     associate (problem => run%problem, record => run%record)
-      call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
-      problem%stops = stops
+      problem%stops = reals(record%stops, record%segments)
       problem%adaptive = .not. record%h > 0
       problem%h = record%h
       problem%first_step = record%first_step
@@ -104,7 +100,7 @@ contains
       if (problem%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(atol)
-        problem%duration = abs(stops(size(stops)) - record%t0)
+        problem%duration = abs(problem%stops(size(problem%stops)) - record%t0)
       end if
     end associate
   end subroutine set_tolerances
@@ -125,10 +121,9 @@ contains
       run%counters(:) = counters_t(status=paused)
       within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
                       .or. associated(run%problem%events))
-      allocate (run%lanes(lanes), run%busy(lanes), run%asks(lanes), stat=memory)
+      allocate (run%busy(lanes), run%asks(lanes), source=.false., stat=memory)
+      if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
-      run%busy = .false.
-      run%asks = .false.
       do i = 1, size(run%lanes)
         call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
         if (memory /= 0) return
@@ -140,10 +135,9 @@ contains
   ! Sets the inputs of functions, and the limits of steps due to them, from the record.
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: limits(:, :)
 
-    call c_f_pointer(transfer(run%record%limits, c_null_ptr), limits, [2, int(run%record%limited)])
-    run%problem%limits = limits
+    run%problem%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+                                 [2_int64, run%record%limited])
     if (run%record%curves == 0) return
     call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
                      [7, int(run%record%curves)])
@@ -246,9 +240,6 @@ contains
       call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
                        [columns, dense])
-      output%lanes = size(run%lanes, kind=int64)
-      output%functions = 0
-      if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
       call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2_int64, events])
       call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
       call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2_int64, events])

@@ -16,13 +16,13 @@ module run_m
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: output_t, store_point, store_step
-  use accepted_step_m, only: fail_to_observe
   use shared_numbers
-  use trajectory_m, only: problem_t, set_start, store_values, trajectory_t
+  use step_m, only: store_answers, times_of_request
+  use trajectory_m, only: fail, problem_t, set_start, trajectory_t
   use inputs_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wake, wp
+  public :: plan_t, run_t, drive, plan_at, run_at, wake
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -88,9 +88,8 @@ contains
   ! of events come first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
-    integer :: requests(size(run%lanes))     ! lanes that need coefficients
     integer(int64) :: budget, share(size(run%lanes))
-    integer :: i, count, status
+    integer :: i, status
     logical :: waits, stops, together
 
     budget = run%record%budget
@@ -103,7 +102,6 @@ contains
     run%record%events = 0
     run%output%failed = .false.
     drive_all: do
-      count = 0
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
@@ -116,9 +114,6 @@ contains
         end if
         run%asks(i) = status == needs_field .or. status == needs_events
         select case (status)
-        case (needs_field)
-          count = count + 1
-          requests(count) = i
         case (needs_minimum, needs_maximum)
           waits = .true.
         case (paused, buffer_full)
@@ -131,9 +126,8 @@ contains
         exit
       else if (any(run%asks .and. run%lanes%status == needs_events)) then
         call evaluate_events(run)
-      else if (count > 0) then
-        call evaluate(run, requests(:count))
-        run%asks = .false.
+      else if (any(run%asks)) then
+        call evaluate(run)
       else if (waits .and. .not. stops) then
         call exchange(run)
       else
@@ -193,7 +187,7 @@ contains
           lane%outputs_done = 1
         end if
       end if
-      if (run%output%failed) call fail_to_observe(lane, run%record%t0)
+      if (run%output%failed) call fail(lane, raised, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate
@@ -243,86 +237,87 @@ contains
   end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
-  subroutine evaluate(run, requests)
+  subroutine evaluate(run)
     type(run_t), intent(inout) :: run
-    integer, contiguous, intent(in) :: requests(:)
-    real(wp), allocatable :: times(:), points(:), slopes(:)  ! times, then members
+    integer, allocatable :: requests(:)                ! these lanes
+    integer, allocatable :: asked(:)                   ! for how many times each asks
+    real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
-    integer :: i, m, memory
+    integer :: i, k, m, memory
 
+    requests = pack([(i, i=1, size(run%lanes))], run%asks)
+    run%asks = .false.
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
-    associate (n => run%frame%point_size, k => size(requests))
-      allocate (times(2 * k), points(n * k), slopes(m * k), stat=memory)
-      if (memory /= 0) run%lanes(requests)%status = out_of_memory
-      if (memory /= 0) return
-      do i = 1, k
+    allocate (asked(size(requests)), points(run%frame%point_size * size(requests)), stat=memory)
+    if (memory == 0) then
+      asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+      k = sum(asked)
+      allocate (times(k), members(k), answers(m * k), stat=memory)
+    end if
+    if (memory /= 0) run%lanes(requests)%status = out_of_memory
+    if (memory /= 0) return
+    associate (n => run%frame%point_size)
+      k = 0
+      do i = 1, size(requests)
         associate (lane => run%lanes(requests(i)))
-          times(i) = lane%request%t
-          times(k + i) = real(lane%member - 1, wp)
+          times(k + 1:k + asked(i)) = times_of_request(lane)
+          members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
           points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
-      end do
-      call run%python%apply(fields_operation, times, points, slopes, failed)
-      do i = 1, k
-        associate (lane => run%lanes(requests(i)))
-          if (run%frame%derivatives) then
-            call coefficients_of(run%frame, lane%request%t, lane%request%y, &
-                                 slopes((i - 1) * m + 1:i * m), lane%request%answer)
-          else
-            lane%request%answer(:m) = slopes((i - 1) * m + 1:i * m)
-          end if
-          lane%request%flag = merge(raised_in_python, 0, failed)
-        end associate
+        k = k + asked(i)
       end do
     end associate
+    call run%python%apply(fields_operation, [times, members], points, answers, failed)
+    k = 0
+    do i = 1, size(requests)
+      associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
+        lane%request%flag = merge(raised_in_python, 0, failed)
+        if (run%frame%derivatives) then
+          call coefficients_of(run%frame, lane%request%t, lane%request%y, own, lane%request%answer)
+        else
+          call store_answers(lane, m, asked(i), own)
+        end if
+      end associate
+      k = k + asked(i)
+    end do
   end subroutine evaluate
 
   ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
-  ! once. A lane waits for the values of all events or of single ones, in increasing order.
+  ! once.
   subroutine evaluate_events(run)
     type(run_t), intent(inout) :: run
-    integer :: last(0:size(run%lanes))       ! the last point of each of the lanes that wait
-    integer, allocatable :: waiting(:), taken(:)       ! these lanes, and their points that are done
+    integer, allocatable :: waiting(:)                 ! lanes
+    integer, allocatable :: owner(:), place(:)         ! the lane of each point, and where it has it
     real(wp), allocatable :: t(:), member(:), points(:), values(:)
-    integer :: event, i, j, k, memory, of_all, total
-    logical :: failed, waits(size(run%lanes)), for_all(size(run%lanes))
+    integer :: event, i, j, k, memory, total
+    logical :: failed
 
-    waits = run%asks .and. run%lanes%status == needs_events
-    for_all = waits
-    do i = 1, size(waits)
-      if (waits(i)) for_all(i) = .not. run%lanes(i)%query(1, 1) > 0
-    end do
-    of_all = count(for_all)
-    allocate (waiting(count(waits)), taken(count(waits)), source=0)
-    waiting(:of_all) = pack([(i, i=1, size(waits))], for_all)
-    waiting(of_all + 1:) = pack([(i, i=1, size(waits))], waits .and. .not. for_all)
-    run%asks(waiting) = .false.
-    total = sum(run%lanes(waiting)%queries)
     associate (lanes => run%lanes, n => run%frame%point_size)
-      allocate (t(total), member(total), points(n * total), values(total), stat=memory)
+      waiting = pack([(i, i=1, size(lanes))], run%asks .and. lanes%status == needs_events)
+      run%asks(waiting) = .false.
+      total = sum(lanes(waiting)%queries)
+      allocate (owner(total), place(total), t(total), member(total), points(n * total), &
+                values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
-      last(0) = 0
       do event = 1, run%events%count
-        do i = merge(1, of_all + 1, event == 1), size(waiting)
-          k = last(i - 1)
+        k = 0
+        do i = 1, size(waiting)
           associate (lane => lanes(waiting(i)))
-            do while (taken(i) < lane%queries)
-              if (nint(lane%query(1, taken(i) + 1)) > event) exit
-              taken(i) = taken(i) + 1
+            do j = lane%answered + 1, lane%queries
+              if (all(nint(lane%query(1, j)) /= [0, event])) cycle
+              points(k * n + 1:(k + 1) * n) = lane%query(4:n + 3, j)
               k = k + 1
-              t(k) = lane%query(2, taken(i))
+              owner(k) = waiting(i)
+              place(k) = j
+              t(k) = lane%query(3, j)
               member(k) = real(lane%member - 1, wp)
-              points((k - 1) * n + 1:k * n) = lane%query(3:, taken(i))
             end do
           end associate
-          last(i) = k
         end do
-        k = last(size(waiting))
-        if (k == 0) cycle
-        if (run%events%vectorized(event)) then
+        if (k > 0 .and. run%events%vectorized(event)) then
           call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
                                 points(:n * k), values(:k))
         else
@@ -331,9 +326,8 @@ contains
                                   values(j), failed)
           end do
         end if
-        do i = 1, size(waiting)
-          if (last(i) > last(i - 1)) &
-            call store_values(lanes(waiting(i)), event, values(last(i - 1) + 1:last(i)))
+        do j = 1, k
+          lanes(owner(j))%query(n + 3 + event, place(j)) = values(j)
         end do
       end do
     end associate

@@ -1,6 +1,7 @@
 """Write the C wrapper of an extension module from a signature file of f2py.
 
-The signatures of the procedures of Fortran sources, which f2py reads itself, are added to it.
+The signatures of the procedures of Fortran sources, which f2py reads itself, are added to it. These
+procedures have binding labels, so that they are called as if they belonged to no module.
 """
 
 import io
@@ -14,6 +15,7 @@ from numpy import f2py
 
 _KINDS = """{
     "real": {"wp": "double"},
+    "logical": {"c_bool": "signed_char"},
     "integer": {"int64": "long_long", "c_int64_t": "long_long", "c_intptr_t": "long_long"},
 }
 """
@@ -34,7 +36,11 @@ def main(folder: Path, signatures: Path, sources: list[str]) -> None:
             next(k for k, line in enumerate(lines) if re.match(rf" *{start}\b", line))
             for start in ("interface", "end interface")
         )
-        own = [line for line in lines[first + 1 : last] if not re.match(r" *use ", line)]
+        own = [
+            line
+            for line in lines[first + 1 : last]
+            if not re.match(r" *(use|(end )?module) ", line)
+        ]
         before, end, after = text.rpartition("  end interface")
         text = "\n".join([before, *own, end + after])
     complete.write_text(text, encoding="utf-8")

@@ -10,17 +10,17 @@ module accepted_step_m
   use method_m, only: kind_polynomial
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step, time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
-  use within_step_m, only: interpolate, point_at, request_ends, time_at
+  use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: nan
   implicit none
   private
-  public :: begin_after_events, complete_step, detect_events, examine_step, fail_to_observe, &
-            prepare_inner, store_output
+  public :: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, &
+            store_output
 
   integer, parameter :: max_stuck = 20
   ! a value of an event's function that counts as zero, relative to its values at both ends
@@ -37,7 +37,7 @@ contains
 
     x%seeks_events = size(x%events%before) > 0
     if (x%seeks_events) then
-      call evaluate_events(x, 0, x%t_end, x%y(:, x%result), x%events%after)
+      call evaluate_events(x, 0, 1.0_wp, x%y(:, x%result), x%events%after)
       if (x%status /= finished) return
       call forget_values(x)
     end if
@@ -168,10 +168,10 @@ contains
     if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
                         .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
     if (output%failed) then
-      call fail_to_observe(x, t)
+      call fail(x, raised, t, observer_failed)
       return
     end if
-    if (x%last%kept) then
+    if (allocated(x%last%y)) then
       x%last%t = x%t
       x%last%h = x%t_end - x%t
       x%last%y(:) = x%y(:, 0)
@@ -259,15 +259,6 @@ contains
       end do
     end associate
   end subroutine store_outputs
-
-  ! Ends a trajectory after a failure of a function that is evaluated at output times.
-  subroutine fail_to_observe(x, t)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: t
-
-    x%request%flag = observer_failed
-    call fail(x, raised, t)
-  end subroutine fail_to_observe
 
   ! Lets the next flow along a polynomial compute the points at the next output times in the step,
   ! as many as have room in memory.

@@ -45,7 +45,7 @@ module interpolant_m
   private
   public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, &
             flows_of_evaluation, interpolant_t, make_cubic, next_node, reserve_interpolant, &
-            scheme_t, set_ends
+            scheme_t
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
@@ -111,21 +111,6 @@ contains
               self%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
               self%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
   end subroutine reserve_interpolant
-
-  ! Gives an interpolant the ends of its step.
-  pure subroutine set_ends(self, t0, h, y0, y1, first, last)
-    type(interpolant_t), intent(inout) :: self
-    real(wp), intent(in) :: t0, h
-    real(wp), contiguous, intent(in) :: y0(:), y1(:)         ! (point_size)
-    real(wp), contiguous, intent(in) :: first(:), last(:)    ! (dimension) coefficients at the ends
-
-    self%t0 = t0
-    self%h = h
-    self%y0(:) = y0
-    self%y1(:) = y1
-    self%field(:, 1) = first
-    self%field(:, 2) = last
-  end subroutine set_ends
 
   ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position
   ! alone, whose error is smaller by a power of the step, so that two nodes are added at a time.

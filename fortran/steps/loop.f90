@@ -23,10 +23,10 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
-  use requests_m, only: check_coefficients, retry_or_store
+  use requests_m, only: check_coefficients, retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
-  use within_step_m, only: request_ends_of_last, request_node, store_begin, store_end, store_node
+  use within_step_m, only: request_ends, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
                             needs_minimum, paused
@@ -49,8 +49,7 @@ contains
       x%status = finished
     case (needs_events)
       x%status = finished
-      x%used = 0
-      x%queries = 0
+      x%answered = x%queries
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
@@ -101,8 +100,8 @@ contains
       call accept_or_reject(x)
     case (phase_accepted)
       call examine_step(x, output)
-    case (phase_request_begin, phase_request_end)
-      call request_ends_of_last(x)
+    case (phase_request_ends)
+      call request_ends(x)
     case (phase_begin_received)
       call store_begin(x)
     case (phase_end_received)
@@ -116,7 +115,8 @@ contains
     case (phase_complete_step)
       call complete_step(x, output)
     case (phase_step_shared)
-      call retry_or_store(x)
+      x%phase = phase_store_output
+      if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
     case (phase_store_output)
       call store_output(x, output)
     case (phase_after_events)

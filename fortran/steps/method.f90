@@ -8,7 +8,7 @@ module method_m
   use shared_numbers, only: method_record_t
   implicit none
   private
-  public :: method_t, make_method, middle_path
+  public :: method_t, make_method, middle_path, reals
   public :: kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
             kind_implicit, kind_collocation
 

@@ -32,8 +32,6 @@ module output_m
     ! (dimension, columns, capacity)
     real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
     ! events
-    integer(int64) :: functions = 0          ! number of event functions
-    integer(int64) :: lanes = 1              ! trajectories that may each write one step
     integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
     real(wp), pointer, contiguous :: event_t(:) => null()
     real(wp), pointer, contiguous :: event_y(:, :, :) => null()        ! (point_size, 2, capacity)
@@ -45,11 +43,11 @@ contains
   pure logical function has_room(output)
     type(output_t), intent(in) :: output
 
-    associate (record => output%record, lanes => output%lanes)
+    associate (record => output%record, lanes => output%record%lanes)
       has_room = (record%step_capacity == 0 .or. record%steps < record%step_capacity) &
                  .and. (.not. output%dense &
                         .or. record%interpolants + lanes <= record%dense_capacity) &
-                 .and. record%events + output%functions * lanes <= record%event_capacity
+                 .and. record%events + record%event_functions * lanes <= record%event_capacity
     end associate
   end function has_room
 

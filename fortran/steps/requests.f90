@@ -2,7 +2,7 @@
 ! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
 ! is called again with the answer, so that one call can answer many trajectories. In the same way
 ! values of events are requested if a function takes many members at a time; what needs them begins
-! again when they are known, and finds them on the tape of the trajectory.
+! again when they are known, and finds them among the answers.
 module requests_m
   use kinds, only: wp
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
@@ -17,7 +17,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, &
-            request, retry_or_store, share_error, share_step, within_segment
+            request, retry_step, share_error, share_step, time_at, within_segment
 
 contains
 
@@ -164,14 +164,6 @@ contains
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
   end subroutine retry_step
 
-  ! Tries an accurate step again if one of the trajectories with common steps must, or stores it.
-  subroutine retry_or_store(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%phase = phase_store_output
-    if (x%request%shared > 0) call retry_step(x)
-  end subroutine retry_or_store
-
   ! Lets trajectories with common steps decide together whether to try an accurate step again.
   subroutine share_step(x, again)
     type(trajectory_t), intent(inout) :: x
@@ -193,68 +185,64 @@ contains
     if (x%problem%common) x%status = needs_maximum
   end subroutine share_error
 
-  ! Evaluates the function of an event at a point, or those of all for event 0, or requests values;
-  ! the trajectory fails if a function does.
-  subroutine evaluate_events(x, event, t, y, values)
+  ! Evaluates the function of an event at a fraction of the step, or those of all for event 0, or
+  ! requests values; the trajectory fails if a function does.
+  subroutine evaluate_events(x, event, theta, y, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) the point there
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
+    real(wp), allocatable :: more(:, :)
     logical :: failed
     integer :: i
 
-    if (x%problem%events%together) then
-      if (.not. recalls(x, event, t, values)) call request_values(x, event, t, y)
-      return
+    if (.not. x%problem%events%together) then
+      do i = 1, size(values)
+        call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, &
+                                    values(i), failed)
+        if (failed) call fail(x, raised, time_at(x, theta))
+        if (failed) return
+      end do
+    else if (.not. recalls(x, event, theta, values)) then
+      if (x%queries == size(x%query, 2)) then
+        allocate (more(size(x%query, 1), 2 * x%queries + 1))
+        more(:, :x%queries) = x%query
+        call move_alloc(more, x%query)
+      end if
+      x%queries = x%queries + 1
+      x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
+      x%status = needs_events
     end if
-    do i = 1, size(values)
-      call x%problem%events%value(x%member, max(event - 1, 0) + i, t, y, values(i), failed)
-      if (failed) call fail(x, raised, t)
-      if (failed) return
-    end do
   end subroutine evaluate_events
 
-  ! Whether the next values of an event, or of all for event 0, are known; takes them from the tape.
-  logical function recalls(x, event, t, values)
+  ! Whether the values of an event, or of all for event 0, are known from a request
+  logical function recalls(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    integer :: i
+    integer :: k
 
-    recalls = x%problem%events%together
-    if (.not. recalls) return
-    do i = 1, size(values)
-      associate (of => max(event - 1, 0) + i)
-        recalls = x%used(of) < x%known(of)
-        if (.not. recalls) return
-        x%used(of) = x%used(of) + 1
-        values(i) = x%tape(x%used(of), of)
-      end associate
-    end do
-    if (.not. all(abs(values) <= huge(values))) call fail(x, raised, t)
+    associate (query => x%query(:2, :x%answered), before => 2 + size(x%y, 1) + max(event, 1))
+      k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
+      recalls = k > 0
+      if (.not. recalls) return
+      values = x%query(before + 1:before + size(values), k)
+      if (.not. all(abs(values) <= huge(values))) call fail(x, raised, x%query(3, k))
+    end associate
   end function recalls
 
-  ! Requests the value of an event at a point, or those of all for event 0.
-  subroutine request_values(x, event, t, y)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: event
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), allocatable :: more(:, :)
+  ! The time at a fraction of the step, that of its start for zero alone: a jump there has a time of
+  ! its own, behind the point that a step before has reached
+  pure real(wp) function time_at(x, theta)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: theta
 
-    if (x%queries == size(x%query, 2)) then
-      allocate (more(2 + size(y), 2 * x%queries + 1))
-      more(:, :x%queries) = x%query
-      call move_alloc(more, x%query)
-    end if
-    x%queries = x%queries + 1
-    x%query(1, x%queries) = real(event, wp)
-    x%query(2, x%queries) = t
-    x%query(3:, x%queries) = y
-    x%status = needs_events
-  end subroutine request_values
+    time_at = x%t_end
+    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
+    if (theta > 0 .and. .not. abs(time_at - x%t) > 0) time_at = nearest(x%t, x%t_end - x%t)
+  end function time_at
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.
@@ -263,7 +251,7 @@ contains
     real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
     real(wp) :: values(size(small)), smallest
 
-    call evaluate_events(x, 0, x%t, x%y(:, 0), values)
+    call evaluate_events(x, 0, 0.0_wp, x%y(:, 0), values)
     if (x%status /= finished) return
     call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))

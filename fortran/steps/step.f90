@@ -20,7 +20,8 @@ module step_m
   use shared_numbers
   implicit none
   private
-  public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
+  public :: store_answers, store_error, store_stage, finish_step, accept_or_reject, &
+            request_stage, times_of_request
 
 contains
 
@@ -40,8 +41,6 @@ contains
     if (x%stage == 1 .and. .not. abs(x%method%c(1)) > 0) call start_explicit(x)
     if (x%stage > stages(x)) then
       x%phase = phase_finish_step
-    else if (x%problem%at_once) then
-      call evaluate_nodes(x)
     else
       call request_explicit(x)
     end if
@@ -69,32 +68,37 @@ contains
     if (x%method%power == 0 .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
-  ! Evaluates a vectorized function of time for all remaining stages of the step.
-  subroutine evaluate_nodes(x)
+  ! The times for which a vectorized function is asked together: a function of time for all stages
+  ! that are left.
+  pure function times_of_request(x) result(times)
+    type(trajectory_t), intent(in) :: x
+    real(wp), allocatable :: times(:)
+
+    times = [x%request%t]
+    if (x%problem%of_time .and. x%phase == phase_stage_received &
+        .and. all(x%method%kind /= [kind_collocation, kind_implicit])) &
+      times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
+  end function times_of_request
+
+  ! Stores the coefficients at stages up to the last one, or the first that isn't finite, which
+  ! becomes the answer to the request.
+  subroutine store_answers(x, m, times, answers)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: times(stages(x) - x%stage + 1)
-    real(wp) :: members(size(times)), answer(size(x%slope) * size(times))
-    logical :: failed
+    integer, intent(in) :: m, times                    ! numbers of coefficients and times
+    real(wp), intent(in) :: answers(m, times)
     integer :: k
 
-    times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
-    members = real(x%member - 1, wp)
-    call x%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer, failed)
-    x%counts%nfev = x%counts%nfev + size(times, kind=int64)
-    if (failed) then
-      call fail(x, raised, x%t)
-      return
-    else if (.not. finite(size(answer), answer)) then
-      call reject_stage(x, field_not_finite, x%t)
-      return
-    end if
-    do k = 1, size(times)
-      x%request%answer(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
+    do k = 1, times
+      x%request%answer(:m) = answers(:, k)
+      if (k == times .or. .not. finite(m, answers(:, k))) return
+      x%status = finished
       call store_stage(x)
-      if (x%phase /= phase_next_stage) return
+      if (x%phase /= phase_next_stage) return          ! the step is rejected
+      x%counts%nfev = x%counts%nfev + 1
+      x%phase = phase_stage_received
+      x%status = needs_field
     end do
-    x%phase = phase_finish_step
-  end subroutine evaluate_nodes
+  end subroutine store_answers
 
   ! Computes the results and estimates the error.
   subroutine finish_step(x)

@@ -1,8 +1,9 @@
 ! Events within a step. An event is a zero of a function along the solution. The signs of the
 ! function are compared at the ends of parts of the step, and where a parabola through three of these
 ! values comes near to zero, since a function may change sign twice within a part. A step has at
-! least four parts, and more if it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
-! each function there and at the ends differ by less than their distance from zero.
+! least four parts, and more if it rotates by more than 120 degrees. With four parts only the middle
+! is evaluated if the values of each function there and at the ends differ by less than their
+! distance from zero.
 !
 ! A zero between two points where the function has opposite signs is found by Brent's method: steps
 ! of interpolation where they converge, bisection where they don't (R. P. Brent, "Algorithms for
@@ -16,24 +17,14 @@ module step_events_m
   use kinds, only: wp
   use method_m, only: kind_splitting
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recalls
+  use requests_m, only: evaluate_events, recalls, time_at
   use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
-  use within_step_m, only: point_at, time_at
+  use within_step_m, only: point_at
   implicit none
   private
   public :: crosses, find_zeros, rotates_far, store_zeros
-
-  type :: event_function_t
-    type(trajectory_t), pointer :: trajectory => null()
-    integer :: event = 0
-    real(wp), allocatable :: y(:)            ! (point_size)
-    logical :: detects = .false.             ! whether any number serves as the zero of an interval
-    logical :: stopped = .false.             ! whether there was no value
-  contains
-    procedure :: value
-  end type event_function_t
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53; near zeros of high multiplicity each may follow some useless interpolations.
@@ -52,77 +43,58 @@ module step_events_m
 
 contains
 
-  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step.
-  subroutine values_at(x, event, theta, y, values)
+  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step; the
+  ! status tells whether there are values.
+  subroutine values_at(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: theta
-    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) for the point there
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
+    real(wp) :: y(x%frame%point_size)
 
-    if (recalls(x, event, time_at(x, theta), values)) return
+    if (recalls(x, event, theta, values)) return
     call point_at(x, theta, y)
-    call evaluate_events(x, event, time_at(x, theta), y, values)
+    call evaluate_events(x, event, theta, y, values)
   end subroutine values_at
 
-  ! Evaluates the function at a fraction of the step.
-  subroutine value(self, theta, at_theta)
-    class(event_function_t), intent(inout) :: self
-    real(wp), intent(in) :: theta
-    real(wp), intent(out) :: at_theta
-    real(wp) :: values(1)
-
-    values = 0.0_wp
-    call values_at(self%trajectory, self%event, theta, self%y, values)
-    at_theta = values(1)
-    self%stopped = self%trajectory%status /= finished
-  end subroutine value
-
-  ! Finds a zero of g between low and high.
-  subroutine find_root(g, low, high, at_low, at_high, zero)
-    type(event_function_t), intent(inout) :: g
-    real(wp), intent(in) :: low, high              ! the ends
-    real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
+  ! Finds a zero of an event between two points, as far as there are values.
+  subroutine find_root(x, event, low, high, zero)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: low(2), high(2)  ! points, and values there, of opposite signs
     real(wp), intent(out) :: zero
-    ! the best estimate, the one before, and one on the other side of the zero
-    real(wp) :: a, b, c, fa, fb, fc
+    ! the best estimate, the one before, and one on the other side of the zero, with their values
+    real(wp) :: b(2), a(2), c(2)
     real(wp) :: middle, enough, step, last_step, p, q, r, s
     logical :: converges
     integer :: i
 
     a = low
-    fa = at_low
     b = high
-    fb = at_high
     c = a
-    fc = fa
-    step = b - a
+    step = b(1) - a(1)
     last_step = step
     do i = 1, max_iterations
-      if (fb * sign(1.0_wp, fc) > 0) then
+      if (b(2) * sign(1.0_wp, c(2)) > 0) then
         c = a
-        fc = fa
-        step = b - a
+        step = b(1) - a(1)
         last_step = step
       end if
-      if (abs(fc) < abs(fb)) then
+      if (abs(c(2)) < abs(b(2))) then
         a = b
-        fa = fb
         b = c
-        fb = fc
         c = a
-        fc = fa
       end if
-      enough = tolerance * (abs(b) + 1) / 2
-      middle = (c - b) / 2
-      if (abs(middle) <= enough .or. .not. abs(fb) > 0) exit
+      enough = tolerance * (abs(b(1)) + 1) / 2
+      middle = (c(1) - b(1)) / 2
+      if (abs(middle) <= enough .or. .not. abs(b(2)) > 0) exit
       converges = .false.
-      if (abs(last_step) >= enough .and. abs(fa) > abs(fb)) then
-        s = fb / fa
-        if (abs(a - c) > 0) then               ! inverse quadratic interpolation
-          q = fa / fc
-          r = fb / fc
-          p = s * (2 * middle * q * (q - r) - (b - a) * (r - 1))
+      if (abs(last_step) >= enough .and. abs(a(2)) > abs(b(2))) then
+        s = b(2) / a(2)
+        if (abs(a(1) - c(1)) > 0) then         ! inverse quadratic interpolation
+          q = a(2) / c(2)
+          r = b(2) / c(2)
+          p = s * (2 * middle * q * (q - r) - (b(1) - a(1)) * (r - 1))
           q = (q - 1) * (r - 1) * (s - 1)
         else                                   ! the secant
           p = 2 * middle * s
@@ -136,12 +108,11 @@ contains
       step = middle
       if (converges) step = p / q
       a = b
-      fa = fb
-      b = b + merge(step, sign(enough, middle), abs(step) > enough)
-      call g%value(b, fb)
-      if (g%stopped) exit
+      b(1) = b(1) + merge(step, sign(enough, middle), abs(step) > enough)
+      call values_at(x, event, b(1), b(2:))
+      if (x%status /= finished) exit
     end do
-    zero = b
+    zero = b(1)
   end subroutine find_root
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
@@ -160,7 +131,7 @@ contains
   ! Finds the zeros of all events in a step, unless a function fails or values are requested: then
   ! the trajectory is left as it was. If `detects` is true, the times of zeros aren't computed.
   subroutine find_zeros(x, detects)
-    type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
+    type(trajectory_t), intent(inout) :: x   ! its zeros are set
     logical, intent(in) :: detects
     integer :: came_from(size(x%events%came_from))
     real(wp) :: after(size(x%events%after))
@@ -179,12 +150,11 @@ contains
 
   ! Finds the zeros of all events in a step, as far as values are known.
   subroutine seek_zeros(x, detects)
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: detects
     logical :: waits
-    type(event_function_t) :: g
-    real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
-    real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
+    ! (0:parts), (events, 0:parts), (0:parts) values of one event
+    real(wp), allocatable :: theta(:), values(:, :), own(:)
     integer :: first, i, k, memory, n
 
     n = parts(x)
@@ -202,13 +172,10 @@ contains
     end do
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    allocate (g%y(x%frame%point_size))
-    g%trajectory => x
-    g%detects = detects
     x%events%zeros = [zero_t ::]
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call values_at(x, 0, theta(k), g%y, values(:, k))
+        call values_at(x, 0, theta(k), values(:, k))
         if (x%status == raised) return
       end do
       if (x%status == needs_events) return
@@ -220,14 +187,15 @@ contains
     end do
     waits = .false.
     do i = 1, size(values, 1)
-      g%event = i
       own(:) = values(i, :)
-      if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own)
-      if (.not. g%stopped) call find_zeros_of(g, theta, own)
-      if (g%stopped .and. x%status /= needs_events) exit
-      waits = waits .or. g%stopped           ! the other events request their values, too
-      if (g%stopped) x%status = finished
-      g%stopped = .false.
+      if (x%events%came_from(i) /= 0) call find_after_event(x, i, detects, theta, own)
+      if (x%status == finished) call find_zeros_of(x, i, detects, theta, own)
+      if (x%status == needs_events) then     ! the other events request their values, too
+        waits = .true.
+        x%status = finished
+      else if (x%status /= finished) then
+        return
+      end if
     end do
     if (waits) x%status = needs_events
   end subroutine seek_zeros
@@ -259,24 +227,28 @@ contains
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(g, theta, values)
-    type(event_function_t), intent(inout) :: g
+  subroutine find_zeros_of(x, event, detects, theta, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    logical, intent(in) :: detects
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
-    real(wp) :: turning, value
+    real(wp) :: turning(2)
     integer :: k, last
     logical :: exists
 
     last = 0                                           ! part with a pair of zeros
     do k = 1, ubound(theta, 1)
-      call add_zero(g, theta(k - 1:k), values(k - 1:k))
-      if (g%stopped .or. k == ubound(theta, 1)) return
-      call find_turning_point(g, theta(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists)
-      if (g%stopped) return
-      if (.not. exists .or. (turning < theta(k) .and. last == k)) cycle
-      last = merge(k, k + 1, turning < theta(k))
-      call add_zero(g, [theta(last - 1), turning], [values(last - 1), value])
-      if (.not. g%stopped) call add_zero(g, [turning, theta(last)], [value, values(last)])
-      if (g%stopped) return
+      call add_zero(x, event, detects, [theta(k - 1), values(k - 1)], [theta(k), values(k)])
+      if (x%status /= finished .or. k == ubound(theta, 1)) return
+      call find_turning_point(x, event, detects, theta(k - 1:k + 1), values(k - 1:k + 1), &
+                              turning, exists)
+      if (x%status /= finished) return
+      if (.not. exists .or. (turning(1) < theta(k) .and. last == k)) cycle
+      last = merge(k, k + 1, turning(1) < theta(k))
+      call add_zero(x, event, detects, [theta(last - 1), values(last - 1)], turning)
+      if (x%status == finished) &
+        call add_zero(x, event, detects, turning, [theta(last), values(last)])
+      if (x%status /= finished) return
     end do
   end subroutine find_zeros_of
 
@@ -285,80 +257,77 @@ contains
   ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
   ! middle is tried of an outer part at whose end the function does. So it is for detection along the
   ! cubic, which isn't accurate.
-  subroutine find_turning_point(g, ends, values, turning, value, exists)
-    type(event_function_t), intent(inout) :: g
+  subroutine find_turning_point(x, event, detects, ends, values, turning, exists)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    logical, intent(in) :: detects
     real(wp), intent(in) :: ends(3), values(3)
-    real(wp), intent(out) :: turning, value            ! the point, and the function there
+    real(wp), intent(out) :: turning(2)                ! the point, and the function there
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
-    real(wp) :: theta(3), v(3), first, second, near, nearest, inner(2), at_inner(2)
+    real(wp) :: theta(3), v(3), first, second, near, nearest, inner(2, 2)
     integer :: edge, i
     logical :: lies_within
 
     theta = ends
     v = abs(values)
     turning = 0.0_wp
-    value = 0.0_wp
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
       first = (v(2) - v(1)) / (theta(2) - theta(1))
       second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
       if (.not. second > 0) return
-      turning = (theta(1) + theta(2) - first / second) / 2
-      nearest = v(1) + (turning - theta(1)) * (first + second * (turning - theta(2)))
-      near = margin * (maxval(v) - minval(v))
-      lies_within = turning > theta(1) .and. turning < theta(3)
-      if (.not. (lies_within .and. (g%detects .or. nearest <= minval(v) / 2))) then
-        if (turning > ends(2) .and. ends(3) < 1) return      ! the next three values are nearer
-        edge = merge(3, 1, turning > theta(2))
-        if (.not. lies_within .or. nearest > near) then
-          if (v(edge) > near .or. &
-              abs(turning - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
-          turning = (theta(2) + theta(edge)) / 2
+      associate (at => turning(1))
+        at = (theta(1) + theta(2) - first / second) / 2
+        nearest = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
+        near = margin * (maxval(v) - minval(v))
+        lies_within = at > theta(1) .and. at < theta(3)
+        if (.not. (lies_within .and. (detects .or. nearest <= minval(v) / 2))) then
+          if (at > ends(2) .and. ends(3) < 1) return   ! the next three values are nearer
+          edge = merge(3, 1, at > theta(2))
+          if (.not. lies_within .or. nearest > near) then
+            if (v(edge) > near .or. abs(at - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
+            at = (theta(2) + theta(edge)) / 2
+          end if
         end if
-      end if
-      exists = g%detects .and. min(nearest, minval(v)) < near
-      value = -values(1)
-      if (exists .or. g%detects .and. nearest > minval(v) / 2) return
-      call g%value(turning, value)
-      if (g%stopped) return
-      exists = value * sign(1.0_wp, values(1)) <= 0
-      if (exists) return
-      inner = [theta(2), turning]
-      at_inner = [v(2), abs(value)]
-      if (turning < theta(2)) then
-        inner = inner(2:1:-1)
-        at_inner = at_inner(2:1:-1)
-      end if
-      if (at_inner(1) < at_inner(2)) then
-        theta = [theta(1), inner]
-        v = [v(1), at_inner]
+        exists = detects .and. min(nearest, minval(v)) < near
+        turning(2) = -values(1)
+        if (exists .or. detects .and. nearest > minval(v) / 2) return
+        call values_at(x, event, at, turning(2:))
+        if (x%status /= finished) return
+        exists = turning(2) * sign(1.0_wp, values(1)) <= 0
+        if (exists) return
+        inner = reshape([theta(2), v(2), at, abs(turning(2))], [2, 2])
+        if (at < theta(2)) inner = inner(:, 2:1:-1)
+      end associate
+      if (inner(2, 1) < inner(2, 2)) then
+        theta(2:) = inner(1, :)
+        v(2:) = inner(2, :)
       else
-        theta = [inner, theta(3)]
-        v = [at_inner, v(3)]
+        theta(:2) = inner(1, :)
+        v(:2) = inner(2, :)
       end if
     end do
   end subroutine find_turning_point
 
-  ! Adds the zero of an event between two points if there is one.
-  subroutine add_zero(g, ends, values)
-    type(event_function_t), intent(inout) :: g
-    real(wp), intent(in) :: ends(2), values(2)
+  ! Adds the zero of an event between two points if there is one, any number in between if it is only
+  ! detected.
+  subroutine add_zero(x, event, detects, low, high)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    logical, intent(in) :: detects
+    real(wp), intent(in) :: low(2), high(2)            ! points, and the values there
     real(wp) :: zero
 
-    associate (events => g%trajectory%problem%events)
-      if (.not. crosses(values(1), values(2), events%direction(g%event), &
-                        events%period(g%event))) return
+    associate (events => x%problem%events)
+      if (.not. crosses(low(2), high(2), events%direction(event), events%period(event))) return
     end associate
-    zero = ends(2)
-    if (abs(values(2)) > 0 .and. .not. g%detects) &
-      call find_root(g, ends(1), ends(2), values(1), values(2), zero)
-    associate (events => g%trajectory%events)
-      events%zeros = [events%zeros, zero_t(max(zero, tiny(zero)), g%event, &
-                                           merge(-1, 1, values(1) < 0))]
-    end associate
+    zero = high(1)
+    if (abs(high(2)) > 0 .and. .not. detects) call find_root(x, event, low, high, zero)
+    x%events%zeros = [x%events%zeros, zero_t(max(zero, tiny(zero)), event, &
+                                             merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
@@ -368,59 +337,59 @@ contains
   ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
   ! start. The first values that are larger than rounding tell a line through zero, which passes,
   ! from a higher power of time. If the step is too small to tell, the next one decides.
-  subroutine find_after_event(g, theta, values)
-    type(event_function_t), intent(inout) :: g
+  subroutine find_after_event(x, event, detects, theta, values)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    logical, intent(in) :: detects
     real(wp), contiguous, intent(in) :: theta(0:)
     real(wp), contiguous, intent(inout) :: values(0:)  ! there; first ones of rounding become zero
     integer, parameter :: halvings = 60
     ! points ever nearer, the function there, and its rounding
     real(wp), allocatable :: at(:), near(:), rounding(:)
-    real(wp) :: elapsed, point, value
+    real(wp) :: elapsed, point(2)
     integer :: first, k, last
 
-    associate (trajectory => g%trajectory, events => g%trajectory%events, n => ubound(theta, 1), &
-               side => real(g%trajectory%events%came_from(g%event), wp))
+    associate (events => x%events, n => ubound(theta, 1), &
+               side => real(x%events%came_from(event), wp))
       do k = 1, n
-        if (abs(values(k)) > rounding_at(g, theta(k), values(n))) exit
+        if (abs(values(k)) > rounding_at(x, event, theta(k), values(n))) exit
         values(k) = 0.0_wp
       end do
-      events%after(g%event) = values(n)
+      events%after(event) = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
-        if (abs(values(n)) > 0) events%came_from(g%event) = 0
+        if (abs(values(n)) > 0) events%came_from(event) = 0
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
       at = theta(last:first:-1)
       near = values(last:first:-1)
-      rounding = [(rounding_at(g, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((trajectory%t - events%time(g%event)) / trajectory%h)
+      rounding = [(rounding_at(x, event, at(k), values(n)), k=1, size(at))]
+      elapsed = abs((x%t - events%time(event)) / x%h)
       do k = 1, halvings
-        point = theta(first) * 0.5_wp**k
-        if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
-        call g%value(point, value)
-        if (g%stopped) return
-        if (abs(value) <= rounding_at(g, point, values(n))) exit
-        if (value * side > 0) then
-          if (first == 1) call add_zero(g, [point, theta(1)], [value, values(1)])
-          events%came_from(g%event) = 0
+        point(1) = theta(first) * 0.5_wp**k
+        if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
+        call values_at(x, event, point(1), point(2:))
+        if (x%status /= finished) return
+        if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
+        if (point(2) * side > 0) then
+          if (first == 1) call add_zero(x, event, detects, point, [theta(1), values(1)])
+          events%came_from(event) = 0
           return
         end if
-        at = [at, point]
-        near = [near, value]
-        rounding = [rounding, rounding_at(g, point, values(n))]
+        at = [at, point(1)]
+        near = [near, point(2)]
+        rounding = [rounding, rounding_at(x, event, point(1), values(n))]
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.5_wp .or. .not. trajectory%problem%events%jumps(g%event)) then
-          events%came_from(g%event) = 0
+        if (power < 1.5_wp .or. .not. x%problem%events%jumps(event)) then
+          events%came_from(event) = 0
           return
         end if
       end associate
-      g%stopped = .true.
-      trajectory%request%flag = g%event
-      call fail(trajectory, resting_contact, trajectory%t)
     end associate
+    call fail(x, resting_contact, x%t, event)
   end subroutine find_after_event
 
   ! The power of time that a function grows with, by the last points and others so much later that
@@ -447,17 +416,15 @@ contains
   end function power_of
 
   ! The rounding of a function at a fraction of the step, relative to the point and to the function
-  pure real(wp) function rounding_at(g, at, last)
-    type(event_function_t), intent(in) :: g
+  pure real(wp) function rounding_at(x, event, at, last)
+    type(trajectory_t), intent(in) :: x
+    integer, intent(in) :: event
     real(wp), intent(in) :: at, last                   ! fraction, and the function at the end
     real(wp) :: sizes(3)
-    integer :: n
 
-    associate (x => g%trajectory)
-      n = g%trajectory%problem%events%width
+    associate (n => x%problem%events%width)
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
-      rounding_at = max(8 * abs(x%events%value_after(g%event)), &
-                        32 * epsilon(1.0_wp) * maxval(sizes))
+      rounding_at = max(8 * abs(x%events%value_after(event)), 32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 
@@ -516,7 +483,7 @@ contains
         if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + together
         if (happen(k)) cycle
-        call evaluate_events(x, zeros(k)%event, t, y, value)
+        call evaluate_events(x, zeros(k)%event, until, y, value)
         if (x%status /= finished) return
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)

@@ -265,8 +265,7 @@ contains
     if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))
     if (.not. failed) return
     value = 1.0_wp
-    x%request%flag = size_failed
-    call fail(x, raised, x%t)
+    call fail(x, raised, x%t, size_failed)
   end subroutine evaluate_size
 
 end module step_size_m

@@ -18,7 +18,7 @@ module trajectory_m
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
-            forget_values, set_start, start, store_values
+            forget_values, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -31,7 +31,6 @@ module trajectory_m
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    logical :: at_once = .false.             ! that is evaluated at all stages in one call
     real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! for adaptive steps
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
@@ -107,10 +106,9 @@ module trajectory_m
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
-    logical :: kept = .false.
     logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
-    real(wp), allocatable :: y(:), slope(:)  ! at its start
+    real(wp), allocatable :: y(:), slope(:)  ! at its start, if they are kept
   end type last_step_t
 
   ! The joints of a splitting method's frame
@@ -173,12 +171,9 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points of the step were prepared
     type(event_state_t) :: events
-    ! (capacity, events) values of events that were requested, in the order of the requests
-    real(wp), allocatable :: tape(:, :)
-    ! (events) how many there are, and have been used by what is done again since some were missing
-    integer, allocatable :: known(:), used(:)
-    integer :: queries = 0                   ! points at which values of events are requested
-    ! (2 + point_size, capacity) an event or 0 for all, then time and point
+    integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
+    ! (3 + point_size + events, capacity) an event or 0 for all, the fraction of the step, time and
+    ! point, then the answer
     real(wp), allocatable :: query(:, :)
     type(last_step_t) :: last
   end type trajectory_t
@@ -233,14 +228,12 @@ contains
       if (associated(problem%events)) k = problem%events%count
       allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
                 x%events%after(k), x%events%count(k), x%events%time(k), x%events%value_after(k), &
-                x%events%small(k), x%events%came_from(k), x%query(2 + frame%point_size, 0), &
+                x%events%small(k), x%events%came_from(k), x%query(3 + frame%point_size + k, 0), &
                 stat=memory)
-      if (memory == 0) allocate (x%tape(0, k), x%known(k), x%used(k), stat=memory)
       if (memory /= 0) return
       x%events%came_from = 0
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      x%last%kept = .true.
       allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
     end associate
   end subroutine start
@@ -321,37 +314,20 @@ contains
   pure elemental subroutine forget_values(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%known = 0
-    x%used = 0
     x%queries = 0
+    x%answered = 0
   end subroutine forget_values
 
-  ! Stores values of an event that were requested.
-  pure subroutine store_values(x, event, values)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: event
-    real(wp), intent(in) :: values(:)
-    real(wp), allocatable :: longer(:, :)
-
-    associate (n => x%known(event) + size(values))
-      if (n > size(x%tape, 1)) then
-        allocate (longer(2 * n, size(x%known)))
-        longer(:size(x%tape, 1), :) = x%tape
-        call move_alloc(longer, x%tape)
-      end if
-      x%tape(x%known(event) + 1:n, event) = values
-      x%known(event) = n
-    end associate
-  end subroutine store_values
-
   ! Ends a trajectory with an error.
-  subroutine fail(x, status, t)
+  subroutine fail(x, status, t, flag)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
+    integer, optional, intent(in) :: flag              ! what it was due to, see shared_numbers
 
     x%status = status
     x%failed_at = t
+    if (present(flag)) x%request%flag = flag
   end subroutine fail
 
 end module trajectory_m

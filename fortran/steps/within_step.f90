@@ -5,7 +5,7 @@ module within_step_m
   use free_motion_m, only: add_constraint_forces
   use blocks_m, only: combine_flows
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-       flows_of_evaluation, make_cubic, next_node, reserve_interpolant, set_ends
+       flows_of_evaluation, make_cubic, next_node, reserve_interpolant
   use requests_m, only: reject_stage, request
   use method_m, only: kind_registers, kind_splitting
   use phases_m
@@ -16,7 +16,7 @@ module within_step_m
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, &
-            request_ends_of_last, request_node, request_interpolant, time_at
+            request_node, request_interpolant
 
 contains
 
@@ -27,35 +27,25 @@ contains
 
     x%interpolate_only = .true.
     x%status = paused
-    x%phase = phase_request_end
+    x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     call reserve_interpolant(x%frame, x%problem%scheme, x%interpolant, memory)
-    if (x%last%cut) then
-      x%phase = phase_store_output
-    else if (memory /= 0) then
-      call fail(x, out_of_memory, x%t)
-    else if (.not. finite(size(x%last%slope), x%last%slope)) then
-      x%phase = phase_request_begin
-    else if (x%slope_known) then
-      call interpolate(x)
-    end if
+    if (memory /= 0 .and. .not. x%last%cut) call fail(x, out_of_memory, x%t)
   end subroutine request_interpolant
 
-  ! Requests the coefficients at one end of the last step.
-  subroutine request_ends_of_last(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (x%phase == phase_request_begin) then
-      call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
-    else
-      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
-    end if
-  end subroutine request_ends_of_last
-
-  ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
+  ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
+  ! known; then its interpolant starts.
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. x%slope_known) then
+    if (x%interpolate_only) then
+      if (.not. finite(size(x%last%slope), x%last%slope)) then
+        call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
+      else if (.not. x%slope_known) then
+        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
+      else
+        call interpolate(x)
+      end if
+    else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
     else if (.not. x%end_known) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
@@ -70,12 +60,10 @@ contains
 
     if (x%interpolate_only) then
       x%last%slope(:) = x%request%answer
-      x%phase = phase_request_end
-      if (x%slope_known) call interpolate(x)
-      return
+    else
+      x%slope(:) = x%request%answer
+      x%slope_known = .true.
     end if
-    x%slope(:) = x%request%answer
-    x%slope_known = .true.
     call request_ends(x)
   end subroutine store_begin
 
@@ -100,13 +88,24 @@ contains
     logical :: exists
     integer :: status
 
-    x%interpolant%noisy = x%problem%bath%present
-    if (x%interpolate_only) then
-      call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, x%slope)
-    else
-      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                    x%end_slope)
-    end if
+    associate (self => x%interpolant)
+      self%noisy = x%problem%bath%present
+      if (x%interpolate_only) then
+        self%t0 = x%last%t
+        self%h = x%last%h
+        self%y0(:) = x%last%y
+        self%y1(:) = x%y(:, 0)
+        self%field(:, 1) = x%last%slope
+        self%field(:, 2) = x%slope
+      else
+        self%t0 = x%t
+        self%h = x%t_end - x%t
+        self%y0(:) = x%y(:, 0)
+        self%y1(:) = x%y(:, x%result)
+        self%field(:, 1) = x%slope
+        self%field(:, 2) = x%end_slope
+      end if
+    end associate
     if (allocated(x%joints%impulse)) then            ! slopes are forces alone
       call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
                                  status)
@@ -200,16 +199,5 @@ contains
       call evaluate_interpolant(x%interpolant, theta, y)
     end if
   end subroutine point_at
-
-  ! The time at a fraction of the step, that of its start for zero alone: a jump there has a time of
-  ! its own, behind the point that a step before has reached
-  pure real(wp) function time_at(x, theta)
-    type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: theta
-
-    time_at = x%t_end
-    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
-    if (theta > 0 .and. .not. abs(time_at - x%t) > 0) time_at = nearest(x%t, x%t_end - x%t)
-  end function time_at
 
 end module within_step_m

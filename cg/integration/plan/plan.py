@@ -141,7 +141,7 @@ class Plan:
         self._linkage = None
         if isinstance(space, PhaseSpace) and space.jointed:
             self._linkage = linkage_of(space)  # whose functions compiled code calls
-            core.plan_set_joints(self.address, self._linkage.address)
+            core.plan_share_joints(self.address, self._linkage.address)
         weakref.finalize(self, core.plan_close, self.address)
         output = table.output
         padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty

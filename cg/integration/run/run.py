@@ -280,7 +280,6 @@ class Run:
         ):
             self._capacity = min(4 * self._capacity, _MAX_BUFFER)
             self._make_buffers(self._capacity)
-            self._core.loop_set_output(self.address)
 
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
@@ -328,7 +327,6 @@ class Run:
     def last_interpolants(self) -> Steps:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
         self.allocate_interpolants(self.members)
-        self._core.loop_set_output(self.address)
         self._core.loop_interpolate(self.address)
         self.record.budget = 0
         try:
