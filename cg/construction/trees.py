@@ -13,15 +13,17 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import combinations_with_replacement, product
+from itertools import accumulate, combinations_with_replacement, product
 from math import comb, prod
 from operator import index as to_int
 from pathlib import Path
 
+_MAX_PARSED = 200  # nodes of a text: deeper trees would exceed Python's limit of recursion
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
 class OrderedTree:
     """An ordered rooted tree, immutable and hashable.
 
@@ -29,11 +31,6 @@ class OrderedTree:
     ----------
     children
         The subtrees of the root, from left to right.
-
-    Attributes
-    ----------
-    nodes
-        Number of nodes ``|t|``, the root included.
 
     Examples
     --------
@@ -45,39 +42,20 @@ class OrderedTree:
     """
 
     children: tuple[OrderedTree, ...] = ()
-    nodes: int = field(init=False, repr=False)
-    _hash: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.children, tuple) or not all(
             isinstance(child, OrderedTree) for child in self.children
         ):
             raise TypeError(f"children must be a tuple of OrderedTree, got {self.children!r}")
-        # from stored hashes of the children, without recursion into deep trees
-        object.__setattr__(self, "_hash", hash(tuple(child._hash for child in self.children)))
-        object.__setattr__(self, "nodes", 1 + sum(child.nodes for child in self.children))
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, OrderedTree):
-            return NotImplemented
-        pending = [(self, other)]
-        while pending:
-            left, right = pending.pop()
-            if left is right:
-                continue
-            if left._hash != right._hash or len(left.children) != len(right.children):
-                return False
-            pending += zip(left.children, right.children, strict=True)
-        return True
 
     @classmethod
     def parse(cls, text: str) -> OrderedTree:
-        """Read a tree from its text in brackets; white space is ignored."""
+        """Read a tree from its text in brackets, of at most 200 nodes; white space is ignored."""
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {type(text).__name__}")
+        if text.count("[") > _MAX_PARSED:
+            raise ValueError(f"a tree must have at most {_MAX_PARSED} nodes, got {text[:80]!r}")
         finished: list[list[OrderedTree]] = [[]]
         for position, character in enumerate(text):
             if character.isspace():
@@ -94,32 +72,21 @@ class OrderedTree:
         return finished[0][0]
 
     def __str__(self) -> str:
-        parts: list[str] = []
-        pending: list[OrderedTree | str] = [self]
-        while pending:
-            part = pending.pop()
-            if isinstance(part, str):
-                parts.append(part)
-            else:
-                parts.append("[")
-                pending += ["]", *reversed(part.children)]
-        return "".join(parts)
+        return f"[{''.join(map(str, self.children))}]"
 
     def __repr__(self) -> str:
         return f"OrderedTree.parse({str(self)!r})"
 
     @cached_property
+    def nodes(self) -> int:
+        """Number of nodes ``|t|``, the root included."""
+        return 1 + sum(child.nodes for child in self.children)
+
+    @cached_property
     def density(self) -> int:
         """Density ``γ(t) = Π_k (|t_1|+…+|t_k|) γ(t_k)``, and 1 for ``τ`` ([13] of the paper)."""
-        product = 1
-        pending = [self]
-        while pending:
-            tree, nodes = pending.pop(), 0
-            for child in tree.children:
-                nodes += child.nodes
-                product *= nodes
-            pending += tree.children
-        return product
+        sums = accumulate(child.nodes for child in self.children)
+        return prod(sums) * prod(child.density for child in self.children)
 
 
 MAX_NODES = 14
