@@ -428,9 +428,7 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
         layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
     else:
         layout = getattr(method, "layout", None)
-    # methods of Munthe-Kaas, with a tableau, and splitting methods, with drifts, have others
-    others = hasattr(method, "tableau") or hasattr(method, "drifts")
-    if not isinstance(layout, Layout) or layout.of_time or others:
+    if not isinstance(layout, Layout) or not getattr(method, "of_trees", True):
         kinds = "a Crouch-Grossman or a commutator-free method"
         raise TypeError(f"method must be a number of stages, {kinds}, got {method!r}")
     words = condition_words(check_order(order, None), check_flag("independent", independent))

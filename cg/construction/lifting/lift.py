@@ -224,13 +224,11 @@ def lift(
         "source": tableau.source if source is None else source,
     }
     for _, start, split, end in sorted(solutions, key=itemgetter(0, 1)):
-        exact = refined(split, end.x)
-        if exact.largest_residual < _EXACT:
-            return Lifted(
-                CommutatorFree.from_layout(split.layout, exact.weights, **names),
-                start, index + 1, len(solutions),
-                split.movable.size, exact.rank, exact.largest_residual,
-            )  # fmt: skip
+        weights, residual, rank = refined(split, end.x)
+        if residual < _EXACT:
+            method = CommutatorFree.from_layout(split.layout, weights, **names)
+            counts = start, index + 1, len(solutions), split.movable.size, rank
+            return Lifted(method, *counts, residual)
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 

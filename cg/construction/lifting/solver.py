@@ -199,17 +199,11 @@ def improved(split: SplitRows, end: Fit) -> Fit:
     return end
 
 
-@dataclass(frozen=True)
-class Exact:
-    """Weights whose sums are exact, the residual before rounding to 36 digits, and the rank."""
+def refined(split: SplitRows, x: Vector) -> tuple[list[str | Fraction], float, int]:
+    """Refine weights x, shape (size,), to more digits than are written.
 
-    weights: tuple[str | Fraction, ...]
-    largest_residual: float
-    rank: int
-
-
-def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
-    """Refine weights x, shape (size,), to more digits than are written."""
+    Returns weights whose sums are exact, the residual before rounding to 36 digits, and the rank.
+    """
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
     along, rank = pseudo_inverse(split.jacobian(x), _RANK_GAP)
     inverse = split.directions[split.movable] @ along * split.scale
@@ -224,7 +218,7 @@ def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
     weights: list[str | Fraction] = list(split.full([Fraction(text) for text in texts]))
     for k, text in zip(split.movable.tolist(), texts, strict=True):
         weights[k] = text
-    return Exact(tuple(weights), float(end.largest_residual), rank)
+    return weights, float(end.largest_residual), rank
 
 
 def _text(value: Fraction) -> str:

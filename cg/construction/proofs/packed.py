@@ -28,7 +28,6 @@ from cg.construction.conditions.exact import (
     Word,
     condition_words,
     conditions_of,
-    is_of_time,
     nodes,
 )
 from cg.construction.conditions.linear_equations import (
@@ -108,10 +107,6 @@ class Packed(ABC):
         words = condition_words(order, True, self.of_time)
         return [word for word in words if nodes(word) == order]
 
-    def has(self, word: Word) -> bool:
-        """Return whether a word is one of a condition of the method."""
-        return word in self.words(nodes(word))
-
     def spread(self, z: Sequence[Any]) -> Sequence[Any]:
         """Return all coefficients of the method."""
         return z
@@ -155,9 +150,6 @@ class PackedWeights(Packed):
 
     def equations(self, conditions: Sequence[Condition]) -> EquationSystem:
         return EquationSystem(self.layout, tuple(conditions))
-
-    def has(self, word: Word) -> bool:
-        return not self.of_time or is_of_time(word)
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,7 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
             raise CertificationError(
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
-        if not packed.has(claim.word):
+        if claim.word not in packed.words(order + 1):
             raise CertificationError(f"{claim.tree} is no condition of {packed.name}")
         bound = _bounds(packed, certificate.box, [claim.word], row)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
