@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
@@ -517,13 +517,13 @@ def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
     return Layout(tuple(parents), tuple(columns), tuple(ends[:stages]), tuple(ends[stages:]), rows)
 
 
-def check_length(x: Any, size: int) -> None:
+def check_length(x: Any, size: int, name: str = "x") -> None:
     """Raise ValueError unless `x` is a sequence of length `size`."""
-    scalar = isinstance(x, str | bytes) or not isinstance(x, Sized)
-    if scalar or (isinstance(x, np.ndarray) and x.ndim != 1):
-        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
+    other = isinstance(x, str | bytes) or not isinstance(x, Sequence | np.ndarray)
+    if other or (isinstance(x, np.ndarray) and x.ndim != 1):
+        raise ValueError(f"{name} must be a sequence of numbers, got {x!r}")
     if len(x) != size:
-        raise ValueError(f"x must have {size} entries, got {len(x)}")
+        raise ValueError(f"{name} must have {size} entries, got {len(x)}")
 
 
 def _row_lengths(stages: int, rows: Rows, pair: bool) -> tuple[int, ...]:

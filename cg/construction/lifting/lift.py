@@ -16,6 +16,7 @@ from operator import itemgetter
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
+from cg.construction.layouts import check_length
 from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.coefficients import Coefficient
@@ -328,19 +329,10 @@ def _simplest(entry: Coefficient) -> Fraction | Coefficient:
 def _check_chains(
     rows: FlatRows, order: int, flows: int | None, chains: Sequence[int] | None
 ) -> list[int]:
-    """Return the numbers of flows in the chains."""
+    """Return the numbers of flows in the chains to moved stages and to the result."""
     if chains is None:
         return [*(min(_STAGE_CHAINS[order], k) for k in rows.moved_stages), _CHAINS[order]]
     if flows is not None:
         raise ValueError("flows and chains exclude each other")
-    if isinstance(chains, str | bytes) or not isinstance(chains, Sequence | np.ndarray):
-        raise TypeError(f"chains must be a sequence of integers, got {chains!r}")
-    if isinstance(chains, np.ndarray) and chains.ndim != 1:
-        raise ValueError(f"chains must be a sequence of integers, got shape {chains.shape}")
-    lengths = list(chains)
-    if len(lengths) != len(rows.moved_stages) + 1:
-        raise ValueError(
-            f"chains must have {len(rows.moved_stages) + 1} lengths, of stages and the result, "
-            f"got {len(lengths)}"
-        )
-    return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in lengths]
+    check_length(chains, len(rows.moved_stages) + 1, "chains")
+    return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in chains]

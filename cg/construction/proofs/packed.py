@@ -16,7 +16,6 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import accumulate, pairwise, product
 from math import prod
-from pathlib import Path
 from typing import Any
 
 from cg.construction.catalogue import find_method
@@ -422,9 +421,6 @@ def certificate_of(method: Method) -> Certificate:
     path = folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
-    if isinstance(path, Path):
-        return Certificate.load(path)
-    # the package isn't a folder
     return Certificate.loads(path.read_text(encoding="utf-8"))
 
 
