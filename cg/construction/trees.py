@@ -98,14 +98,17 @@ def catalan(n: int) -> int:
     return comb(2 * n, n) // (n + 1)
 
 
-def _integer(name: str, value: object) -> int:
-    """Return `value` as an int, as `cg.support.checks.check_integer` does for other modules."""
+def _integer(name: str, value: object, most: int | None = None) -> int:
+    """Return `value` as an int, from 1 to `most` if given; other modules use `check_integer`."""
     try:
-        if not isinstance(value, bool):
-            return to_int(value)  # type: ignore[arg-type]
+        if isinstance(value, bool):
+            raise TypeError
+        checked = to_int(value)  # type: ignore[arg-type]
     except TypeError:
-        pass
-    raise TypeError(f"{name} must be an integer, got {value!r}")
+        raise TypeError(f"{name} must be an integer, got {value!r}") from None
+    if most is not None and not 1 <= checked <= most:
+        raise ValueError(f"{name} must be between 1 and {most}, got {checked}")
+    return checked
 
 
 def is_lyndon(word: Sequence[int]) -> bool:
@@ -142,9 +145,7 @@ class Forest:
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
-        nodes = _integer("nodes", nodes)
-        if not 1 <= nodes <= self.max_nodes:
-            raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
+        nodes = _integer("nodes", nodes, self.max_nodes)
         start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
         return range(start, start + catalan(nodes - 1))
 
@@ -202,10 +203,7 @@ def forest(max_nodes: int) -> Forest:
     >>> [str(forest(3).tree(index)) for index in (2, 3, 4)]
     ['[[]]', '[[][]]', '[[[]]]']
     """
-    max_nodes = _integer("max_nodes", max_nodes)
-    if not 1 <= max_nodes <= MAX_NODES:
-        raise ValueError(f"max_nodes must be between 1 and {MAX_NODES}, got {max_nodes}")
-    return _forest(max_nodes)
+    return _forest(_integer("max_nodes", max_nodes, MAX_NODES))
 
 
 @cache
@@ -243,16 +241,12 @@ RootedTree = tuple["RootedTree", ...]
 
 def rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
     """Return the 1, 1, 2, 4, 9, 20, 48, 115, … rooted trees with 1, 2, … `nodes`."""
-    from cg.support.checks import check_integer
-
-    return _rooted_trees(check_integer("nodes", nodes, 1, MAX_NODES))
+    return _rooted_trees(_integer("nodes", nodes, MAX_NODES))
 
 
 def rooted_trees_through(order: int) -> tuple[RootedTree, ...]:
     """Return the rooted trees with 1 to `order` nodes, at most `MAX_NODES`, smaller ones first."""
-    from cg.support.checks import check_integer
-
-    order = check_integer("order", order, 1, MAX_NODES)
+    order = _integer("order", order, MAX_NODES)
     return tuple(tree for nodes in range(1, order + 1) for tree in _rooted_trees(nodes))
 
 

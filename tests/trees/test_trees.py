@@ -111,7 +111,7 @@ def test_nodes_and_densities():
 
 @pytest.mark.parametrize("function", [rooted_trees, rooted_trees_through])
 def test_rejects_a_bad_number_of_nodes(function):
-    refuses(ValueError, "at least 1", function, 0)
+    refuses(ValueError, "between 1 and 14", function, 0)
     refuses(TypeError, "must be an integer", function, 2.5)
 
 
