@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -194,18 +195,12 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
         flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
-    settings = _Settings(
-        rows=rows,
-        order=order,
-        embedded_order=embedded_order,
+    split_of = partial(
+        SplitRows, rows, order=order, embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
-        lengths=_check_chains(rows, order, flows, chains),
-        flows=flows,
-        seed=check_integer("seed", seed, 0),
-        max_iterations=_ITERATIONS.get(order, _ITERATIONS_BELOW),
-        reduce=check_flag("reduce", reduce),
-        improve=check_flag("improve", improve),
-    )
+    )  # fmt: skip
+    lengths, seed = _check_chains(rows, order, flows, chains), check_integer("seed", seed, 0)
+    reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
     if improve and order >= MAX_ORDER:
         raise ValueError(
             f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
@@ -214,10 +209,15 @@ def lift(
     solutions: list[_Solution] = []  # the one with the smallest key is the best
     best, index = np.inf, 0
     for index in range(tries):
-        split, end = settings.solve(index)
+        generator = start_generator(seed, index)
+        if flows is None:
+            layout = chains_layout(rows, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
+        else:
+            layout = random_layout(rows, flows, generator)
+        split, end = _solved(split_of(layout), generator, reduce)
         best = min(best, end.f)
         if end.solved:
-            solutions.append(settings.finish(index, split, end))
+            solutions.append(_with_key(index, split, end, improve))
         if len(solutions) == hits:
             break
     names = {
@@ -233,47 +233,26 @@ def lift(
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
-@dataclass(frozen=True)
-class _Settings:
-    """All that determines what a start leads to."""
+def _solved(
+    split: SplitRows, generator: np.random.Generator, reduce: bool
+) -> tuple[SplitRows, Fit]:
+    """Solve from one random start, and merge flows of a solution if `reduce`."""
+    raise_if_stopped()
+    iterations = _ITERATIONS.get(split.order, _ITERATIONS_BELOW)
+    # the remainders, last weights of chains, are large: flows are far from commuting
+    unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
+    end = fit(split, split.from_unknowns(unknowns), max_iterations=iterations)
+    return merged_flows(split, end, iterations) if end.solved and reduce else (split, end)
 
-    rows: FlatRows
-    order: int
-    embedded_order: int
-    stage_orders: tuple[int, ...]
-    flows: int | None
-    lengths: Sequence[int]
-    seed: int
-    max_iterations: int
-    reduce: bool
-    improve: bool
 
-    def solve(self, index: int) -> tuple[SplitRows, Fit]:
-        """Solve from one random start."""
-        raise_if_stopped()
-        generator = start_generator(self.seed, index)
-        if self.flows is not None:
-            layout = random_layout(self.rows, self.flows, generator)
-        else:
-            zeros = (index + 1) % _FREE_ZEROS_EVERY != 0
-            layout = chains_layout(self.rows, self.lengths, zeros=zeros)
-        split = SplitRows(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
-        # the remainders, last weights of chains, are large: flows are far from commuting
-        unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
-        start = split.from_unknowns(unknowns)
-        return split, fit(split, start, max_iterations=self.max_iterations)
-
-    def finish(self, index: int, split: SplitRows, end: Fit) -> _Solution:
-        """Merge flows of a solution and reduce its principal error, if the settings say so."""
-        if self.reduce:
-            split, end = merged_flows(split, end, self.max_iterations)
-        flows = len(split.layout.parents)
-        key = float(flows), float(np.max(np.abs(end.x)))
-        if self.improve:
-            end = improved(split, end)
-            error = float(np.linalg.norm(split.principal_residual(end.x)))
-            key = flows * error ** (1 / self.order), 0.0
-        return key, index, split, end
+def _with_key(index: int, split: SplitRows, end: Fit, improve: bool) -> _Solution:
+    """Return a solution with its key, if `improve` with a reduced principal error."""
+    flows = len(split.layout.parents)
+    if not improve:
+        return (float(flows), float(np.max(np.abs(end.x)))), index, split, end
+    end = improved(split, end)
+    error = float(np.linalg.norm(split.principal_residual(end.x)))
+    return (flows * error ** (1 / split.order), 0.0), index, split, end
 
 
 def _check_orders(
