@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
@@ -230,36 +230,28 @@ def tree_of_rows(
     a: Sequence[Sequence[Fraction]],
     b: Sequence[Fraction],
     b_embedded: Sequence[Fraction] | None = None,
+    *,
+    flat: bool = False,
 ) -> PointTree:
     """Return the tree of a Crouch–Grossman tableau: each nonzero entry of a row is a point.
 
-    Rows with equal first entries share the points of these.
+    Rows with equal first entries share the points of these. With `flat` it is that of a Munthe-Kaas
+    method: one flow from the start to each stage and result.
     """
     index: dict[Point, int] = {}
 
-    def chain(row: Iterable[Fraction]) -> int:
+    def chain(row: Sequence[Fraction]) -> int:
         last = START
-        for stage, weight in enumerate(row):
-            if weight != 0:
-                last = index.setdefault(Point(last, {stage: weight}), len(index))
+        entries = dict(enumerate(row))
+        for weights in [entries] if flat else [{stage: entries[stage]} for stage in entries]:
+            if any(weights.values()):
+                last = index.setdefault(Point(last, weights), len(index))
         return last
 
     stages = tuple(map(chain, a))
     result = chain(b)
     embedded = None if b_embedded is None else chain(b_embedded)
     return PointTree(tuple(index), stages, result, embedded)
-
-
-def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result."""
-    index: dict[tuple[Fraction, ...], int] = {}
-
-    def point(row: Sequence[Fraction]) -> int:
-        return index.setdefault(tuple(row), len(index)) if any(row) else START
-
-    stages = tuple(map(point, a))
-    result = point(b)
-    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)
 
 
 class Rows(IntEnum):
@@ -522,13 +514,13 @@ def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
     return Layout(tuple(parents), tuple(columns), tuple(ends[:stages]), tuple(ends[stages:]), rows)
 
 
-def check_length(x: Any, size: int) -> None:
+def check_length(x: Any, size: int, name: str = "x") -> None:
     """Raise ValueError unless `x` is a sequence of length `size`."""
-    scalar = isinstance(x, str | bytes) or not isinstance(x, Sized)
-    if scalar or (isinstance(x, np.ndarray) and x.ndim != 1):
-        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
+    other = isinstance(x, str | bytes) or not isinstance(x, Sequence | np.ndarray)
+    if other or (isinstance(x, np.ndarray) and x.ndim != 1):
+        raise ValueError(f"{name} must be a sequence of numbers, got {x!r}")
     if len(x) != size:
-        raise ValueError(f"x must have {size} entries, got {len(x)}")
+        raise ValueError(f"{name} must have {size} entries, got {len(x)}")
 
 
 def _row_lengths(stages: int, rows: Rows, pair: bool) -> tuple[int, ...]:

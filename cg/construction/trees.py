@@ -13,15 +13,17 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import combinations_with_replacement, product
+from itertools import accumulate, combinations_with_replacement, product
 from math import comb, prod
 from operator import index as to_int
 from pathlib import Path
 
+_MAX_PARSED = 200  # nodes of a text: deeper trees would exceed Python's limit of recursion
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
 class OrderedTree:
     """An ordered rooted tree, immutable and hashable.
 
@@ -29,11 +31,6 @@ class OrderedTree:
     ----------
     children
         The subtrees of the root, from left to right.
-
-    Attributes
-    ----------
-    nodes
-        Number of nodes ``|t|``, the root included.
 
     Examples
     --------
@@ -45,39 +42,20 @@ class OrderedTree:
     """
 
     children: tuple[OrderedTree, ...] = ()
-    nodes: int = field(init=False, repr=False)
-    _hash: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.children, tuple) or not all(
             isinstance(child, OrderedTree) for child in self.children
         ):
             raise TypeError(f"children must be a tuple of OrderedTree, got {self.children!r}")
-        # from stored hashes of the children, without recursion into deep trees
-        object.__setattr__(self, "_hash", hash(tuple(child._hash for child in self.children)))
-        object.__setattr__(self, "nodes", 1 + sum(child.nodes for child in self.children))
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, OrderedTree):
-            return NotImplemented
-        pending = [(self, other)]
-        while pending:
-            left, right = pending.pop()
-            if left is right:
-                continue
-            if left._hash != right._hash or len(left.children) != len(right.children):
-                return False
-            pending += zip(left.children, right.children, strict=True)
-        return True
 
     @classmethod
     def parse(cls, text: str) -> OrderedTree:
-        """Read a tree from its text in brackets; white space is ignored."""
+        """Read a tree from its text in brackets, of at most 200 nodes; white space is ignored."""
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {type(text).__name__}")
+        if text.count("[") > _MAX_PARSED:
+            raise ValueError(f"a tree must have at most {_MAX_PARSED} nodes, got {text[:80]!r}")
         finished: list[list[OrderedTree]] = [[]]
         for position, character in enumerate(text):
             if character.isspace():
@@ -94,32 +72,21 @@ class OrderedTree:
         return finished[0][0]
 
     def __str__(self) -> str:
-        parts: list[str] = []
-        pending: list[OrderedTree | str] = [self]
-        while pending:
-            part = pending.pop()
-            if isinstance(part, str):
-                parts.append(part)
-            else:
-                parts.append("[")
-                pending += ["]", *reversed(part.children)]
-        return "".join(parts)
+        return f"[{''.join(map(str, self.children))}]"
 
     def __repr__(self) -> str:
         return f"OrderedTree.parse({str(self)!r})"
 
     @cached_property
+    def nodes(self) -> int:
+        """Number of nodes ``|t|``, the root included."""
+        return 1 + sum(child.nodes for child in self.children)
+
+    @cached_property
     def density(self) -> int:
         """Density ``γ(t) = Π_k (|t_1|+…+|t_k|) γ(t_k)``, and 1 for ``τ`` ([13] of the paper)."""
-        product = 1
-        pending = [self]
-        while pending:
-            tree, nodes = pending.pop(), 0
-            for child in tree.children:
-                nodes += child.nodes
-                product *= nodes
-            pending += tree.children
-        return product
+        sums = accumulate(child.nodes for child in self.children)
+        return prod(sums) * prod(child.density for child in self.children)
 
 
 MAX_NODES = 14
@@ -131,14 +98,17 @@ def catalan(n: int) -> int:
     return comb(2 * n, n) // (n + 1)
 
 
-def _integer(name: str, value: object) -> int:
-    """Return `value` as an int, as `cg.support.checks.check_integer` does for other modules."""
+def _integer(name: str, value: object, most: int | None = None) -> int:
+    """Return `value` as an int, from 1 to `most` if given; other modules use `check_integer`."""
     try:
-        if not isinstance(value, bool):
-            return to_int(value)  # type: ignore[arg-type]
+        if isinstance(value, bool):
+            raise TypeError
+        checked = to_int(value)  # type: ignore[arg-type]
     except TypeError:
-        pass
-    raise TypeError(f"{name} must be an integer, got {value!r}")
+        raise TypeError(f"{name} must be an integer, got {value!r}") from None
+    if most is not None and not 1 <= checked <= most:
+        raise ValueError(f"{name} must be between 1 and {most}, got {checked}")
+    return checked
 
 
 def is_lyndon(word: Sequence[int]) -> bool:
@@ -175,9 +145,7 @@ class Forest:
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
-        nodes = _integer("nodes", nodes)
-        if not 1 <= nodes <= self.max_nodes:
-            raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
+        nodes = _integer("nodes", nodes, self.max_nodes)
         start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
         return range(start, start + catalan(nodes - 1))
 
@@ -235,10 +203,7 @@ def forest(max_nodes: int) -> Forest:
     >>> [str(forest(3).tree(index)) for index in (2, 3, 4)]
     ['[[]]', '[[][]]', '[[[]]]']
     """
-    max_nodes = _integer("max_nodes", max_nodes)
-    if not 1 <= max_nodes <= MAX_NODES:
-        raise ValueError(f"max_nodes must be between 1 and {MAX_NODES}, got {max_nodes}")
-    return _forest(max_nodes)
+    return _forest(_integer("max_nodes", max_nodes, MAX_NODES))
 
 
 @cache
@@ -276,16 +241,12 @@ RootedTree = tuple["RootedTree", ...]
 
 def rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
     """Return the 1, 1, 2, 4, 9, 20, 48, 115, … rooted trees with 1, 2, … `nodes`."""
-    from cg.support.checks import check_integer
-
-    return _rooted_trees(check_integer("nodes", nodes, 1, MAX_NODES))
+    return _rooted_trees(_integer("nodes", nodes, MAX_NODES))
 
 
 def rooted_trees_through(order: int) -> tuple[RootedTree, ...]:
     """Return the rooted trees with 1 to `order` nodes, at most `MAX_NODES`, smaller ones first."""
-    from cg.support.checks import check_integer
-
-    order = check_integer("order", order, 1, MAX_NODES)
+    order = _integer("order", order, MAX_NODES)
     return tuple(tree for nodes in range(1, order + 1) for tree in _rooted_trees(nodes))
 
 

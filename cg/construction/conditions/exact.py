@@ -203,9 +203,8 @@ class Weights:
         self._zero = zero = one * 0
         self._phi: dict[Word, Vector] = {(): [one] * layout.stages}
         self._letter: dict[Word, Vector] = {}
-        # by word: of the flow alone, at the parent, and at the point; the start is last
+        # by word: of the flow alone, and at the point; the start is last
         self._flow: dict[Word, Vector] = {(): [one] * points}
-        self._left: dict[Word, Vector] = {(): [one] * points}
         self._chi: dict[Word, Vector] = {(): [one] * (points + 1)}
         for word, where in self._needed.items():
             self._add(word, where)
@@ -219,20 +218,18 @@ class Weights:
 
     def _add(self, word: Word, where: Sequence[int]) -> None:
         """Compute a word whose proper factors are known, at some points with their parents."""
-        count, points = len(word), len(self.layout.parents)
+        count, parents = len(word), self.layout.parents
         rest, letter = self._flow[word[1:]], self._letter_at_points(word[0])
-        flow: Vector = [None] * points
-        left: Vector = [None] * points
-        chi: Vector = [None] * points + [self._zero]
-        cuts = [(self._left[word[:cut]], self._flow[word[cut:]]) for cut in range(1, count)]
-        parents = self.layout.parents
+        flow: Vector = [None] * len(parents)
+        chi: Vector = [None] * len(parents) + [self._zero]
+        cuts = [(self._chi[word[:cut]], self._flow[word[cut:]]) for cut in range(1, count)]
         for m in where:
-            change = flow[m] = rest[m] * letter[m] / count
+            parent, change = parents[m], rest[m] * letter[m] / count
+            flow[m] = change
             for head, tail in cuts:
-                change = change + head[m] * tail[m]
-            left[m] = chi[parents[m]]
-            chi[m] = left[m] + change
-        self._flow[word], self._left[word], self._chi[word] = flow, left, chi
+                change = change + head[parent] * tail[m]
+            chi[m] = chi[parent] + change
+        self._flow[word], self._chi[word] = flow, chi
 
     def _letter_at_points(self, letter: Word) -> Vector:
         """Return the combinations of a letter's values that the flows to points have."""
@@ -257,8 +254,8 @@ class Weights:
         right = self._right_of(path)
         for p in range(len(before) + 1):
             cut = len(before) - p
-            left, flow = self._left[before[:cut]], self._flow[before[cut:]]
-            earlier = [left[i] * flow[i] for i in path]
+            chi, flow = self._chi[before[:cut]], self._flow[before[cut:]]
+            earlier = [chi[self.layout.parents[i]] * flow[i] for i in path]
             for q in range(len(after) + 1):
                 flow, beyond = self._flow[after[:q]], right[after[q:]]
                 share = (p + q + 1) * comb(p + q, p)  # (p + q + 1)! / (p! q!)
@@ -428,9 +425,7 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
         layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
     else:
         layout = getattr(method, "layout", None)
-    # methods of Munthe-Kaas, with a tableau, and splitting methods, with drifts, have others
-    others = hasattr(method, "tableau") or hasattr(method, "drifts")
-    if not isinstance(layout, Layout) or layout.of_time or others:
+    if not isinstance(layout, Layout) or not getattr(method, "of_trees", True):
         kinds = "a Crouch-Grossman or a commutator-free method"
         raise TypeError(f"method must be a number of stages, {kinds}, got {method!r}")
     words = condition_words(check_order(order, None), check_flag("independent", independent))

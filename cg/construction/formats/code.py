@@ -17,7 +17,7 @@ from importlib.resources import files
 from itertools import accumulate
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.layouts import START, PointTree, tree_of_flat_rows
+from cg.construction.layouts import START, PointTree, tree_of_rows
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.support.parsing import visible
 
@@ -159,7 +159,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         if method.third_weights is not None:
             others.append([weight.value for weight in method.third_weights])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
-        return tree_of_flat_rows(rows[: method.stages], b), errors
+        return tree_of_rows(rows[: method.stages], b, flat=True), errors
     tree = method.layout.tree(numbers.values)
     results = tree.results[::-1] if better else tree.results
     return PointTree(tree.points, tree.stage_points, *results), []

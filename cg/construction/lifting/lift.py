@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
+from cg.construction.layouts import check_length
 from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.coefficients import Coefficient
@@ -193,18 +195,12 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
         flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
-    settings = _Settings(
-        rows=rows,
-        order=order,
-        embedded_order=embedded_order,
+    split_of = partial(
+        SplitRows, rows, order=order, embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
-        lengths=_check_chains(rows, order, flows, chains),
-        flows=flows,
-        seed=check_integer("seed", seed, 0),
-        max_iterations=_ITERATIONS.get(order, _ITERATIONS_BELOW),
-        reduce=check_flag("reduce", reduce),
-        improve=check_flag("improve", improve),
-    )
+    )  # fmt: skip
+    lengths, seed = _check_chains(rows, order, flows, chains), check_integer("seed", seed, 0)
+    reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
     if improve and order >= MAX_ORDER:
         raise ValueError(
             f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
@@ -213,10 +209,15 @@ def lift(
     solutions: list[_Solution] = []  # the one with the smallest key is the best
     best, index = np.inf, 0
     for index in range(tries):
-        split, end = settings.solve(index)
+        generator = start_generator(seed, index)
+        if flows is None:
+            layout = chains_layout(rows, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
+        else:
+            layout = random_layout(rows, flows, generator)
+        split, end = _solved(split_of(layout), generator, reduce)
         best = min(best, end.f)
         if end.solved:
-            solutions.append(settings.finish(index, split, end))
+            solutions.append(_with_key(index, split, end, improve))
         if len(solutions) == hits:
             break
     names = {
@@ -224,57 +225,34 @@ def lift(
         "source": tableau.source if source is None else source,
     }
     for _, start, split, end in sorted(solutions, key=itemgetter(0, 1)):
-        exact = refined(split, end.x)
-        if exact.largest_residual < _EXACT:
-            return Lifted(
-                CommutatorFree.from_layout(split.layout, exact.weights, **names),
-                start, index + 1, len(solutions),
-                split.movable.size, exact.rank, exact.largest_residual,
-            )  # fmt: skip
+        weights, residual, rank = refined(split, end.x)
+        if residual < _EXACT:
+            method = CommutatorFree.from_layout(split.layout, weights, **names)
+            counts = start, index + 1, len(solutions), split.movable.size, rank
+            return Lifted(method, *counts, residual)
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
-@dataclass(frozen=True)
-class _Settings:
-    """All that determines what a start leads to."""
+def _solved(
+    split: SplitRows, generator: np.random.Generator, reduce: bool
+) -> tuple[SplitRows, Fit]:
+    """Solve from one random start, and merge flows of a solution if `reduce`."""
+    raise_if_stopped()
+    iterations = _ITERATIONS.get(split.order, _ITERATIONS_BELOW)
+    # the remainders, last weights of chains, are large: flows are far from commuting
+    unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
+    end = fit(split, split.from_unknowns(unknowns), max_iterations=iterations)
+    return merged_flows(split, end, iterations) if end.solved and reduce else (split, end)
 
-    rows: FlatRows
-    order: int
-    embedded_order: int
-    stage_orders: tuple[int, ...]
-    flows: int | None
-    lengths: Sequence[int]
-    seed: int
-    max_iterations: int
-    reduce: bool
-    improve: bool
 
-    def solve(self, index: int) -> tuple[SplitRows, Fit]:
-        """Solve from one random start."""
-        raise_if_stopped()
-        generator = start_generator(self.seed, index)
-        if self.flows is not None:
-            layout = random_layout(self.rows, self.flows, generator)
-        else:
-            zeros = (index + 1) % _FREE_ZEROS_EVERY != 0
-            layout = chains_layout(self.rows, self.lengths, zeros=zeros)
-        split = SplitRows(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
-        # the remainders, last weights of chains, are large: flows are far from commuting
-        unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
-        start = split.from_unknowns(unknowns)
-        return split, fit(split, start, max_iterations=self.max_iterations)
-
-    def finish(self, index: int, split: SplitRows, end: Fit) -> _Solution:
-        """Merge flows of a solution and reduce its principal error, if the settings say so."""
-        if self.reduce:
-            split, end = merged_flows(split, end, self.max_iterations)
-        flows = len(split.layout.parents)
-        key = float(flows), float(np.max(np.abs(end.x)))
-        if self.improve:
-            end = improved(split, end)
-            error = float(np.linalg.norm(split.principal_residual(end.x)))
-            key = flows * error ** (1 / self.order), 0.0
-        return key, index, split, end
+def _with_key(index: int, split: SplitRows, end: Fit, improve: bool) -> _Solution:
+    """Return a solution with its key, if `improve` with a reduced principal error."""
+    flows = len(split.layout.parents)
+    if not improve:
+        return (float(flows), float(np.max(np.abs(end.x)))), index, split, end
+    end = improved(split, end)
+    error = float(np.linalg.norm(split.principal_residual(end.x)))
+    return (flows * error ** (1 / split.order), 0.0), index, split, end
 
 
 def _check_orders(
@@ -330,19 +308,10 @@ def _simplest(entry: Coefficient) -> Fraction | Coefficient:
 def _check_chains(
     rows: FlatRows, order: int, flows: int | None, chains: Sequence[int] | None
 ) -> list[int]:
-    """Return the numbers of flows in the chains."""
+    """Return the numbers of flows in the chains to moved stages and to the result."""
     if chains is None:
         return [*(min(_STAGE_CHAINS[order], k) for k in rows.moved_stages), _CHAINS[order]]
     if flows is not None:
         raise ValueError("flows and chains exclude each other")
-    if isinstance(chains, str | bytes) or not isinstance(chains, Sequence | np.ndarray):
-        raise TypeError(f"chains must be a sequence of integers, got {chains!r}")
-    if isinstance(chains, np.ndarray) and chains.ndim != 1:
-        raise ValueError(f"chains must be a sequence of integers, got shape {chains.shape}")
-    lengths = list(chains)
-    if len(lengths) != len(rows.moved_stages) + 1:
-        raise ValueError(
-            f"chains must have {len(rows.moved_stages) + 1} lengths, of stages and the result, "
-            f"got {len(lengths)}"
-        )
-    return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in lengths]
+    check_length(chains, len(rows.moved_stages) + 1, "chains")
+    return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in chains]

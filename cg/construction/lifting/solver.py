@@ -8,11 +8,6 @@ Some conditions are redundant, and there are more unknowns than the others deter
 Jacobian is rank-deficient with a wide range of singular values. Steps come from the normal
 equations far from a solution, and from the singular value decomposition close to one.
 
-Derivatives take most of the time. If there are far more conditions than unknowns, steps use a
-subset of the conditions: those that a pivoted QR factorisation of the Jacobian selects, and those
-with the largest residuals. The subset is selected again when the other residuals stay large. All
-conditions decide whether a fit has succeeded.
-
 Flows are merged: the weights of a flow are added to those of the flow before it, which changes the
 result little where both are short, and the fit starts again from there. The principal error, the
 norm of the residuals e of the next order, is reduced along the solution set: with the kernel N of
@@ -52,11 +47,6 @@ SOLVED = 1e-23
 
 _CLOSE = 1e-10  # sum of squares below which steps come from the singular value decomposition
 _MIN_DAMPING, _MAX_DAMPING = 1e-30, 1e8  # relative to the largest derivative
-_MANY = 600  # number of conditions from which on a subset is used: that of order eight
-_PIVOT = 1e-9  # smallest pivot of selected conditions, relative to the largest
-_VIOLATED = 60  # number of conditions selected for their large residuals
-_MAX_USES, _MIN_USES = 30, 4  # numbers of steps with one selection
-_LEFT_BEHIND = 4.0  # ratio of the sums over all and selected conditions for a new selection
 
 _FIRST_ITERATIONS = 60  # most successful merges need fewer
 _FIRST_PATIENCE = 12
@@ -100,31 +90,29 @@ def fit(split: SplitRows, x: Vector, *, max_iterations: int, patience: int | Non
         return Fit(x, f)
     damping, reached = 1e-2, [f]
     steps: DampedSteps | None = None
-    chosen, taken = _select(split, x, residual), 0
     for _ in range(max_iterations):
         if not (f < np.inf and damping < _MAX_DAMPING):
             break
         close = f < _CLOSE
-        if _is_outdated(chosen, taken, residual):
-            chosen, taken, steps = _select(split, x, residual), 0, None
         if steps is None:
-            steps = DampedSteps(split.jacobian(x, chosen), close)
+            steps = DampedSteps(split.jacobian(x), close)
         if not steps.damp(damping):
             damping *= 10
             continue
-        now = residual[chosen]
-        v = steps.step(now)
+        v = steps.step(residual)
         moved = directions @ v
-        a = steps.acceleration(v, now, split.residual(x + PROBE * moved)[chosen])
-        trials = [x + moved + directions @ a / 2] * is_straight(v, a) + [x + moved] * close
-        before_f = float(now @ now)
-        best, residual, best_f = _best(split, (x, residual, before_f), trials, chosen)
-        gain = 1 - best_f / before_f if before_f else 0.0
+        a = steps.acceleration(v, residual, split.residual(x + PROBE * moved))
+        best, best_residual, best_f = x, residual, f
+        for trial in [x + moved + directions @ a / 2] * is_straight(v, a) + [x + moved] * close:
+            trial_residual = split.residual(trial)
+            trial_f = float(trial_residual @ trial_residual)
+            if trial_f < best_f:
+                best, best_residual, best_f = trial, trial_residual, trial_f
+        gain = 1 - best_f / f if f else 0.0
         if f < SOLVED and gain < _MIN_GAIN:
             break
-        if best_f < before_f:
-            x, f, steps = best, float(residual @ residual), None
-            taken += 1
+        if best_f < f:
+            x, residual, f, steps = best, best_residual, best_f, None
             damping = max(damping / 5, _MIN_DAMPING)
         else:
             damping = 3 * max(damping, 1e-20)
@@ -133,43 +121,6 @@ def fit(split: SplitRows, x: Vector, *, max_iterations: int, patience: int | Non
         if f > max(SOLVED, before / 2):
             break
     return Fit(x, f)
-
-
-def _best(
-    split: SplitRows,
-    here: tuple[Vector, Vector, float],
-    trials: list[Vector],
-    chosen: NDArray[np.intp] | slice,
-) -> tuple[Vector, Vector, float]:
-    """Return the best weights, their residual, and the sum of squares of the chosen ones."""
-    best = here
-    for trial in trials:
-        residual = split.residual(trial)
-        part = residual[chosen]
-        if part @ part < best[2]:
-            best = trial, residual, float(part @ part)
-    return best
-
-
-def _select(split: SplitRows, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
-    """Return the indices of the conditions to use in steps, or a slice for all of them."""
-    if residual.size < _MANY:
-        return slice(None)
-    derivatives = split.jacobian(x).T
-    pivots, order = linalg.qr(derivatives, mode="r", pivoting=True, check_finite=False)
-    sizes = np.abs(np.diag(pivots))
-    independent = order[: int(np.sum(sizes > _PIVOT * sizes[0]))]
-    violated = np.argsort(-np.abs(residual), kind="stable")[:_VIOLATED]
-    return np.union1d(independent, violated).astype(np.intp)
-
-
-def _is_outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) -> bool:
-    """Return whether to select conditions again after a number of steps."""
-    if isinstance(chosen, slice) or taken < _MIN_USES:
-        return False
-    part = residual[chosen]
-    bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND
-    return taken >= _MAX_USES or float(residual @ residual) > bound
 
 
 def merged_flows(split: SplitRows, end: Fit, max_iterations: int) -> tuple[SplitRows, Fit]:
@@ -248,17 +199,11 @@ def improved(split: SplitRows, end: Fit) -> Fit:
     return end
 
 
-@dataclass(frozen=True)
-class Exact:
-    """Weights whose sums are exact, the residual before rounding to 36 digits, and the rank."""
+def refined(split: SplitRows, x: Vector) -> tuple[list[str | Fraction], float, int]:
+    """Refine weights x, shape (size,), to more digits than are written.
 
-    weights: tuple[str | Fraction, ...]
-    largest_residual: float
-    rank: int
-
-
-def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
-    """Refine weights x, shape (size,), to more digits than are written."""
+    Returns weights whose sums are exact, the residual before rounding to 36 digits, and the rank.
+    """
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
     along, rank = pseudo_inverse(split.jacobian(x), _RANK_GAP)
     inverse = split.directions[split.movable] @ along * split.scale
@@ -273,7 +218,7 @@ def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
     weights: list[str | Fraction] = list(split.full([Fraction(text) for text in texts]))
     for k, text in zip(split.movable.tolist(), texts, strict=True):
         weights[k] = text
-    return Exact(tuple(weights), float(end.largest_residual), rank)
+    return weights, float(end.largest_residual), rank
 
 
 def _text(value: Fraction) -> str:

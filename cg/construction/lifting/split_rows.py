@@ -232,11 +232,11 @@ class SplitRows:
         residuals = core_calls.residuals(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale * residuals)
 
-    def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
+    def jacobian(self, x: Vector) -> Vector:
         """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
-        trees, owner = (entries[chosen] for entries in self.conditions)
+        trees, owner = self.conditions
         jacobian = core_calls.jacobian(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))
+        return np.asarray(self.scale[:, None] * (jacobian @ self.directions))
 
     def principal_residual(self, x: Vector) -> Vector:
         """Return the residuals of the next order, of all trees, not scaled."""

@@ -20,7 +20,7 @@ from cg.construction.layouts import (
     Point,
     PointTree,
     check_tree,
-    tree_of_flat_rows,
+    tree_of_rows,
 )
 from cg.construction.methods.coefficients import (
     Coefficient,
@@ -329,7 +329,7 @@ class MuntheKaas(Method):
     @cached_property
     def tree(self) -> PointTree:
         """The points of a step: a flow from the initial point to each stage and the result."""
-        return tree_of_flat_rows(*self.tableau.exact)
+        return tree_of_rows(*self.tableau.exact, flat=True)
 
     @property
     def explicit(self) -> bool:

@@ -138,10 +138,6 @@ class Certificate:
     beyond: ViolatedCondition
     embedded_beyond: ViolatedCondition | None
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.bits, int) or isinstance(self.bits, bool):
-            raise CertificationError(f"bits must be an integer, got {self.bits!r}")
-
     @property
     def orders(self) -> tuple[int, ...]:
         """The orders of all rows of weights."""

@@ -13,7 +13,7 @@ within ``|A f(z)| / (1 - κ)`` of any z in X, in the maximum norm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +54,7 @@ class KrawczykTest:
         }
 
 
-def doubles(vectors: Sequence[Sequence[flint.arb]]) -> NDArray[np.float64]:
+def doubles(vectors: Iterable[Sequence[flint.arb]]) -> NDArray[np.float64]:
     """Return the midpoints of vectors of balls, such as the rows of a matrix."""
     return np.array([[float(x) for x in vector] for vector in vectors])
 

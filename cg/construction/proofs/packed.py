@@ -16,7 +16,6 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import accumulate, pairwise, product
 from math import prod
-from pathlib import Path
 from typing import Any
 
 from cg.construction.catalogue import find_method
@@ -28,7 +27,6 @@ from cg.construction.conditions.exact import (
     Word,
     condition_words,
     conditions_of,
-    is_of_time,
     nodes,
 )
 from cg.construction.conditions.linear_equations import (
@@ -108,10 +106,6 @@ class Packed(ABC):
         words = condition_words(order, True, self.of_time)
         return [word for word in words if nodes(word) == order]
 
-    def has(self, word: Word) -> bool:
-        """Return whether a word is one of a condition of the method."""
-        return word in self.words(nodes(word))
-
     def spread(self, z: Sequence[Any]) -> Sequence[Any]:
         """Return all coefficients of the method."""
         return z
@@ -155,9 +149,6 @@ class PackedWeights(Packed):
 
     def equations(self, conditions: Sequence[Condition]) -> EquationSystem:
         return EquationSystem(self.layout, tuple(conditions))
-
-    def has(self, word: Word) -> bool:
-        return not self.of_time or is_of_time(word)
 
 
 @dataclass(frozen=True)
@@ -430,9 +421,6 @@ def certificate_of(method: Method) -> Certificate:
     path = folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
-    if isinstance(path, Path):
-        return Certificate.load(path)
-    # the package isn't a folder
     return Certificate.loads(path.read_text(encoding="utf-8"))
 
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from scipy import linalg
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.conditions.exact import Condition, Word, nodes
+from cg.construction.conditions.exact import Condition, Word
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
 from cg.construction.proofs.certificate import (
@@ -62,13 +62,6 @@ _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coeffici
 _ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
 
 
-class _Proved(NamedTuple):
-    """A box and its Krawczyk test; what the box says of conditions left out isn't proved yet."""
-
-    box: Box
-    attempt: KrawczykTest
-
-
 def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     """Return a box in which the conditions have a zero that is proved, or raise.
 
@@ -78,8 +71,8 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     check_places(packed, values, derivatives)
     jacobian = doubles(derivatives.tolist())
     outcome = _try(packed, np.array([], dtype=np.intp), jacobian)
-    if isinstance(outcome, _Proved):
-        return outcome.box
+    if isinstance(outcome, tuple):
+        return outcome[0]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
     message = f"{packed.name}: no zero of the conditions of order {packed.orders[0]} is proved"
@@ -97,21 +90,25 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
         if explained or not complete:
             left_out = pivots[:dependent] if explained else pivots[-dependent:]
             outcome = _try(packed, left_out, jacobian)
-        if isinstance(outcome, _Proved):
-            if not explained:
-                # with a bound of the conditions that are left out, a power of ten
-                largest = float(largest_residual(packed, *outcome, SMALL_PLACES, bits))
-                exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
-                return replace(outcome.box, bound=Decimal((0, (1,), exponent)))
-            check_left_out(packed, *outcome, bits)
-            return outcome.box
+        if isinstance(outcome, tuple):
+            box, attempt = outcome
+            if explained:
+                check_left_out(packed, box, attempt, bits)
+                return box
+            # with a bound of the conditions that are left out, a power of ten
+            largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
+            exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
+            return replace(box, bound=Decimal((0, (1,), exponent)))
     raise CertificationError(message, **outcome)
 
 
 def _try(
     packed: Packed, left_out: NDArray[np.signedinteger[Any]], jacobian: NDArray[np.float64]
-) -> _Proved | dict[str, float]:
-    """Return the box with a zero proved, or quantities that tell why there is none."""
+) -> tuple[Box, KrawczykTest] | dict[str, float]:
+    """Return the box with a zero proved and its test, or quantities that tell why there is none.
+
+    What the box says of the conditions left out isn't proved yet.
+    """
     omitted = [packed.conditions[k] for k in sorted(map(int, left_out))]
     system = packed.system(omitted)
     jacobian = np.delete(jacobian, left_out, axis=0)
@@ -137,7 +134,7 @@ def _try(
             held = sorted(set(range(len(packed.names))) - set(movable))
             fixed = tuple(packed.names[k] for k in held)
             radius = Decimal(f"{float(attempt.radius):.1e}")
-            return _Proved(Box(radius, fixed, tuple(omitted)), attempt)
+            return Box(radius, fixed, tuple(omitted)), attempt
     return measures
 
 
@@ -254,12 +251,10 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
     for row, (order, claim) in enumerate(zip(packed.orders, claims, strict=False)):
         if claim is None:
             raise CertificationError("second weights need a condition that they violate")
-        if nodes(claim.word) != order + 1:
+        if claim.word not in packed.words(order + 1):
             raise CertificationError(
-                f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
+                f"{claim.tree} is no independent condition of order {order + 1} of {packed.name}"
             )
-        if not packed.has(claim.word):
-            raise CertificationError(f"{claim.tree} is no condition of {packed.name}")
         bound = _bounds(packed, certificate.box, [claim.word], row)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(

@@ -10,6 +10,7 @@ the last digit that is written; `polish` computes them as fractions.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,18 +74,11 @@ def refine(
     return Refined(best, best_size, rank, iterations)
 
 
-@dataclass(frozen=True)
-class RationalZero:
-    """The best point of a refinement, its residuals, and the number of useful corrections."""
+class RationalZero(NamedTuple):
+    """The best point of a refinement, and the magnitude of its largest residual."""
 
     x: tuple[Fraction, ...]
-    residuals: tuple[Fraction, ...]
-    iterations: int
-
-    @property
-    def largest_residual(self) -> Fraction:
-        """Magnitude of the largest residual."""
-        return max(map(abs, self.residuals), default=Fraction(0))
+    largest_residual: Fraction
 
 
 def refine_rational(
@@ -100,19 +94,21 @@ def refine_rational(
     `inverse` is J⁺. Corrections are rounded to multiples of ``1/grid``, so that numerators and
     denominators stay short.
     """
-    best = RationalZero(tuple(x), tuple(residuals(x)), 0)
-    largest = best.largest_residual
-    while largest > below and best.iterations < _MAX_CORRECTIONS:
-        scaled = np.array([float(residual / largest) for residual in best.residuals])
+    best, values = tuple(x), residuals(x)
+    largest = max(map(abs, values), default=Fraction(0))
+    for _ in range(_MAX_CORRECTIONS):
+        if largest <= below:
+            break
+        scaled = np.array([float(residual / largest) for residual in values])
         trial = tuple(
             entry - Fraction(round(Fraction(move) * largest * grid), grid)
-            for entry, move in zip(best.x, (inverse @ scaled).tolist(), strict=True)
+            for entry, move in zip(best, (inverse @ scaled).tolist(), strict=True)
         )
-        corrected = RationalZero(trial, tuple(residuals(trial)), best.iterations + 1)
-        if corrected.largest_residual >= largest:
+        trial_values = residuals(trial)
+        if max(map(abs, trial_values)) >= largest:
             break
-        best, largest = corrected, corrected.largest_residual
-    return best
+        best, values, largest = trial, trial_values, max(map(abs, trial_values))
+    return RationalZero(best, largest)
 
 
 def polish(
@@ -140,7 +136,7 @@ def polish(
         [start[k] for k in moving],
         inverse,
     )
-    return replace(end, x=whole(end.x))
+    return RationalZero(whole(end.x), end.largest_residual)
 
 
 def polish_zeros(

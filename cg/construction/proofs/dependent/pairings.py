@@ -10,14 +10,14 @@ over the stages k, or the flows m,
 
 with the coefficient y_mk of the flow to point m on stage k. `Pairing.left` has the vectors of the
 contexts, `Pairing.right` those of the letters. The vectors over the flows are derivatives of
-weights by letters, which `word_weights` computes; those over the stages follow from them.
+weights by letters, `Weights.slopes`; those over the stages follow from them.
 
 `Spanned` are sets of contexts and letters that are orthogonal and together span all places. The
 products of contexts u_i with letters v_j for the exact solution are rational numbers, M_ji. Row
-reduction of M splits the contexts into a `reference` and others, which are made orthogonal to all
-letters by multiples of the reference: u_i - Σ_r share_r u_r, the vectors of U_0. Exact arithmetic
-decides which products are zero. Ranks of vectors are counted in double precision: a wrong count
-leads to no relation, never to a wrong one.
+reduction of M splits the contexts into pivots and others, which are made orthogonal to all letters
+by multiples of the pivots: u_i - Σ_r share_r u_r, the vectors of U_0. Exact arithmetic decides
+which products are zero. Ranks of vectors are counted in double precision: a wrong count leads to no
+relation, never to a wrong one.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from cg.construction.conditions.exact import (
     Quantity,
@@ -51,9 +52,6 @@ from cg.support.quads import to_flint
 Vector = list[Any]
 _Around = dict[tuple[int, Word], Vector]  # by row and context: the vector over the flows
 _Values = dict[Word, Vector]  # by letter: its weights at the stages
-
-DIFFERENCE = 2
-"""In place of a row of weights: the difference of the first and the second."""
 
 SLOT: Any = -1  # where a letter was cut out of a word
 
@@ -96,20 +94,17 @@ class Pairing:
     left: list[Vector]  # vector of each context; exactly zero where it is for all coefficients
     right: list[Vector]  # vector of each column
 
-    def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
-        """Return the rows and words whose weights add up to the product of two vectors."""
+    def words(self, i: int, j: int) -> dict[Word, int]:
+        """Return the words whose weights, along the context's row, add up to a product."""
         u, column = self.contexts[i], self.columns[j]
         contexts = {u.context: 1}
         for _ in range(column.moments):
             contexts = extend(moments, contexts)
         letters = shuffle(u.factor, column.letter)
-        signs = ((0, 1), (1, -1)) if u.row == DIFFERENCE else ((u.row, 1),)
-        weights: dict[tuple[int, Word], int] = {}
+        weights: dict[Word, int] = {}
         for context, factor in contexts.items():
             for letter, multiplicity in letters.items():
-                word = fill(context, letter)
-                for row, sign in signs:
-                    add_multiple(weights, (row, word), sign * factor * multiplicity)
+                add_multiple(weights, fill(context, letter), factor * multiplicity)
         return weights
 
 
@@ -130,17 +125,7 @@ def pairings(
     values_of_weights = iter(weights.evaluate(y[: layout.size]))
     at_ends = {w: [next(values_of_weights) for _ in ends] for w in words}
     values = {w: at_ends[w][: layout.stages] for w in letters}
-    adjoints = _Adjoints(layout, y, weights)
-    around: _Around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
-    if len(orders) > 1:
-        shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
-        for h in [h for row, h in contexts if row == 1]:
-            both = zip(around[0, h], around[1, h], strict=True)
-            # flows that both paths share come first: they act alike on a slot at the root
-            cancelled = shared if depth(h) == 0 else set()
-            around[DIFFERENCE, h] = [
-                flint.arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
-            ]
+    around = {(row, h): _adjoint(weights, y, layout.stages + row, h) for row, h in contexts}
     return (
         _over_stages(layout, orders, y, around, values),
         _over_flows(layout, most, y, around, values),
@@ -155,7 +140,7 @@ def _over_stages(
         Context(row, h, factor)
         for row, h in around
         for factor in values
-        if outer_nodes(h) + nodes(factor) <= orders[min(row, 1)] - 2
+        if outer_nodes(h) + nodes(factor) <= orders[row] - 2
     ]
     contexts.sort(key=lambda u: u.degree)
     at_stages = {key: _to_stages(layout, y, vector) for key, vector in around.items()}
@@ -186,45 +171,24 @@ def _over_flows(
     )
 
 
-class _Adjoints:
-    """Words with a slot as vectors over the flows: derivatives by the letter in the slot."""
+def _adjoint(weights: Weights, y: Sequence[flint.arb], end: int, context: Word) -> Vector:
+    """Return a word with a slot as a vector over the flows: derivatives by the letter in it.
 
-    def __init__(self, layout: Layout, y: Sequence[flint.arb], weights: Weights) -> None:
-        self._layout, self._y, self._weights = layout, y, weights
-        self._known: dict[tuple[int, Word], Vector] = {}
-        self._slopes: dict[tuple[int, Word], Vector] = {}
-
-    def of_result(self, row: int, context: Word) -> Vector:
-        """Return the derivatives of a weight of a result."""
-        if (row, context) not in self._known:
-            outer, inner = _cut(context)
-            if inner:
-                before = _to_stages(self._layout, self._y, self.of_result(row, outer))
-                vector = self._of_stages(before, inner)
-            else:
-                vector = self._of_row(self._layout.stages + row, outer)
-            self._known[row, context] = vector
-        return self._known[row, context]
-
-    def _of_stages(self, factors: Vector, context: Word) -> Vector:
-        """Return the derivatives of a sum of weights at stages, with these factors."""
+    The word is one at the end of a row.
+    """
+    layout, ends = weights.layout, {end: flint.arb(1)}
+    while True:
         outer, inner = _cut(context)
-        total: Vector = [flint.arb(0)] * len(self._layout.parents)
-        for stage, factor in enumerate(factors):
+        place = outer.index(SLOT)
+        flows: Vector = [flint.arb(0)] * len(layout.parents)
+        for row, factor in ends.items():
             if not factor.is_zero():
-                for m in self._layout.path(self._layout.stage_points[stage]):
-                    total[m] = total[m] + factor * self._of_row(stage, outer)[m]
+                slopes = weights.slopes(row, outer[:place], outer[place + 1 :])
+                for m in layout.path(layout.ends[row]):
+                    flows[m] = flows[m] + factor * slopes[m]
         if not inner:
-            return total
-        return self._of_stages(_to_stages(self._layout, self._y, total), inner)
-
-    def _of_row(self, row: int, context: Word) -> Vector:
-        if (row, context) not in self._slopes:
-            place = context.index(SLOT)
-            self._slopes[row, context] = self._weights.slopes(
-                row, context[:place], context[place + 1 :]
-            )
-        return self._slopes[row, context]
+            return flows
+        ends, context = dict(enumerate(_to_stages(layout, y, flows))), inner
 
 
 def _cut(context: Word) -> tuple[Word, Word]:
@@ -307,14 +271,6 @@ def outer_nodes(context: Word) -> int:
     return sum(0 if t == SLOT else 1 + outer_nodes(t) for t in context)
 
 
-def depth(word: Word) -> int:
-    """Return the number of letters around the slot, or the depth of a word without one."""
-    if SLOT in word:
-        return 0
-    inner = [t for t in word if has_slot(t)]
-    return 1 + max(map(depth, inner or word), default=-1)
-
-
 def has_slot(letter: Any) -> bool:
     """Return whether the slot is within a letter."""
     return letter != SLOT and any(t == SLOT or has_slot(t) for t in letter)
@@ -349,101 +305,96 @@ def moments(context: Word) -> dict[Word, int]:
     return words
 
 
-@dataclass(frozen=True)
 class Spanned:
     """Contexts and letters, some of which span all places.
 
     `places` are those where neither all contexts nor all letters are zero for any coefficients;
-    `contexts` and `columns` are indices into the pairing. Of the contexts those in `reference`,
-    with the lowest degrees, reduce each other one to U_0, by multiples that `shares` has. `first`
-    are contexts in U_0, `second` columns, that are independent; they may fill all places.
+    `contexts` and `columns` are indices into the pairing. `combinations` are the vectors of U_0,
+    each of the context that it is named by and multiples of others. Of these `first`, and of the
+    columns `second`, are independent; `us` and `vs` are the others.
     """
 
-    pairing: Pairing
-    places: list[int]
-    contexts: list[int]
-    columns: list[int]
-    second: list[int]
-
-    @cached_property
-    def _reduction(self) -> tuple[list[int], dict[int, list[flint.fmpq]]]:
+    def __init__(
+        self,
+        pairing: Pairing,
+        places: list[int],
+        contexts: list[int],
+        columns: list[int],
+        second: list[int],
+    ) -> None:
+        self.pairing, self.places = pairing, places
+        self.contexts, self.columns, self.second = contexts, columns, second
+        self.vs = [j for j in columns if j not in second]
 
         def exact(i: int, j: int) -> flint.fmpq:
-            words = self.pairing.words(i, j)
-            terms = (reciprocal_density(word) * m for (_, word), m in words.items())
+            terms = (reciprocal_density(word) * m for word, m in pairing.words(i, j).items())
             return to_flint(sum(terms, start=Fraction(0)))
 
-        products = flint.fmpq_mat([[exact(i, j) for i in self.contexts] for j in self.columns])
+        products = flint.fmpq_mat([[exact(i, j) for i in contexts] for j in columns])
         reduced, rank = products.rref()
         rows = reduced.tolist()[:rank]
         pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
-        shares = {
-            i: [row[k] for row in rows] for k, i in enumerate(self.contexts) if k not in set(pivots)
-        }
-        return [self.contexts[k] for k in pivots], shares
-
-    @property
-    def reference(self) -> list[int]:
-        """Contexts that reduce the others to U_0."""
-        return self._reduction[0]
-
-    @property
-    def shares(self) -> dict[int, list[flint.fmpq]]:
-        """The multiples of the reference in each other context."""
-        return self._reduction[1]
-
-    @cached_property
-    def first(self) -> list[int]:
-        """Independent contexts in U_0."""
-        keys = list(self.shares)
-        chosen = independent_rows(doubles([self.left(i) for i in keys])) if keys else []
-        return [keys[k] for k in chosen]
+        self.combinations = {}
+        for k, i in enumerate(contexts):
+            if k not in pivots:
+                shares = [(p, -row[k]) for p, row in zip(pivots, rows, strict=True) if row[k] != 0]
+                self.combinations[i] = {i: flint.arb(1)}
+                self.combinations[i] |= {contexts[p]: flint.arb(share) for p, share in shares}
+        names = list(self.combinations)
+        vectors = doubles(map(self.left, names)).reshape(-1, len(places))
+        self.first = [names[k] for k in independent_rows(vectors)]
+        self.us = [i for i in names if i not in self.first]
 
     @property
     def complete(self) -> bool:
-        """Whether the independent contexts and columns fill all places."""
-        return len(self.first) + len(self.second) == len(self.places)
+        """Whether the independent vectors fill all places, and there are others in U_0."""
+        return len(self.first) + len(self.second) == len(self.places) and bool(self.us)
 
     def right(self, column: int) -> list[flint.arb]:
         """Return a letter's vector."""
         vector = self.pairing.right[column]
         return [vector[j] for j in self.places]
 
-    def left(self, context: int) -> list[flint.arb]:
-        """Return a context's vector, in U_0."""
-        vector = [self.pairing.left[context][j] for j in self.places]
-        for other, share in zip(self.reference, self.shares[context], strict=True):
-            if share != 0:
-                reference = self.pairing.left[other]
-                vector = [
-                    x - flint.arb(share) * reference[j]
-                    for x, j in zip(vector, self.places, strict=True)
-                ]
-        return vector
+    def left(self, name: int) -> list[flint.arb]:
+        """Return a vector of U_0."""
+        terms = [(share, self.pairing.left[i]) for i, share in self.combinations[name].items()]
+        return [sum((x * vector[j] for x, vector in terms), flint.arb(0)) for j in self.places]
 
-    def raw(self, context: int) -> dict[int, Any]:
-        """Return a context, in U_0, as a combination of those of the pairing."""
-        combination: dict[int, Any] = {context: flint.fmpq(1)}
-        for other, share in zip(self.reference, self.shares[context], strict=True):
-            if share != 0:
-                combination[other] = combination.get(other, flint.fmpq(0)) - share
-        return combination
+    @cached_property
+    def shares(self) -> tuple[list[Vector], list[Vector]]:
+        """The δ of each of `us`, and the β of each of `vs`, then its γ.
+
+        ZeroDivisionError if the independent vectors aren't proved to be so.
+        """
+        first, second = list(map(self.left, self.first)), list(map(self.right, self.second))
+        both = flint.arb_mat([*second, *first]).transpose()
+        others = flint.arb_mat(list(map(self.right, self.vs)))
+        beta = both.solve(others.transpose()).transpose().tolist()
+        if not first:
+            return [[] for _ in self.us], beta
+        rows = flint.arb_mat(first)
+        products = rows * flint.arb_mat(list(map(self.left, self.us))).transpose()
+        return (rows * rows.transpose()).solve(products).transpose().tolist(), beta
+
+    def sides(self, m: int, n: int) -> tuple[dict[int, flint.arb], dict[int, flint.arb]]:
+        """Return u - Σ δ_i u_i and v - Σ β_j v_j of one of `us` and one of `vs`."""
+        delta, beta = self.shares
+        u: dict[int, flint.arb] = {}
+        shares = [flint.arb(1), *(-share for share in delta[m])]
+        for name, factor in zip([self.us[m], *self.first], shares, strict=True):
+            for i, share in self.combinations[name].items():
+                add_multiple(u, i, factor * share)
+        others = zip(self.second, beta[n], strict=False)
+        return u, {self.vs[n]: flint.arb(1)} | {j: -share for j, share in others}
 
 
 def independent_rows(rows: _Doubles) -> list[int]:
-    """Return the rows that don't depend on those before."""
+    """Return the indices of as many rows as are independent."""
     sizes = np.linalg.norm(rows, axis=1)
-    least = _DEPENDENT * max(1.0, float(sizes.max(initial=0)))
-    chosen: list[int] = []
-    span = np.zeros((0, rows.shape[1]))
-    for k, (row, size) in enumerate(zip(rows, sizes, strict=True)):
-        if size <= least or len(span) == rows.shape[1]:
-            continue
-        rest = row / size
-        for _ in range(2):
-            rest = rest - rest @ span.T @ span
-        left = float(np.linalg.norm(rest))
-        if left > _DEPENDENT:
-            span = np.vstack([span, rest / left])
-            chosen.append(k)
-    return chosen
+    kept = np.flatnonzero(sizes > _DEPENDENT * max(1.0, float(sizes.max(initial=0))))
+    if not kept.size:
+        return []
+    units = rows[kept] / sizes[kept, None]
+    triangle, pivots = linalg.qr(units.T, mode="r", pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(triangle)) > _DEPENDENT))
+    return sorted(kept[pivots[:rank]].tolist())
