@@ -23,7 +23,7 @@ from cg.integration.arguments import (
     equal_steps,
     expand_options,
 )
-from cg.integration.mechanics import refuse_friction_along
+from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import MemberResults, Results, solution_of
 from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
@@ -331,7 +331,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     shape = len(times), members
     points = plan.points(y, shape) if y is not None else None
     if points is not None:
-        refuse_friction_along(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
+        refuse_friction(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(

@@ -464,9 +464,9 @@ def make_problem(
     check_thermostat(options["thermostat"], plan.method, options, stop < start)
     inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
-    refuse_friction(plan, rhs, start, points)
+    refuse_friction(plan, rhs, [start], points[None])
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
-        refuse_friction(plan, rhs, stop, points, ahead=True)
+        refuse_friction(plan, rhs, [stop], points[None])
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])

@@ -468,7 +468,7 @@ class Stepper:
             return
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
         _check_data(changed, self._many, rhs)
-        refuse_friction(run.plan, changed, t, run.plan.points(rows, (run.members,)))
+        refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
         if curves is not rhs.inputs and curves is not None:
             limits = curves.limits(self._problem.control.tolerance)
@@ -575,9 +575,8 @@ class Stepper:
             warnings.warn(text, stacklevel=4)
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
-            refuse_friction(
-                run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True
-            )
+            points = run.plan.points(run.end, (1, run.members))
+            refuse_friction(run.plan, run.rhs, [self.t], points)
         before_target = target is not None and self.t != target
         return TERMINAL_EVENT if stopped and before_target else None
 
