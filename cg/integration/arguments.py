@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.product import Product
 from cg.integration.default_method import AUTO
 from cg.integration.mechanics import Langevin
 from cg.integration.plan.plan import DEFAULT_STAGE_SOLVER, Plan
@@ -87,23 +86,6 @@ def check_resolution(h: float | None, t: float) -> None:
     """Raise ValueError if a fixed step doesn't change the time."""
     if h is not None and h < math.ulp(t):
         raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
-
-
-def check_joined(frame: Product, y0: Any) -> None:
-    """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
-    if len(y0) != len(frame.factors):
-        return
-    pairs = zip(frame.factors, y0, strict=True)
-    try:
-        shapes = [np.shape(factor.read_points(point)) for factor, point in pairs]
-    except ValueError:  # a ragged list
-        return
-    are_points = shapes == [factor.point_shape for factor in frame.factors]
-    if are_points and any(shapes) and np.shape(y0[0]) != frame.point_shape:
-        raise ValueError(
-            f"y0 must be one flat vector of {frame.point_shape[0]} numbers, got {len(y0)} parts: "
-            "join them by frame.join(*y0)"
-        )
 
 
 def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
@@ -218,8 +200,6 @@ def check_points(
 def read_members(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
     """Return points of members as a new array, of a single one by default, after checking them."""
     frame, shape = plan.frame, plan.point_shape
-    if isinstance(y0, list | tuple) and isinstance(frame, Product):
-        check_joined(frame, y0)
     if plan.compiled and is_array(y0, plan.dtype):
         points = y0.copy()
     else:
