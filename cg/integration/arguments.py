@@ -180,7 +180,7 @@ def check_points(
     With ``many`` both may have a leading axis of members; a single point is then used for all rows
     of parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
-    points = read_members(plan, y0, many)
+    points = read_starts(plan, y0, many)
     if parameters is None:
         return points, None
     numbers = real_array(parameters, "parameters")
@@ -197,7 +197,7 @@ def check_points(
     return points, rows
 
 
-def read_members(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
+def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
     """Return points of members as a new array, of a single one by default, after checking them."""
     frame, shape = plan.frame, plan.point_shape
     if plan.compiled and is_array(y0, plan.dtype):

@@ -32,6 +32,7 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_times,
+    read_starts,
 )
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.mechanics import (
@@ -307,15 +308,6 @@ def _count_members(inputs: Any) -> int:
     return next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
 
 
-def _repeat(points: Points, numbers: Array | None, count: int) -> tuple[Points, Array | None]:
-    """Return a point and its parameters for each of some members."""
-    points = np.repeat(points, count, axis=0)
-    if numbers is not None:
-        numbers = np.repeat(numbers, count, axis=0)
-        numbers.flags.writeable = False
-    return points, numbers
-
-
 def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
     """Return whether ``f`` returns derivatives of points, after checking that it may."""
     if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
@@ -386,12 +378,17 @@ def _read_members(
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
-    if many and len(points) == 1 and inputs is not None:
-        points, numbers = _repeat(points, numbers, _count_members(inputs))
+    members = len(points)
+    if many and members == 1 and inputs is not None:
+        members = _count_members(inputs)
     if options["inertia"] is not None:
-        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
-        if len(points) == 1:
-            points, numbers = _repeat(points, numbers, len(inertia.columns))
+        inertia = read_member_inertia(options["inertia"], frame, options, members)
+        members = len(inertia.columns)
+    if members > len(points):  # a single point serves all of them
+        points = np.repeat(points, members, axis=0)
+        if numbers is not None:
+            numbers = np.repeat(numbers, members, axis=0)
+            numbers.flags.writeable = False
     return points, numbers, inertia
 
 
@@ -405,7 +402,7 @@ def _read_jointed_members(
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         own: Any = inertia.plan(k, plan)
-        points.append(check_points(own, y, None, False)[0][0])
+        points.append(read_starts(own, y, False)[0])
         own.frame.check_rank(points[-1], "y0")
     first = inertia.plan(0, plan)
     _, numbers = check_points(first, np.array([points[0]] * members), options["parameters"], True)

@@ -31,7 +31,7 @@ from cg.integration.arguments import (
     complete_options,
     expand_options,
     is_many,
-    read_members,
+    read_starts,
 )
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import split_events
@@ -399,7 +399,7 @@ class Stepper:
             if inputs is None and run.rhs.inputs is not None:
                 run.rhs.inputs.check_span(time, time, "t")
         if y is not None:
-            points = read_members(run.plan, y, self._many, "y")
+            points = read_starts(run.plan, y, self._many, "y")
             if len(points) != run.members:
                 shape = run.members, *run.plan.point_shape
                 raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
