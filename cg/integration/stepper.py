@@ -204,7 +204,7 @@ class Stepper:
     def _open(self) -> None:
         problem = self._problem
         self._run = Run(problem, keep_last=True, lanes=len(problem.points))
-        self._budget = StepBudget()
+        self._budget, self._target = StepBudget(), np.empty(1)
         self._many, self._common = problem.many, problem.common
         self.frame: Frame = problem.plan.frame
         self.table: MethodTable = problem.plan.method
@@ -354,7 +354,8 @@ class Stepper:
             inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
-            return np.array([target])
+            self._target[0] = target  # much faster than a new array
+            return self._target
         # a breakpoint at the target is repeated, so that the step up to it ends before it
         inner = self._stops[:-1]
         return np.append(inner[self.direction * (inner - target) <= 0.0], target)
@@ -477,7 +478,7 @@ class Stepper:
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
-        stops = np.append(self._breakpoints, end)
+        stops = np.array([*self._breakpoints, end])
         if inputs is None:
             return stops
         first, last = inputs.span
