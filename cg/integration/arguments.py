@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.product import Product
 from cg.integration.default_method import AUTO
 from cg.integration.mechanics import Langevin
 from cg.integration.plan.plan import DEFAULT_STAGE_SOLVER, Plan
@@ -89,28 +88,9 @@ def check_resolution(h: float | None, t: float) -> None:
         raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
 
 
-def check_joined(frame: Product, y0: Any) -> None:
-    """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
-    if len(y0) != len(frame.factors):
-        return
-    pairs = zip(frame.factors, y0, strict=True)
-    try:
-        shapes = [np.shape(factor.read_points(point)) for factor, point in pairs]
-    except ValueError:  # a ragged list
-        return
-    are_points = shapes == [factor.point_shape for factor in frame.factors]
-    if are_points and any(shapes) and np.shape(y0[0]) != frame.point_shape:
-        raise ValueError(
-            f"y0 must be one flat vector of {frame.point_shape[0]} numbers, got {len(y0)} parts: "
-            "join them by frame.join(*y0)"
-        )
-
-
 def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     """Return a step size; TypeError or ValueError unless it is positive."""
-    if type(value) is float and value > 0.0 and (infinite or value < math.inf):
-        return value
-    size = as_float(check_number(value, name))
+    size = check_number(value, name)
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
             f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
@@ -118,25 +98,23 @@ def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     return size
 
 
-def check_number(value: Any, name: str) -> Any:
-    """Return ``value``; TypeError unless it is a real number."""
-    if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
+def check_number(value: Any, name: str) -> float:
+    """Return a real number as a float, infinite beyond the range of doubles; else TypeError."""
+    if type(value) is float:
+        return value
+    is_real = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_real:
         raise TypeError(f"{name} must be a real number, got {value!r}")
-    return value
-
-
-def as_float(number: Any) -> float:
-    """Return a number as a float, infinite if it is beyond the range of doubles."""
     try:
-        return float(number)
+        return float(value)
     except OverflowError:
-        return math.inf if number > 0 else -math.inf
+        return math.inf if value > 0 else -math.inf
 
 
 def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
     many = isinstance(rtol, list | tuple | np.ndarray)
-    numbers = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
+    numbers = rtol if many else np.array(check_number(rtol, "rtol"))
     tolerances = _check_tolerances(numbers, "rtol", rtol)
     if tolerances.min() < _MIN_RTOL:
         which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
@@ -202,7 +180,7 @@ def check_points(
     With ``many`` both may have a leading axis of members; a single point is then used for all rows
     of parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
-    points = _initial_points(plan, y0, many)
+    points = read_starts(plan, y0, many)
     if parameters is None:
         return points, None
     numbers = real_array(parameters, "parameters")
@@ -219,14 +197,13 @@ def check_points(
     return points, rows
 
 
-def _initial_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
+def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
+    """Return points of members as a new array, of a single one by default, after checking them."""
     frame, shape = plan.frame, plan.point_shape
-    if isinstance(y0, list | tuple) and isinstance(frame, Product):
-        check_joined(frame, y0)
     if plan.compiled and is_array(y0, plan.dtype):
         points = y0.copy()
     else:
-        points = frame.read_points(y0, "y0")
+        points = frame.read_points(y0, name)
     if points.shape == shape and plan.surely_on_manifold(points[None]):
         return points[None]
     rank = len(shape)
@@ -234,25 +211,25 @@ def _initial_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
     if batch and points.shape[len(batch) :] == shape:
         if not many:
             raise ValueError(
-                f"y0 must have shape {shape}, got {points.shape}; cg.solve_ensemble "
+                f"{name} must have shape {shape}, got {points.shape}; cg.solve_ensemble "
                 "integrates many points"
             )
         if len(batch) != 1:
-            raise ValueError(f"y0 must have one axis before shape {shape}, got {points.shape}")
+            raise ValueError(f"{name} must have one axis before shape {shape}, got {points.shape}")
         if points.size == 0:
-            raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
+            raise ValueError(f"{name} must hold at least one point, got shape {points.shape}")
         # only the worst point gets the full check, whose message says what is wrong
         if not plan.surely_on_manifold(points):
             worst = _worst(frame, points)
-            frame.check_point(points[worst], name=f"y0[{worst}]")
+            frame.check_point(points[worst], name=f"{name}[{worst}]")
         return points
     if many and rank and points.ndim == rank + 1 and points.shape[:rank] == shape:
         axes = ", ".join(map(str, shape))
         raise ValueError(
-            f"y0 must have shape (members, {axes}), got {points.shape}: members come first, as in "
-            "np.moveaxis(y0, -1, 0)"
+            f"{name} must have shape (members, {axes}), got {points.shape}: members come first, "
+            f"as in np.moveaxis({name}, -1, 0)"
         )
-    frame.check_point(points, name="y0")
+    frame.check_point(points, name=name)
     return points[None]
 
 
@@ -295,7 +272,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
     """Return a time; TypeError or ValueError if it isn't a number or must be finite."""
-    time = as_float(check_number(value, name))
+    time = check_number(value, name)
     if math.isnan(time) or (math.isinf(time) and not infinite):
         raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
     return time

@@ -23,7 +23,7 @@ from cg.integration.arguments import (
     equal_steps,
     expand_options,
 )
-from cg.integration.mechanics import refuse_friction_along
+from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import MemberResults, Results, solution_of
 from cg.integration.output.results import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
@@ -331,7 +331,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     shape = len(times), members
     points = plan.points(y, shape) if y is not None else None
     if points is not None:
-        refuse_friction_along(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
+        refuse_friction(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(
@@ -341,20 +341,18 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-def _integrate_part(problem: Problem, options: Any, item: tuple[slice, Any]) -> MemberResults:
-    """Integrate members with the data of `Problem.data`, in a worker."""
-    return _integrate(_with_derivatives(problem.select(*item[1]), options), None)
+def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:
+    """Integrate members in a worker."""
+    return _integrate(_with_derivatives(item[1], options), None)
 
 
 def _distribute(
     problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
-    # only the first member, so that little is sent to other processes
-    work = partial(_integrate_part, problem.part(slice(0, 1)), options)
     if executor is not None:
         try:
-            pickle.dumps(work)
+            pickle.dumps((problem.part(slice(0, 1)), options))
         except Exception as error:
             raise TypeError(
                 "f, frame and all other arguments must be such that they can be pickled for other "
@@ -365,7 +363,8 @@ def _distribute(
     number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // number)))
     chunks = (slice(first, min(first + size, members)) for first in range(0, members, size))
-    items = ((chunk, problem.data(chunk)) for chunk in chunks)
+    items = ((chunk, problem.part(chunk)) for chunk in chunks)
+    work = partial(_integrate_part, options)
     with closing(completed(work, items, executor, workers)) as finished:
         for (chunk, _), results in finished:
             ensemble.add(chunk, results)

@@ -21,7 +21,7 @@ from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.events import Observer, observer_of
-from cg.integration.rhs.python import PythonRhs, read_finite
+from cg.integration.rhs.python import read_finite
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
@@ -32,63 +32,35 @@ _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
-def _sample(count: int, most: int = _MOST) -> NDArray[np.intp]:
-    """Return all of ``count`` places, or ``most`` of them, evenly distributed with both ends."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+def refuse_friction(
+    plan: Any, rhs: Any, times: Any, points: Points, nfev: int = _MOST * 2 * _SHARE
+) -> None:
+    """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
-
-def refuse_friction(plan: Any, rhs: Any, t: float, points: Points, ahead: bool = False) -> None:
-    """Raise ValueError if a force on a sample of members, at points of each, is friction.
-
-    Exceptions of ``f`` count in the first member only, and not ahead of the integration.
-    """
-    if plan.method.kind is not Kind.SPLITTING:
-        return
-    members = _sample(len(points))
-    if not ahead:
-        _compare_forces(plan.frame, rhs, np.array([t]), members[:1], points[:1], False)
-        members = members[1:]
-    if len(members):
-        _compare_forces(plan.frame, rhs, np.full(len(members), t), members, points[members], True)
-
-
-def refuse_friction_along(plan: Any, rhs: Any, times: Array, points: Points, nfev: int) -> None:
-    """Raise ValueError if a force is friction at a sample of the points of a solution.
-
-    Points have the shape ``(times, members, *point_shape)``; the solution took ``nfev`` calls.
+    Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
+    took few calls, ``nfev``. Exceptions of ``f`` are left to the integration.
     """
     if plan.method.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
-    most = max(_LEAST, min(_MOST, nfev // (2 * _SHARE)))
-    k, members = np.divmod(_sample(points.shape[0] * points.shape[1], most), points.shape[1])
+    most, count = max(_LEAST, min(_MOST, nfev // (2 * _SHARE))), len(times) * points.shape[1]
+    sample = np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)  # with both ends
+    k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end
     k, members = k[reached], members[reached]
-    if len(k):
-        _compare_forces(plan.frame, rhs, times[k], members, points[k, members], True)
-
-
-def _compare_forces(
-    frame: PhaseSpace, rhs: Any, t: Array, members: NDArray[np.intp], y: Points, lenient: bool
-) -> None:
-    """Compare forces at points with those of other momenta; ``lenient`` ignores exceptions."""
+    t, y = np.asarray(times)[k], points[k, members]
     try:
-        forces, others = (_forces(rhs, t, members, points) for points in (y, _shifted(frame, y)))
-    except Exception as error:
-        if lenient:
-            return
-        if isinstance(rhs, PythonRhs) and not rhs.vectorized:
-            error.add_note(rhs.note(float(t[0])))
-        raise
+        forces, others = (_forces(rhs, t, members, x) for x in (y, _shifted(plan.frame, y)))
+    except Exception:
+        return
     scale = np.abs(forces).max(axis=-1, keepdims=True, initial=0.0)
     differ = ~(np.abs(forces - others) <= _FORCES_ROUNDING * scale)
-    if lenient:
-        differ &= ~(np.isnan(forces) & np.isnan(others))
+    differ &= ~(np.isnan(forces) & np.isnan(others))
     if differ.any():
-        k = int(np.flatnonzero(differ.any(axis=-1))[0])
-        which = "" if rhs.first is None else f" in member {rhs.first + members[k]}"
+        i = int(np.flatnonzero(differ.any(axis=-1))[0])
+        which = "" if rhs.first is None else f" in member {rhs.first + members[i]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
-            f"symplectic then, got other forces for another momentum at t = {t[k]:.17g}{which}; "
+            f"symplectic then, got other forces for another momentum at t = {t[i]:.17g}{which}; "
             "adaptive methods, the default among them, take friction"
         )
 

@@ -32,6 +32,7 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_times,
+    read_starts,
 )
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.mechanics import (
@@ -97,9 +98,8 @@ class Problem:
     first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
     finish: Callable[[Problem, EnsembleSolution], Any] | None = None
-    # inputs of each member where these have times of their own, and the stops without their corners
+    # those of each member where these have times of their own, whose corners aren't in `stops`
     own_inputs: tuple[Inputs, ...] = ()
-    shared_stops: Array | None = None
 
     @property
     def one_by_one(self) -> bool:
@@ -127,47 +127,34 @@ class Problem:
         """1.0 forward in time, -1.0 backward; no result infers it from its times."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
-    def data(self, members: slice) -> tuple[Any, ...]:
-        """Return place, points, parameters, inputs and inertia of members, for `select`."""
-        first, numbers, inputs = members.start, self.rhs.parameters, self.rhs.inputs
-        numbers = None if numbers is None else numbers[members]
-        inputs = self.own_inputs[first] if self.own_inputs else inputs and inputs.part(members)
-        inertia = self.inertia and self.inertia.part(members)
-        return first, self.points[members], numbers, inputs, inertia
-
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
-        return self.select(*self.data(members))
+        first, plan, events = members.start, self.plan, self.events
+        stops, limits = self.stops, self.limits
+        numbers, inputs = self.rhs.parameters, self.rhs.inputs
+        inertia = self.inertia and self.inertia.part(members)
+        if self.own_inputs:
+            inputs = self.own_inputs[first]
+            stops, limits = stops_and_limits(inputs, stops, self.t0, self.control.tolerance)
+        elif inputs is not None:
+            inputs = inputs.part(members)
+        numbers = None if numbers is None else numbers[members]
+        rhs = self.rhs.with_data(self.rhs.args, numbers, inputs, first)
+        if inertia is not None and inertia.apart:
+            plan, inertia = inertia.plan(0, plan), None
+            rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
+        return replace(
+            self, plan=plan, points=self.points[members], rhs=rhs, events=events, first=first,
+            inertia=inertia, stops=stops, limits=limits, own_inputs=(), finish=None,
+        )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
         if not self.own_inputs:
             return self.rhs.arguments(member)
         return self.part(slice(member, member + 1)).rhs.arguments(0)
-
-    def select(
-        self,
-        first: int,
-        points: Points,
-        parameters: Array | None,
-        inputs: Inputs | None,
-        inertia: MemberInertia | None,
-    ) -> Problem:
-        """Return the problem of members, the first of which is number ``first`` of the ensemble."""
-        rhs, plan = self.rhs.with_data(self.rhs.args, parameters, inputs, first), self.plan
-        events, stops, limits = self.events, self.stops, self.limits
-        if inertia is not None and inertia.apart:
-            plan, inertia = inertia.plan(0, plan), None
-            rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
-        if self.shared_stops is not None:
-            tolerance = self.control.tolerance
-            stops, limits = stops_and_limits(inputs, self.shared_stops, self.t0, tolerance)
-        return replace(
-            self, plan=plan, points=points, rhs=rhs, events=events, first=first, inertia=inertia,
-            stops=stops, limits=limits, own_inputs=(),
-        )  # fmt: skip
 
 
 def _make_rhs(
@@ -321,15 +308,6 @@ def _count_members(inputs: Any) -> int:
     return next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
 
 
-def _repeat(points: Points, numbers: Array | None, count: int) -> tuple[Points, Array | None]:
-    """Return a point and its parameters for each of some members."""
-    points = np.repeat(points, count, axis=0)
-    if numbers is not None:
-        numbers = np.repeat(numbers, count, axis=0)
-        numbers.flags.writeable = False
-    return points, numbers
-
-
 def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
     """Return whether ``f`` returns derivatives of points, after checking that it may."""
     if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
@@ -400,12 +378,17 @@ def _read_members(
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
-    if many and len(points) == 1 and inputs is not None:
-        points, numbers = _repeat(points, numbers, _count_members(inputs))
+    members = len(points)
+    if many and members == 1 and inputs is not None:
+        members = _count_members(inputs)
     if options["inertia"] is not None:
-        inertia = read_member_inertia(options["inertia"], frame, options, len(points))
-        if len(points) == 1:
-            points, numbers = _repeat(points, numbers, len(inertia.columns))
+        inertia = read_member_inertia(options["inertia"], frame, options, members)
+        members = len(inertia.columns)
+    if members > len(points):  # a single point serves all of them
+        points = np.repeat(points, members, axis=0)
+        if numbers is not None:
+            numbers = np.repeat(numbers, members, axis=0)
+            numbers.flags.writeable = False
     return points, numbers, inertia
 
 
@@ -419,7 +402,7 @@ def _read_jointed_members(
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         own: Any = inertia.plan(k, plan)
-        points.append(check_points(own, y, None, False)[0][0])
+        points.append(read_starts(own, y, False)[0])
         own.frame.check_rank(points[-1], "y0")
     first = inertia.plan(0, plan)
     _, numbers = check_points(first, np.array([points[0]] * members), options["parameters"], True)
@@ -464,9 +447,9 @@ def make_problem(
     check_thermostat(options["thermostat"], plan.method, options, stop < start)
     inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
-    refuse_friction(plan, rhs, start, points)
+    refuse_friction(plan, rhs, [start], points[None])
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
-        refuse_friction(plan, rhs, stop, points, ahead=True)
+        refuse_friction(plan, rhs, [stop], points[None])
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])
@@ -482,7 +465,6 @@ def make_problem(
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
-    shared = stops if own else None
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
         has_data = rhs.inputs is not None, rhs.parameters is not None
@@ -502,5 +484,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer, own_inputs=own,
-        shared_stops=shared, thermostat=options["thermostat"], inertia=inertia, sizes=sizes,
+        thermostat=options["thermostat"], inertia=inertia, sizes=sizes,
     )  # fmt: skip

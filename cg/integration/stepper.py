@@ -31,6 +31,7 @@ from cg.integration.arguments import (
     complete_options,
     expand_options,
     is_many,
+    read_starts,
 )
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import split_events
@@ -177,14 +178,17 @@ class Stepper:
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
-        h = problem.control.h
-        check_resolution(h, start)
-        _check_data(problem.rhs, many)
+        check_resolution(problem.control.h, start)
+        numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
+        if numbers is not None:
+            check_finite(numbers if many else numbers[0], "parameters")
+        if isinstance(problem.rhs, PythonRhs):
+            problem.rhs.check_call()
         self.f = f
         self._first_step = None if first is None else check_step(first, "first_step")
-        self._breakpoints = check_stops(breakpoints, start, self._end_from(start, h))
+        self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._problem = problem
-        self._stops = self._with_corners(problem.rhs.inputs, start)
+        self._stops = self._ends(inputs, start)
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
         self.t, self.t_old, self.step_size = start, None, None
@@ -350,7 +354,7 @@ class Stepper:
             inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
-            self._target[0] = target
+            self._target[0] = target  # much faster than a new array
             return self._target
         # a breakpoint at the target is repeated, so that the step up to it ends before it
         inner = self._stops[:-1]
@@ -396,7 +400,11 @@ class Stepper:
             if inputs is None and run.rhs.inputs is not None:
                 run.rhs.inputs.check_span(time, time, "t")
         if y is not None:
-            rows = run.plan.doubles(self._check_points(y))
+            points = read_starts(run.plan, y, self._many, "y")
+            if len(points) != run.members:
+                shape = run.members, *run.plan.point_shape
+                raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
+            rows = run.plan.doubles(points)
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
@@ -404,11 +412,8 @@ class Stepper:
             first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
-        if t is not None and run.control.h is not None and math.isinf(self.t_bound):
-            far = self._end_from(time, run.control.h)
-            self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
-        if run.rhs.inputs is not None and (t is not None or inputs is not None):
-            self._stops = self._with_corners(run.rhs.inputs, time)
+        if t is not None or inputs is not None:
+            self._stops = self._ends(run.rhs.inputs, time)
         run.restart(time, rows, first, self._stopped & (t is None and y is None))
         self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
@@ -431,18 +436,6 @@ class Stepper:
         if self.t_old is None or (self._many and (not self._common or self._stopped.all())):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
-
-    def _check_points(self, y: ArrayLike) -> Points:
-        """Return new points, one row for each member, after checking them."""
-        frame = self.frame
-        points: Points = frame.read_points(y, "y")
-        shape = (self._run.members, *frame.point_shape) if self._many else frame.point_shape
-        if points.shape != shape:
-            raise ValueError(f"y must have shape {shape}, got {points.shape}")
-        rows = points if self._many else points[None]
-        for row in rows:
-            frame.check_point(row, name="y")
-        return rows
 
     def _replace_data(
         self, t: float, rows: Array, args: Any, parameters: ArrayLike | None, inputs: Any
@@ -467,8 +460,9 @@ class Stepper:
         if extra is rhs.args and numbers is rhs.parameters and curves is rhs.inputs:
             return
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
-        _check_data(changed, self._many, rhs)
-        refuse_friction(run.plan, changed, t, run.plan.points(rows, (run.members,)))
+        if isinstance(changed, PythonRhs) and len(extra) != len(rhs.args):
+            changed.check_call()
+        refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
         if curves is not rhs.inputs and curves is not None:
             limits = curves.limits(self._problem.control.tolerance)
@@ -476,24 +470,22 @@ class Stepper:
                 self._problem = replace(self._problem, limits=limits)
                 run.share_limits(limits)
 
-    def _end_from(self, t: float, h: float | None) -> float:
-        """Return the final time of a run that starts at a time."""
-        endless = h is not None and math.isinf(self.t_bound)
-        return t + self.direction * _FAR * h if endless and h else self.t_bound
+    def _ends(self, inputs: Inputs | None, t: float) -> Array:
+        """Return the ends of segments from a time on: breakpoints, corners of inputs, and the end.
 
-    def _with_corners(self, inputs: Inputs | None, t: float) -> Array:
-        """Return the ends of segments: breakpoints, corners of inputs from a time on, and the end.
-
-        If inputs end before, that is their end.
+        That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
         """
-        stops = self._breakpoints
+        control, sign, end = self._problem.control, self.direction, self.t_bound
+        if control.h is not None and math.isinf(end):
+            end = t + sign * _FAR * control.h
+        stops = np.array([*self._breakpoints, end])
         if inputs is None:
             return stops
-        sign, (first, last) = self.direction, inputs.span
+        first, last = inputs.span
         end = max(t, last) if sign > 0.0 else min(t, first)
         if sign * end < sign * stops[-1]:
             stops = np.append(stops[sign * stops < sign * end], end)
-        return inputs.add_stops(stops, t, self._problem.control.tolerance)
+        return inputs.add_stops(stops, t, control.tolerance)
 
     def _continue(self, stops: Array) -> None:
         """Continue all trajectories with new ends of segments, without those that have passed.
@@ -511,15 +503,14 @@ class Stepper:
         self._cut_output, self.status = None, "running"
         start = (run.end.copy(), self._stopped, len(self._past_events)) if self._many else None
         steps = int(run.counters[0, _STEPS])
-        message, is_complete = None, False
+        message: str | None = "interrupted"
         try:
             message = self._take_step() if target is None else self._take_steps()
-            is_complete = message is None
         finally:
             cut = run.problem.events is not None and self._collect_events()
-            if not is_complete:
+            if message is not None:
                 self._end_early(start, steps)
-        return self._arrive(begin, target, cut) if is_complete else message
+        return self._arrive(begin, target, cut) if message is None else message
 
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
@@ -575,9 +566,8 @@ class Stepper:
             warnings.warn(text, stacklevel=4)
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
-            refuse_friction(
-                run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True
-            )
+            points = run.plan.points(run.end, (1, run.members))
+            refuse_friction(run.plan, run.rhs, [self.t], points)
         before_target = target is not None and self.t != target
         return TERMINAL_EVENT if stopped and before_target else None
 
@@ -701,17 +691,6 @@ def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) ->
     shape = before.shape if many else before.shape[1:]
     if numbers.shape != shape:
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
+    check_finite(numbers, "parameters")
     numbers.flags.writeable = False
     return numbers if many else numbers[None]
-
-
-def _check_data(rhs: Any, many: bool, before: Any = None) -> None:
-    """Raise TypeError if ``f`` can't take as many args, ValueError if parameters aren't finite.
-
-    What is as ``before`` isn't checked again.
-    """
-    numbers, args = rhs.parameters, rhs.args
-    if numbers is not None and (before is None or numbers is not before.parameters):
-        check_finite(numbers if many else numbers[0], "parameters")
-    if isinstance(rhs, PythonRhs) and (before is None or len(args) != len(before.args)):
-        rhs.check_call()

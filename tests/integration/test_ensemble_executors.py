@@ -67,18 +67,18 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     """Thus data that are cached for a method are computed once per process."""
     known, complete = [], ensemble.completed
 
-    def noted(work, *args, **options):
-        known.append(work)
-        return complete(work, *args, **options)
+    def noted(work, items, *args):
+        known.append(next(items)[1])
+        return complete(work, items, *args)
 
     monkeypatch.setattr(ensemble, "completed", noted)
     pair = cg.methods["CF4(3)"]
     renamed = catalogue.loads(catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
     for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
-    again = [pickle.loads(pickle.dumps(work)).args[0].plan.method for work in known]
+    again = [pickle.loads(pickle.dumps(part)).plan.method for part in known]
     assert again[0] is again[1] is stored_table(pair.name)
-    assert again[2] is known[2].args[0].plan.method
+    assert again[2] is known[2].plan.method
     assert again[3].source == renamed
 
 

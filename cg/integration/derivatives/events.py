@@ -192,8 +192,9 @@ class VariationalEvents(EventTable):
         ]
         by_parameters = np.empty((self.field.count, len(by_fields[0])))
         if self.field.count:
-            for i, (shifted, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
-                values = [function(t, y, (*arguments[:-1], shifted(s))) for s in _STEPS]
+            *others, row = arguments
+            for i, (change, size) in enumerate(parameter_steps(row, _STEP)):
+                values = [function(t, y, (*others, row + s * change)) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
         steps, weights = _STEPS, _WEIGHTS
         behind, before = self._room(t, arguments)

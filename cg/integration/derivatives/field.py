@@ -249,24 +249,15 @@ class VariationalField:
         return parameter_differences(lambda x: self.coefficients(t, y, (*others, x)), rows)
 
 
-def parameter_steps(row: Array, step: float, scales: Any = 0.0) -> list[tuple[Any, Array]]:
-    """Return for each parameter a function that shifts it by some steps, and the step size.
+def parameter_steps(row: Array, step: float, scales: Any = 0.0) -> list[tuple[Array, Array]]:
+    """Return for each parameter a step of it, as a change of all of them, and its size.
 
     Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter or its scale, or
     to one if the square of both vanishes.
     """
-    shifts = []
     sizes = np.maximum(np.abs(row), scales)
-    for i in range(row.shape[-1]):
-        size = step * np.where(sizes[..., i] > _VANISHING, sizes[..., i], 1.0)
-
-        def shifted(steps: float, i: int = i, size: Array = size) -> Array:
-            numbers = row.copy()
-            numbers[..., i] += steps * size
-            return numbers
-
-        shifts.append((shifted, np.asarray(size)))
-    return shifts
+    sizes = step * np.where(sizes > _VANISHING, sizes, 1.0)
+    return [(sizes * unit, sizes[..., i]) for i, unit in enumerate(np.eye(row.shape[-1]))]
 
 
 def parameter_differences(
@@ -274,8 +265,8 @@ def parameter_differences(
 ) -> Array:
     """Return central differences of ``function(row)`` by each parameter, on a last axis."""
     columns = []
-    for shifted, size in parameter_steps(row, DIFFERENCE_STEP, scales):
-        ahead, behind = function(shifted(1.0)), function(shifted(-1.0))
+    for change, size in parameter_steps(row, DIFFERENCE_STEP, scales):
+        ahead, behind = function(row + change), function(row - change)
         columns.append((ahead - behind) / (2.0 * size[..., None]))
     return np.stack(columns, axis=-1)
 

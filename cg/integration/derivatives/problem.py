@@ -15,7 +15,7 @@ from cg.integration.derivatives.adjoint_equation import Equation
 from cg.integration.derivatives.events import VariationalEvents
 from cg.integration.derivatives.field import VariationalField, compiled_variation, count_parameters
 from cg.integration.derivatives.noise import check_covariance, noise_of
-from cg.integration.mechanics import refuse_friction_along
+from cg.integration.mechanics import refuse_friction
 from cg.integration.output.results import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import Problem
@@ -97,7 +97,7 @@ class Derivatives:
                 fields[name] = [[split(z)[0] for z in members] for members in lists]
         sol = None if solution.sol is None else solution.sol.with_derivatives(self)
         plan, nfev = problem.plan, int(solution.nfev.sum())
-        refuse_friction_along(plan, problem.rhs, solution.t, fields["y"], nfev)
+        refuse_friction(plan, problem.rhs, solution.t, fields["y"], nfev)
         return replace(solution, sol=sol, frame=plan.user_frame, **fields)
 
 

@@ -61,16 +61,13 @@ def curve_of(times: Array, values: Array, kind: str, causal: bool) -> tuple[Arra
     return times[:-1], pieces
 
 
-def jumps_of_lines(times: Array, values: Array, slopes: Array, causal: bool) -> Array:
-    """Return whether lines or their slopes jump at inner edges by more than rounding.
-
-    Only those of causal averages don't begin where the one before ends.
-    """
+def jumps_of_lines(times: Array, values: Array, slopes: Array) -> Array:
+    """Return whether lines or their slopes jump at inner edges by more than rounding."""
     length = np.diff(times)[:, None]
     sizes = np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(times[1:, None]))
     rounding = _CURVE_ROUNDING * np.maximum(sizes[1:], sizes[:-1])
     bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
-    ends = values[:-1] + slopes[:-1] * length[:-1] if causal else values[1:]
+    ends = values[:-1] + slopes[:-1] * length[:-1]
     jumps: Array = (bends > rounding) | (np.abs(values[1:] - ends) > rounding)
     return jumps
 
@@ -298,7 +295,7 @@ class Samples(ReadOnly):
         pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
         jumps = np.abs(np.diff(pieces[0], axis=0))
         if len(pieces) > 1:
-            jumps = jumps_of_lines(self.times, pieces[0], pieces[1], self.causal)
+            jumps = jumps_of_lines(self.times, *pieces)
         corners: Array = inner[jumps.any(axis=1)]
         return corners
 
@@ -356,13 +353,7 @@ class Samples(ReadOnly):
         low, high = self._span
         own = None if self.members is None else member
 
-        def hold(t: float) -> Any:
-            if not low <= t <= high:
-                outside(t, t)
-            (value,) = rows[bisect_right(search, t) - 1]
-            return +value if own is None else +value[own]  # by + an array that the caller owns
-
-        def polynomial(t: float) -> Any:
+        def value_at(t: float) -> Any:
             if not low <= t <= high:
                 outside(t, t)
             piece = bisect_right(search, t) - 1
@@ -370,9 +361,9 @@ class Samples(ReadOnly):
             *others, value = rows[piece]
             for row in reversed(others):
                 value = row + s * value
-            return value if own is None else value[own]
+            return +value if own is None else +value[own]  # by + an array that the caller owns
 
-        return hold if self.kind == "hold" else polynomial
+        return value_at
 
     def at(self, t: Array, members: Any = None) -> Array:
         """Return the values at times, shape ``(k, ...)``, each of a member if there are members."""

@@ -175,12 +175,8 @@ class Run:
         states = self._share("states", np.empty((members, width + 2)))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
-        self.counters, self.status, self.flag, self.counts = (
-            rows,
-            rows[:, 0],
-            rows[:, 1],
-            rows[:, 2:],
-        )
+        self.counters, self.counts = rows, rows[:, 2:]
+        self.status, self.flag = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
 
     def _share(self, name: str, array: Any) -> Any:
