@@ -14,13 +14,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
 from cg.frames.compiled import Blocks, compared_by_entries
-from cg.support.arrays import Array, Points, Size, check_random
+from cg.support.arrays import Array, Points, Size, check_random, is_array
 from cg.support.checks import check_integer, short
-
-_DOUBLE = np.dtype(np.float64)
-
-# Slice of a factor's real point, its shape, and whether it has only one axis
-_RealPart = tuple[slice, tuple[int, ...], bool]
 
 
 class Composite(Frame):
@@ -132,19 +127,19 @@ class Product(Composite):
     _vector_slices: tuple[slice, ...] = field(init=False, compare=False)
     _point_slices: tuple[slice, ...] = field(init=False, compare=False)
     _point_shape: tuple[int] = field(init=False, compare=False)
-    _real_parts: tuple[_RealPart, ...] | None = field(init=False, compare=False)
+    _parts: tuple[tuple[slice, tuple[int, ...], bool], ...] = field(init=False, compare=False)
 
     def __init__(self, *factors: Frame) -> None:
         if not factors:
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
             check_frame(factor, f"factors[{index}]")
-        places, shapes = _slices(map(real_size, factors)), [f.point_shape for f in factors]
-        real_parts = zip(places, shapes, [len(shape) == 1 for shape in shapes], strict=True)
+        places = _slices(map(real_size, factors))
+        kinds = [(factor.point_shape, factor.dtype.kind == "c") for factor in factors]
         vars(self).update(
             factors=factors, _vector_slices=_slices(f.dim for f in factors), _point_slices=places,
             _point_shape=(places[-1].stop,),
-            _real_parts=None if any(f.dtype != _DOUBLE for f in factors) else tuple(real_parts),
+            _parts=tuple((at, *kind) for at, kind in zip(places, kinds, strict=True)),
         )  # fmt: skip
 
     def __repr__(self) -> str:
@@ -164,16 +159,9 @@ class Product(Composite):
         They are views of ``y`` if it is an array of doubles, contiguous along its last axis, and
         can be written to if ``y`` can.
         """
-        parts = self._real_parts
-        # Fast path for a single real point: f calls this method at each stage, and the general
-        # path takes several times as long.
-        if (
-            parts is not None
-            and type(y) is np.ndarray
-            and y.shape == self._point_shape
-            and y.dtype == _DOUBLE
-        ):
-            return tuple([y[at] if flat else y[at].reshape(shape) for at, shape, flat in parts])
+        # f calls this method at each stage: a single point needs no other check.
+        if is_array(y, np.float64) and y.shape == self._point_shape:
+            return self._split(y)
         return self._split(self._points(y))
 
     def read_points(self, value: Any, name: str = "y") -> Points:
@@ -191,8 +179,6 @@ class Product(Composite):
         """Return the flat point, shape ``(..., n)``, of one point of every factor."""
         if len(parts) != len(self.factors):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
-        if (single := self._join_single(parts)) is not None:
-            return single
         names = [f"parts[{index}]" for index in range(len(parts))]
         return self._join(self._each("_points", parts, names))
 
@@ -245,26 +231,15 @@ class Product(Composite):
         return np.concatenate(vectors, axis=-1)
 
     def _split(self, point: Array) -> tuple[Points, ...]:
-        points = []
-        for factor, place in zip(self.factors, self._point_slices, strict=True):
+        lead, points = point.shape[:-1], []
+        for place, shape, is_complex in self._parts:
             entries = point[..., place]
-            if factor.dtype != _DOUBLE:
-                if entries.strides[-1] != _DOUBLE.itemsize:
+            if is_complex:
+                if entries.strides[-1] != entries.itemsize:
                     entries = np.ascontiguousarray(entries)
-                entries = entries.view(factor.dtype)
-            points.append(entries.reshape(point.shape[:-1] + factor.point_shape))
+                entries = entries.view(np.complex128)
+            points.append(entries.reshape(lead + shape))
         return tuple(points)
-
-    def _join_single(self, parts: Sequence[ArrayLike]) -> Array | None:
-        """Return the point joined from single real points; None if a part is something else."""
-        if self._real_parts is None:
-            return None
-        joined = np.empty(self._point_shape)
-        for part, (at, shape, _) in zip(parts, self._real_parts, strict=True):
-            if type(part) is not np.ndarray or part.shape != shape or part.dtype != _DOUBLE:
-                return None
-            joined[at] = part.ravel()
-        return joined
 
     def _join(self, points: Sequence[Points]) -> Array:
         leads = [

@@ -35,19 +35,13 @@ def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
 def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
     """Return a function that keeps its last results, of what can be hashed."""
     results = lru_cache(maxsize=_MAX_VALUES)(compute)
-    last: Any = None, None
 
     @wraps(compute)
     def recall(argument: Keyed) -> Result:
-        nonlocal last
-        known, result = last
-        if known is not argument:
-            try:
-                result = results(argument)
-            except TypeError:
-                return compute(argument)
-            last = argument, result
-        return result  # type: ignore[no-any-return]
+        try:
+            return results(argument)
+        except TypeError:
+            return compute(argument)
 
     return recall
 
