@@ -179,6 +179,12 @@ class Product(Composite):
         """Return the flat point, shape ``(..., n)``, of one point of every factor."""
         if len(parts) != len(self.factors):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
+        # f that returns derivatives joins them at each stage: single points need no other check.
+        for part, (_, shape, is_complex) in zip(parts, self._parts, strict=True):
+            if is_complex or not is_array(part, np.float64) or part.shape != shape:
+                break
+        else:
+            return np.concatenate(parts, axis=None)
         names = [f"parts[{index}]" for index in range(len(parts))]
         return self._join(self._each("_points", parts, names))
 
