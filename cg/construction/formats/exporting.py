@@ -92,8 +92,8 @@ def export(
         if format != "c":
             raise ValueError(f"frame must be None unless format is 'c', got {frame!r}")
     if mechanical != isinstance(frame, PhaseSpace):
-        kind = "a PhaseSpace" if mechanical else "no PhaseSpace"
-        raise ValueError(f"frame must be {kind} for the method {method!r}, got {frame!r}")
+        kind = "be" if mechanical else "not be"
+        raise ValueError(f"frame must {kind} a PhaseSpace for the method {method!r}, got {frame!r}")
     numbers = numbers_of(method, digits, certificate)
     if format == "json":
         return dumps_json(numbers.rounded())

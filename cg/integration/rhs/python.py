@@ -5,8 +5,8 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -161,7 +161,6 @@ class Contexts:
         return function, self.data_address, stride
 
 
-@dataclass(eq=False, repr=False)
 class PythonRhs(Contexts):
     """A right-hand side ``f(t, y, *args)``, or ``f(t, y, *args, parameters)``, in Python.
 
@@ -173,24 +172,28 @@ class PythonRhs(Contexts):
     ``first`` is the place of the first member in the ensemble for error messages.
     """
 
-    f: Coefficients
-    frame: Frame
-    args: tuple[Any, ...] = ()
-    parameters: Array | None = None
-    vectorized: bool = False
-    first: int | None = None
-    inputs: Inputs | None = None
+    failed_name = "f"  # in error messages
 
-    failed_name: ClassVar[str] = "f"  # in error messages
-
-    def __post_init__(self) -> None:
-        self.check = Check(self.f, self.frame, self.vectorized)
-        members = None if self.vectorized else members_with_data(self.inputs, self.parameters)
-        rest = self.frame, self.frame.rhs_shape, self.check, self.frame.rhs_dtype
-        super().__init__(self.f, self.arguments, members, *rest)
+    def __init__(
+        self,
+        f: Coefficients,
+        frame: Frame,
+        args: tuple[Any, ...] = (),
+        parameters: Array | None = None,
+        vectorized: bool = False,
+        first: int | None = None,
+        inputs: Inputs | None = None,
+    ) -> None:
+        self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
+        self.vectorized, self.first, self.inputs = vectorized, first, inputs
+        self.check = Check(f, frame, vectorized)
+        members = None if vectorized else members_with_data(inputs, parameters)
+        rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
+        super().__init__(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PythonRhs, tuple(getattr(self, x.name) for x in fields(self))
+        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
+        return PythonRhs, (self.f, self.frame, *data)
 
     def with_data(
         self,
@@ -200,11 +203,12 @@ class PythonRhs(Contexts):
         first: int | None = None,
     ) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return replace(self, args=args, parameters=parameters, inputs=inputs, first=first)
+        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first, inputs)
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        return replace(self, frame=frame)
+        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
+        return PythonRhs(self.f, frame, *data)
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
