@@ -15,6 +15,7 @@ from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention
+from cg.support.checks import check_flag
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 if TYPE_CHECKING:
@@ -61,8 +62,7 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
 
     def __post_init__(self) -> None:
         check_convention(self.convention)
-        if not isinstance(self.scalar_first, bool):
-            raise ValueError(f"scalar_first must be True or False, got {self.scalar_first!r}")
+        object.__setattr__(self, "scalar_first", check_flag("scalar_first", self.scalar_first))
 
     @property
     def dim(self) -> int:

@@ -19,6 +19,7 @@ from cg.frames.matrix_group import MatrixGroup
 from cg.frames.matrix_groups import GL, SU
 from cg.frames.rotations import SO
 from cg.support.arrays import Array, Points, Size, check_random, number_array, real_array
+from cg.support.checks import check_flag
 from cg.support.shared_numbers import BlockKind
 
 
@@ -217,8 +218,7 @@ class IsospectralOrbit(Orbit):
             raise ValueError(
                 f"spectrum must be at least two finite real numbers, got {self.spectrum!r}"
             )
-        if not isinstance(self.hermitian, bool):
-            raise ValueError(f"hermitian must be True or False, got {self.hermitian!r}")
+        object.__setattr__(self, "hermitian", check_flag("hermitian", self.hermitian))
         object.__setattr__(self, "spectrum", tuple(sorted(values.tolist())))
 
     @classmethod

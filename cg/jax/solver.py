@@ -30,6 +30,7 @@ from cg.jax.term import (
     rules_in,
     unwrapped,
 )
+from cg.support.checks import check_flag
 from cg.tables import HasTable, Kind, MethodTable, made, unique_table
 
 _DENSE = ("accurate", "steps")
@@ -116,8 +117,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             raise ValueError(f"method must not be a splitting method in JAX, got {table!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
-        if not isinstance(unroll, bool):
-            raise TypeError(f"unroll must be a bool, got {unroll!r}")
+        unroll = check_flag("unroll", unroll)
         if max_angle is not None and not max_angle > 0.0:
             raise ValueError(f"max_angle must be positive, got {max_angle!r}")
         self.table = table
