@@ -253,8 +253,10 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
 
 def _spacing(t: JaxArray) -> JaxArray:
     """Return the distance from |t| to the next larger number."""
-    size = jnp.abs(jax.lax.stop_gradient(t))  # JAX has no derivatives of nextafter
-    return jnp.nextafter(size, jnp.inf) - size
+    # The next number by its bits; XLA makes a hundred instructions of each jnp.nextafter.
+    size = jnp.abs(jax.lax.stop_gradient(t))
+    bits = jax.lax.bitcast_convert_type(size, jnp.dtype(f"int{8 * size.dtype.itemsize}"))
+    return jax.lax.bitcast_convert_type(bits + 1, size.dtype) - size
 
 
 def _by_derivatives(
@@ -306,18 +308,21 @@ def error_estimate(
 ) -> JaxArray | None:
     """Return the estimate, of Magnus methods after another step; None without a pair.
 
-    It is a tangent at the end of the step.
+    It is a tangent at the end of the step, without derivatives: sizes of steps are held fixed.
     """
-    rules, h, y1 = start.rules, start.h, stages.result
+    fixed = jax.lax.stop_gradient
+    rules, h, y0, y1 = start.rules, fixed(start.h), fixed(start.y0), fixed(stages.result)
+    values, before = fixed(stages.values), fixed(before)
+    changes = h * (values[1:] - values[0])
 
     def of_vector(v: JaxArray) -> Estimate:
         return rules.field(v, y1), rules.measured(v, y1)
 
     if rules.log is None:
-        estimates = [(y1 - result, y1 - result) for result in stages.others]
+        estimates = [(y1 - result, y1 - result) for result in fixed(stages.others)]
     else:
-        estimates = [of_vector(rules.log(result, y1)) for result in stages.others]
-    sums = [of_vector(v) for v in h * stages.errors]
+        estimates = [of_vector(rules.log(result, y1)) for result in fixed(stages.others)]
+    sums = [of_vector(v) for v in h * fixed(stages.errors)]
     if len(estimates) > 1:  # A third result splits the errors of two.
         commutators = [
             (estimate[0] - quadrature[0], estimate[1] - quadrature[1])
@@ -331,35 +336,33 @@ def error_estimate(
     if not estimates:
         return None
     if before is not None:
-        estimates.append(of_vector(_node_difference(table, stages.values, h, before)))
-    size = rules.extent(start.y0, y1)
+        estimates.append(of_vector(_node_difference(table, values, h, before)))
+    size = rules.extent(y0, y1)
     errors = [tangent for tangent, _ in estimates]
     squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
     if before is None:
         error = _error(table, errors, squares)
     else:
-        changes = h * (stages.values[1:] - stages.values[0])
         change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
         sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
         variation = jnp.where(
             before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
         )
         error = _error_of_time(table, errors, squares, change, variation)
-    angle = turning(rules.frame, h * stages.values[0])
-    return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
+    angle = turning(rules.frame, h * values[0])
 
+    def at_large_angle() -> JaxArray:
+        """Return the largest change of the coefficients in the step, or the error if it is larger.
 
-def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
-    """Return the error of a step whose angle is too large to believe the estimate.
+        The estimate isn't believed there, but constant coefficients may turn by any angle.
+        ``limit_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
+        angle.
+        """
+        largest = rules.field(changes[jnp.argmax((changes**2).sum(axis=1))], y1)
+        larger = (jnp.abs(largest) ** 2).sum() > (jnp.abs(error) ** 2).sum()
+        return jnp.where(larger, largest, error)
 
-    It is the largest change of the coefficients in the step if that is larger: constant
-    coefficients may turn by any angle. ``limit_angle`` in ``fortran/steps/error_estimate.f90``
-    raises the error by a power of the angle there.
-    """
-    changes = start.h * (stages.values - stages.values[0])
-    largest = changes[jnp.argmax((changes**2).sum(axis=1))]
-    change = start.rules.field(largest, stages.result)
-    return jnp.where((jnp.abs(change) ** 2).sum() > (jnp.abs(error) ** 2).sum(), change, error)
+    return jax.lax.cond(angle > MAX_ANGLE, at_large_angle, lambda: error)
 
 
 def turning(frame: Frame, v: JaxArray) -> JaxArray:
@@ -397,12 +400,12 @@ def _error_of_time(
     ] or [jnp.ones_like(last)]
     estimates = [share * norm for share, norm in zip(shares, norms, strict=False)]
     size = sum(estimates)
-    of_results = errors[0] * jax.lax.stop_gradient(size / norms[0])
+    of_results = errors[0] * (size / norms[0])
     if len(estimates) > 1:
-        scaled = errors[1] * jax.lax.stop_gradient(size / norms[1])
+        scaled = errors[1] * (size / norms[1])
         of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
         share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
-        of_change = jax.lax.stop_gradient(share) * errors[3]
+        of_change = share * errors[3]
         of_results = jnp.where(share * norms[3] > size, of_change, of_results)
         size = jnp.maximum(size, share * norms[3])
         fast = norms[0] > _ESTIMATE.resolved_first * variation
@@ -443,7 +446,7 @@ def _quotient(
     further = table.record.factor**2 * squares[1]
     total = jnp.maximum(squares[0] + further, jnp.finfo(squares[0].dtype).tiny)
     share = squares[0] / total
-    return jax.lax.stop_gradient(jnp.sqrt(share)) * error, share * squares[0]
+    return jnp.sqrt(share) * error, share * squares[0]
 
 
 def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
@@ -451,7 +454,7 @@ def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray])
     factor, end, at_end = table.record.factor, squares[1], errors[-len(table.errors)]
     if len(squares) > 2:
         share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
-        end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
+        end, at_end = end * share, jnp.sqrt(share) * at_end
     return jnp.where(factor**2 * end > squares[0], factor * at_end, errors[0])
 
 

@@ -30,10 +30,23 @@ _ARCTAN_SERIES = [1.0 / (2 * j + 1) for j in range(15)]
 
 def power_series(coefficients: Sequence[float], x: JaxArray) -> JaxArray:
     """Return the polynomial with some coefficients, that of 1 first, by Horner's rule."""
+    return _polynomial(tuple(coefficients), x)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _polynomial(coefficients: tuple[float, ...], x: JaxArray) -> JaxArray:
     total = jnp.full_like(x, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = coefficient + x * total
     return total
+
+
+@_polynomial.defjvp
+def _polynomial_jvp(coefficients: tuple[float, ...], primals: Any, tangents: Any) -> Any:
+    # That of Horner's rule would have twice the operations, and its transpose keeps each of them.
+    (x,), (dx,) = primals, tangents
+    slope = tuple(k * c for k, c in enumerate(coefficients))[1:]
+    return _polynomial(coefficients, x), _polynomial(slope or (0.0,), x) * dx
 
 
 def stumpff(k: int, q: JaxArray) -> JaxArray:

@@ -245,8 +245,9 @@ def _straight(table: MethodTable) -> _Scheme:
 def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     output, series = table.output, table.output.series
-    dexpinv = rules.dexpinv
-    assert dexpinv is not None
+    assert rules.dexpinv is not None
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+    dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
     # all derivatives are times h, which may be zero
     if table.on_algebra:
         derivatives = h * stages.values
@@ -263,7 +264,7 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
             at, theta, row = node
             u = row @ k
-            value = dexpinv(u, h * f(theta, rules.flow(u, y0)), series)
+            value = dexpinv(u, h * f(theta, flow(u, y0)), series)
             return k.at[at].set(value), None
 
         nodes = (
