@@ -3,7 +3,7 @@
 Rules choose it from the measurements of ``python -m benchmarks estimates``:
 
 1. Its error estimate is reliable: the ratio of error to estimate is at most 10 for rotations and
-   quadrature, and at most 50 for jumps (`construction/methods/estimate.py`); over random
+   quadrature, and at most 50 for jumps (`cg/construction/methods/estimate.py`); over random
    families of problems, at tolerances from 1e-3 to 1e-10, the median of the error at the end is at
    most 5 tolerances, and the largest at most 50. And it evaluates the right-hand side only at times
    within the step.

@@ -209,7 +209,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
     ) -> tuple[Any, ...]:
         """Return whether a step is accepted, the ends of the next one, and the state."""
         last_error, after_rejection, suspicion, failures = controller_state
-        error = self._error(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
+        error = self._error_norm(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
         long = jnp.abs(t1 - t0) > _CONTROL.jump_factor * _CONTROL.smallest_step * _spacing(t0)
         error = jnp.where(
             (suspicion > _CONTROL.least_suspicion) & long, _CONTROL.jump_factor * error, error
@@ -234,7 +234,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         state = last_error, ~keep, suspicion, failures
         return keep, start, start + size, False, state, result
 
-    def _error(self, y0: JaxArray, y1: JaxArray, difference: JaxArray) -> JaxArray:
+    def _error_norm(self, y0: JaxArray, y1: JaxArray, difference: JaxArray) -> JaxArray:
         """Return the norm of an error estimate relative to the tolerances, infinite for NaN."""
         rules = rules_of(self.frame)
         if rules.log is not None:
@@ -341,7 +341,7 @@ def error_estimate(
     errors = [tangent for tangent, _ in estimates]
     squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
     if before is None:
-        error = _error(table, errors, squares)
+        error = _combined(table, errors, squares)
     else:
         change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
         sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
@@ -389,8 +389,9 @@ def _error_of_time(
     """Return the error of a Magnus method: that of the results, or the larger of the nodes.
 
     ``change`` is that of the angle of coefficients in the step, ``variation`` that of the
-    coefficients in a first step, in others infinite.
+    coefficients in a first step, in others infinite. The last error is that between the nodes.
     """
+    quadrature, rest, quadrature2, rest2 = range(4)  # of the two results of a triple
     norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
     *parts, last = norms
     count = max(len(parts) // 2, 1)
@@ -400,24 +401,27 @@ def _error_of_time(
     ] or [jnp.ones_like(last)]
     estimates = [share * norm for share, norm in zip(shares, norms, strict=False)]
     size = sum(estimates)
-    of_results = errors[0] * (size / norms[0])
+    of_results = errors[quadrature] * (size / norms[quadrature])
     if len(estimates) > 1:
-        scaled = errors[1] * (size / norms[1])
-        of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
+        scaled = errors[rest] * (size / norms[rest])
+        of_results = jnp.where(estimates[rest] > estimates[quadrature], scaled, of_results)
+        # The rest is of third order in the step, so that this share of it has that of the error.
         share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
-        of_change = share * errors[3]
-        of_results = jnp.where(share * norms[3] > size, of_change, of_results)
-        size = jnp.maximum(size, share * norms[3])
-        fast = norms[0] > _ESTIMATE.resolved_first * variation
-        first = jnp.where(fast, norms[0], norms[2])
-        fast_error = jnp.where(fast, errors[0], errors[2])
-        unresolved = (fast | (norms[2] > _ESTIMATE.resolved_second * variation)) & (first > size)
+        of_change = share * errors[rest2]
+        of_results = jnp.where(share * norms[rest2] > size, of_change, of_results)
+        size = jnp.maximum(size, share * norms[rest2])
+        fast = norms[quadrature] > _ESTIMATE.resolved_first * variation
+        first = jnp.where(fast, norms[quadrature], norms[quadrature2])
+        fast_error = jnp.where(fast, errors[quadrature], errors[quadrature2])
+        unresolved = (fast | (norms[quadrature2] > _ESTIMATE.resolved_second * variation)) & (
+            first > size
+        )
         of_results = jnp.where(unresolved, fast_error, of_results)
         size = jnp.where(unresolved, first, size)
     return jnp.where(last > size, errors[-1], of_results)
 
 
-def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _combined(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error of other methods, one of up to three estimates."""
     error = errors[0]
     if len(errors) == 1:

@@ -1,7 +1,7 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
-Jackiewicz, Marthinsen and Owren. A method is a tree of points (`layouts/points.py`): the flow to
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg/construction/layouts.py`): the flow to
 point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the elementary
 weight at the result. The elementary weights at a point are a character χ on words of trees, where
 the leftmost child belongs to the first flow::
