@@ -4,27 +4,34 @@ The weights on stage j along the path to stage i add up to a_ij, so that the met
 where flows commute, and its order conditions of flat space hold beforehand. What is left to solve
 are the conditions in which the sequence of flows counts; the unknowns are how a_ij and b_j are
 split (E. Celledoni, A. Marthinsen, B. Owren, Future Generation Computer Systems 19, 2003).
+
+Flows are merged: the weights of a flow are added to those of the flow after it, which changes the
+result little where both are short, and the conditions are solved again from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts import check_length
-from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.tableau import Tableau
-from cg.construction.search.shapes import start_generator
+from cg.construction.search.candidate import Candidate, correct, solved
+from cg.construction.search.optimise import Goals, Limits, optimise
+from cg.construction.search.shapes import merge_point, start_generator
+from cg.construction.solvers.refine import polish
+from cg.construction.solvers.system import ConditionSystem
 from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
@@ -40,9 +47,14 @@ _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
 _DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
 
+_FIRST_ITERATIONS = 60  # after a merge; most successful ones need fewer
+_FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
+_MIN_FURTHER = 6
+_GROWTH = 1.25  # bound on improved weights, relative to the largest entry of the tableau
+
 _ROUNDED_F = 1e-15  # sum of squared residuals that rounded coefficients leave
 
-_Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
+_Solution = tuple[tuple[float, float], int, Candidate]  # key and index of a start, and its end
 
 
 class LiftError(ArithmeticError):
@@ -89,8 +101,6 @@ class Lifted:
         Number of the start that led to it.
     starts, hits
         Numbers of starts, and of those that led to a solution.
-    unknowns, rank
-        Number of weights that the flat tableau leaves open, and rank of the conditions in them.
     largest_residual
         Largest residual of the order conditions, in extended precision.
 
@@ -108,8 +118,6 @@ class Lifted:
     index: int
     starts: int
     hits: int
-    unknowns: int
-    rank: int
     largest_residual: float
 
     @property
@@ -192,14 +200,14 @@ def lift(
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
     tableau = _unrounded(tableau)
-    rows = FlatRows(*tableau.exact, tableau.exact_embedded)
+    flat = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
-        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
+        flows = check_integer("flows", flows, len(flat.moved_stages) + 1, MAX_STAGES)
     split_of = partial(
-        SplitRows, rows, order=order, embedded_order=embedded_order,
+        SplitRows, order, flat=flat, embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
     )  # fmt: skip
-    lengths, seed = _check_chains(rows, order, flows, chains), check_integer("seed", seed, 0)
+    lengths, seed = _check_chains(flat, order, flows, chains), check_integer("seed", seed, 0)
     reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
     if improve and order >= MAX_ORDER:
         raise ValueError(
@@ -211,48 +219,82 @@ def lift(
     for index in range(tries):
         generator = start_generator(seed, index)
         if flows is None:
-            layout = chains_layout(rows, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
+            layout = chains_layout(flat, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
         else:
-            layout = random_layout(rows, flows, generator)
-        split, end = _solved(split_of(layout), generator, reduce)
+            layout = random_layout(flat, flows, generator)
+        end = _solved(split_of(layout), generator, reduce)
         best = min(best, end.f)
-        if end.solved:
-            solutions.append(_with_key(index, split, end, improve))
+        if solved(end):
+            solutions.append(_with_key(index, end, improve))
         if len(solutions) == hits:
             break
     names = {
         "name": tableau.name if name is None else name,
         "source": tableau.source if source is None else source,
     }
-    for _, start, split, end in sorted(solutions, key=itemgetter(0, 1)):
-        weights, residual, rank = refined(split, end.x)
-        if residual < _EXACT:
-            method = CommutatorFree.from_layout(split.layout, weights, **names)
-            counts = start, index + 1, len(solutions), split.movable.size, rank
-            return Lifted(method, *counts, residual)
+    for _, start, end in sorted(solutions, key=itemgetter(0, 1)):
+        system = end.system
+        exact = polish(list(map(Fraction, end.x.tolist())), system)
+        if exact.largest_residual < _EXACT:
+            method = CommutatorFree.from_layout(system.layout, system.texts(exact.x), **names)
+            residual = float(exact.largest_residual)
+            return Lifted(method, start, index + 1, len(solutions), residual)
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
-def _solved(
-    split: SplitRows, generator: np.random.Generator, reduce: bool
-) -> tuple[SplitRows, Fit]:
+def _solved(split: SplitRows, generator: np.random.Generator, reduce: bool) -> Candidate:
     """Solve from one random start, and merge flows of a solution if `reduce`."""
     raise_if_stopped()
     iterations = _ITERATIONS.get(split.order, _ITERATIONS_BELOW)
     # the remainders, last weights of chains, are large: flows are far from commuting
-    unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
-    end = fit(split, split.from_unknowns(unknowns), max_iterations=iterations)
-    return merged_flows(split, end, iterations) if end.solved and reduce else (split, end)
+    end = _corrected(split, generator.uniform(-_WIDTH, _WIDTH, split.size), iterations)
+    while reduce and solved(end) and (merged := _merged(end, iterations)):
+        end = merged
+    return end
 
 
-def _with_key(index: int, split: SplitRows, end: Fit, improve: bool) -> _Solution:
+def _corrected(split: ConditionSystem, x: NDArray[np.float64], iterations: int) -> Candidate:
+    return correct(Candidate(split, x), damping=1e-2, max_iterations=iterations)
+
+
+def _merged(end: Candidate, iterations: int) -> Candidate | None:
+    """Return the first merge that leads to a solution; merges with small residuals come first."""
+    starts = sorted(_merges(end), key=attrgetter("f"))
+    left = []
+    for start in starts:
+        raise_if_stopped()
+        merged = _corrected(start.system, start.x, min(_FIRST_ITERATIONS, iterations))
+        if solved(merged):
+            return merged
+        left.append(merged)
+    left.sort(key=attrgetter("f"))
+    for start in left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]:
+        raise_if_stopped()
+        merged = _corrected(start.system, start.x, iterations)
+        if solved(merged):
+            return merged
+    return None
+
+
+def _merges(end: Candidate) -> Iterator[Candidate]:
+    """Yield the candidates without each point that is no stage or result and has one flow on."""
+    layout = end.system.layout
+    for point in range(len(layout.parents)):
+        if point not in layout.ends and layout.parents.count(point) == 1:
+            smaller, x = merge_point(layout, end.x.tolist(), point)
+            yield Candidate(replace(end.system, layout=smaller), x)
+
+
+def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
     """Return a solution with its key, if `improve` with a reduced principal error."""
-    flows = len(split.layout.parents)
+    flows = len(end.system.layout.parents)
     if not improve:
-        return (float(flows), float(np.max(np.abs(end.x)))), index, split, end
-    end = improved(split, end)
-    error = float(np.linalg.norm(split.principal_residual(end.x)))
-    return (flows * error ** (1 / split.order), 0.0), index, split, end
+        return (float(flows), end.largest), index, end
+    assert isinstance(end.system, SplitRows)
+    rows = [*end.system.flat.stages, end.system.flat.result]
+    most = max(end.largest, _GROWTH * float(max(abs(entry) for row in rows for entry in row)))
+    end = optimise(end, Goals(limits=Limits(np.eye(end.system.size), -most, most)))
+    return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 
 def _check_orders(

@@ -40,9 +40,7 @@ from cg.support.memory import reserved
 from cg.support.parallel import stoppable
 from cg.support.shared_numbers import MinimumNormStatus
 
-PROBE = 0.1
-"""Fraction of a step used for the finite difference of the second derivative along it."""
-
+_PROBE = 0.1  # part of a step for the finite difference of the second derivative along it
 _MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
 
 Indices = NDArray[np.intp]
@@ -57,51 +55,6 @@ _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
-
-
-class DampedSteps:
-    """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
-
-    def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
-        self.jacobian = jacobian
-        self._by_singular_values = by_singular_values
-        if by_singular_values:
-            self._left, self._values, self._right = linalg.svd(
-                jacobian, full_matrices=False, check_finite=False
-            )
-            self._largest = float(self._values[0]) ** 2
-        else:
-            self._gram = jacobian.T @ jacobian
-            self._largest = float(np.max(np.diag(self._gram)))
-
-    def damp(self, damping: float) -> bool:
-        """Set λ relative to the largest entry of Jᵀ J; return whether the system is regular."""
-        if self._by_singular_values:
-            self._factors = self._values / (self._values**2 + damping * self._largest)
-            return True
-        shifted = self._gram + damping * self._largest * np.eye(len(self._gram))
-        try:
-            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
-        except linalg.LinAlgError:
-            return False
-        return True
-
-    def step(self, residual: Vector) -> Vector:
-        """Return the damped step v for a residual r; shapes (n,) and (m,)."""
-        if self._by_singular_values:
-            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
-        right = -self.jacobian.T @ residual
-        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
-
-    def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
-        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
-        slope = (residual_ahead - residual) / PROBE
-        return self.step(2 / PROBE * (slope - self.jacobian @ v))
-
-
-def is_straight(v: Vector, a: Vector) -> bool:
-    """Return whether the acceleration is small enough to be trusted."""
-    return bool(np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v))
 
 
 @dataclass(frozen=True)
@@ -178,29 +131,36 @@ def finish(
     residual = system.residual(x)
     f = float(residual @ residual)
     largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
-    steps: DampedSteps | None = None
+    improved = True
 
     def after(step: Vector) -> Vector:
         moved = x.copy()
         moved[movable] += step
         return moved
 
+    def damped(right: Vector) -> Vector:
+        """Return the solution v of ``(Jᵀ J + λ) v = -Jᵀ right``."""
+        factors = values / (values**2 + damping * values[0] ** 2)
+        return np.asarray(-axes.T @ (factors * (left.T @ right)))
+
     for _ in range(iterations):
         if not ftol < f < np.inf or damping > largest:
             break
-        if steps is None:
-            steps = DampedSteps(system.jacobian(x)[:, movable], by_singular_values=True)
-        steps.damp(damping)
-        v = steps.step(residual)
-        a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))
-        best = x
-        for trial in (after(v + a / 2), after(v)) if is_straight(v, a) else (after(v),):
+        if improved:
+            jac = system.jacobian(x)[:, movable]
+            left, values, axes = linalg.svd(jac, full_matrices=False, check_finite=False)
+        v = damped(residual)
+        slope = (system.residual(after(_PROBE * v)) - residual) / _PROBE
+        a = damped(2 / _PROBE * (slope - jac @ v))
+        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
+        best, improved = x, False
+        for trial in (after(v + a / 2), after(v)) if straight else (after(v),):
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if trial_f < f:
-                best, residual, f, steps = trial, trial_residual, trial_f, None
+                best, residual, f, improved = trial, trial_residual, trial_f, True
         x = best
-        if steps is not None:
+        if not improved:
             damping = 4 * max(damping, 1e-20)
             continue
         damping = max(damping / 5, _MIN_DAMPING)

@@ -126,6 +126,17 @@ class ConditionSystem:
         """Number of packed entries."""
         return self.layout.size
 
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders of the results."""
+        return (self.order, self.order - 1)[: 1 + self.layout.pair]
+
+    @property
+    def assumptions(self) -> list[tuple[int, int]]:
+        """The trees of the simplifying assumptions with their stages, from 1."""
+        trees = (_STAGE_ORDER_TWO, StageEquation.MIDDLE)[: self.structure]
+        return [(tree, stage) for tree in trees for stage in range(3, self.stages + 1)]
+
     @cached_property
     def zeros(self) -> list[int]:
         """Indices of the entries that are fixed at zero."""
@@ -179,18 +190,15 @@ class ConditionSystem:
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""
-        trees = condition_trees(self.order, independent)
-        second = condition_trees(self.order - 1, independent) if self.layout.pair else ()
-        owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]
-        owner += [ConditionOwner.SECOND_RESULT] * len(second)
-        trees = (*trees, *second)
-        for level, equation in (
-            (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
-            (Structure.MIDDLE, StageEquation.MIDDLE),
-        ):
-            if self.structure >= level:
-                trees += (equation,) * (self.stages - 2)
-                owner += range(3, self.stages + 1)
+        trees: list[int] = []
+        owner: list[int] = []
+        for result, order in zip(ConditionOwner, self.orders, strict=False):
+            added = condition_trees(order, independent)
+            trees += added
+            owner += [result] * len(added)
+        for tree, stage in self.assumptions:
+            trees.append(tree)
+            owner.append(stage)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
