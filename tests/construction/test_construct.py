@@ -55,7 +55,7 @@ class TestMoving:
 
     def test_eliminate_stage(self):
         reduction = Reduction(np.random.default_rng(3))
-        smallest = reduction.eliminate_stages(a_candidate(4, 8, seed=1), 6)
+        smallest = reduction.eliminate(a_candidate(4, 8, seed=1), "stages", 6)
         assert solved(smallest)
         method = to_method(smallest, name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
@@ -68,7 +68,7 @@ class TestMoving:
         a[np.ix_(keep, keep)] = full_a
         a[1, 0], b[keep] = 0.7, full_b
         wider = Candidate(ConditionSystem.tableau(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
-        smaller = Reduction(np.random.default_rng(0)).shrink_stage(wider, 1)
+        smaller = Reduction(np.random.default_rng(0)).drop_stage(wider)
         np.testing.assert_allclose(smaller.x, candidate.x, rtol=0, atol=1e-12)
 
 

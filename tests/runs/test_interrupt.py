@@ -42,7 +42,7 @@ def fit_fast(stop_flag):
     trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
     movable = np.arange(1, x0.size + 1, dtype=np.intc)
     return _core_r64.fit_minimum_norm(
-        ORDER, LAYOUT.code, x0, trees, owner, movable, 0.0, 1e-2, FOREVER, False, stop_flag
+        ORDER, LAYOUT.code, x0, trees, owner, movable, 0.0, 1e-2, FOREVER, stop_flag
     )
 
 

@@ -64,10 +64,9 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
     guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
     reduction = Reduction(random, settings.largest, settings.restarts)
-    if settings.flows is not None:
-        candidate = reduction.eliminate_flows(candidate, settings.flows)
-    elif reduction.accepts(candidate):
-        candidate = reduction.eliminate_stages(candidate, settings.stages)
+    goal = ("stages", settings.stages) if settings.flows is None else ("flows", settings.flows)
+    if reduction.accepts(candidate):
+        candidate = reduction.eliminate(candidate, *goal)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
     points = (layout.flows, layout) if layout.rows is None else ()
     accepted = reduction.accepts(candidate)

@@ -15,7 +15,7 @@ from scipy import linalg
 
 from cg.construction.conditions import core_calls
 from cg.construction.search.candidate import Candidate, solved
-from cg.construction.solvers.minimum_norm import Decomposition, decompose, retract
+from cg.construction.solvers.minimum_norm import decompose, retract
 from cg.support.checks import check_instance, check_integer, check_interval, check_real
 
 _MAX_STEP = 1.0
@@ -132,8 +132,7 @@ def optimise(
     size, damping = float(values @ values), 1e-2
     history = [size]
     for _ in range(max_iterations):
-        near = decompose(candidate.system.jacobian(candidate.x)[:, movable])
-        tangent = near.kernel
+        inverse, tangent = decompose(candidate.system.jacobian(candidate.x)[:, movable])
         if tangent.shape[1] == 0:
             break
         along = jac[:, movable] @ tangent
@@ -142,7 +141,7 @@ def optimise(
         scale = float(np.mean(stretches)) + np.finfo(float).tiny
         while damping < 1e8:
             step = -axes @ (slope / (stretches + damping * scale))
-            trial = _step_along(candidate, movable, near, tangent @ step)
+            trial = _step_along(candidate, movable, inverse, tangent @ step)
             reached = None if trial is None else _objective(trial, goals)
             if reached is not None and float(reached[0] @ reached[0]) < size:
                 break
@@ -161,14 +160,17 @@ def optimise(
 
 
 def _step_along(
-    candidate: Candidate, movable: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
+    candidate: Candidate,
+    movable: NDArray[np.intp],
+    inverse: NDArray[np.float64],
+    step: NDArray[np.float64],
 ) -> Candidate | None:
     """Step along the tangent space and return to the set; None if the step fails."""
     if float(np.linalg.norm(step)) > _MAX_STEP:
         return None
     x = candidate.x.copy()
     x[movable] += step
-    corrected = retract(candidate.system, x, movable, near)
+    corrected = retract(candidate.system, x, movable, inverse)
     return None if corrected is None else Candidate(candidate.system, corrected)
 
 

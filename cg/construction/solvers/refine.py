@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions.exact import EquationSystem, conditions_of
-from cg.construction.solvers.minimum_norm import pseudo_inverse
+from cg.construction.solvers.minimum_norm import decompose
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.parallel import raise_if_stopped
@@ -34,11 +34,10 @@ _MAX_CORRECTIONS = 20
 
 @dataclass(frozen=True)
 class Refined:
-    """Packed weights (n, 16), their largest residual, the rank of the Jacobian, and corrections."""
+    """Packed weights (n, 16), their largest residual, and the number of corrections."""
 
     x: quads.Quads
     largest_residual: float
-    rank: int
     iterations: int
 
 
@@ -55,9 +54,9 @@ def refine(
     core = quads.core("refinement")
     moving = system.moving(movable)
     jac = system.jacobian(quads.to_float(x), independent=False)[:, moving]
-    rank, inverse = 0, np.zeros(jac.T.shape)
+    inverse = np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible
-        inverse, rank = pseudo_inverse(jac, _RANK_TOLERANCE)
+        inverse, _ = decompose(jac, _RANK_TOLERANCE)
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(_MAX_ITERATIONS + 1):  # noqa: B007
@@ -73,7 +72,7 @@ def refine(
         step = np.zeros(system.size)
         step[moving] = inverse @ residual
         x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
-    return Refined(best, best_size, rank, iterations)
+    return Refined(best, best_size, iterations)
 
 
 class RationalZero(NamedTuple):
@@ -127,7 +126,7 @@ def polish(
     moving = system.moving(movable).tolist()
     equations = EquationSystem(system.layout, tuple(conditions_of(system.orders)))
     jac = system.jacobian(np.array(start, dtype=np.float64))[: len(equations.conditions), moving]
-    inverse, _ = pseudo_inverse(jac, _RANK_TOLERANCE)
+    inverse, _ = decompose(jac, _RANK_TOLERANCE)
 
     def whole(entries: Sequence[Fraction]) -> tuple[Fraction, ...]:
         changed = dict(zip(moving, entries, strict=True))
