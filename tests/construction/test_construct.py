@@ -16,7 +16,7 @@ from cg.construction.search.candidate import (
     to_method,
 )
 from cg.construction.search.construct import run_attempt
-from cg.construction.search.optimise import Goals, optimise
+from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
@@ -75,7 +75,7 @@ class TestMoving:
 class TestOptimise:
     def test_optimise_reduces_principal_error(self):
         candidate = a_candidate(4, 6)
-        better = optimise(candidate, Goals())
+        better = optimise(candidate)
         assert solved(better)
         assert better.principal_error < 0.8 * candidate.principal_error
         method = to_method(better, name="better", source="test")
@@ -88,7 +88,10 @@ class TestOptimise:
             c = np.array(cg.conditions.unpack(candidate.x, 6)[0], dtype=float).sum(axis=1)
             if c.min() < -0.1 or c.max() > 1.1:
                 break
-        drawn = optimise(candidate, Goals(principal_error=0.01, abscissae=1.0), max_iterations=100)
+        layout = candidate.system.layout
+        rows = [np.isin(np.arange(layout.size), layout.row(k)) for k in range(6)]
+        limits = Limits(np.array(rows, dtype=float), 0.0, 1.0, weight=1.0)
+        drawn = optimise(candidate, principal_error=0.01, limits=limits, max_iterations=100)
         after = np.array(cg.conditions.unpack(drawn.x, 6)[0], dtype=float).sum(axis=1)
         outside = [max(-v.min(), v.max() - 1) for v in (c, after)]
         assert outside[1] < 0.1 * outside[0]

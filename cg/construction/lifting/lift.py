@@ -28,7 +28,7 @@ from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.candidate import Candidate, correct, solved
-from cg.construction.search.optimise import Goals, Limits, optimise
+from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.shapes import merge_point, start_generator
 from cg.construction.solvers.refine import polish
 from cg.construction.solvers.system import ConditionSystem
@@ -293,7 +293,7 @@ def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
     assert isinstance(end.system, SplitRows)
     rows = [*end.system.flat.stages, end.system.flat.result]
     most = max(end.largest, _GROWTH * float(max(abs(entry) for row in rows for entry in row)))
-    end = optimise(end, Goals(limits=Limits(np.eye(end.system.size), -most, most)))
+    end = optimise(end, limits=Limits(np.eye(end.system.size), -most, most))
     return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 

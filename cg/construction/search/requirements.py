@@ -11,7 +11,7 @@ import numpy as np
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts import Layout
 from cg.construction.search.candidate import Candidate
-from cg.construction.search.optimise import Goals, Limits, optimise
+from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.settings import refuse
 from cg.construction.solvers.held import plain_name
 from cg.support.checks import check_choice, check_interval, check_real
@@ -112,12 +112,12 @@ class Requirements:
     def improve(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate on the solution set that satisfies them; None if none was reached."""
         if self.minimise or not self.satisfied(candidate):
-            goals = Goals(
+            candidate = optimise(
+                candidate,
                 principal_error=float(self.minimise == "principal_error"),
                 coefficients=float(self.minimise == "largest_coefficient"),
                 limits=self.limits(candidate.system.layout, _MARGIN),
             )
-            candidate = optimise(candidate, goals)
         return candidate if self.satisfied(candidate) else None
 
     def key(self, candidate: Candidate) -> float:
