@@ -46,7 +46,7 @@ _RANK_TOLERANCE = 1e-11  # part of the largest singular value; rounding leaves 1
 _FAR = 1e-4  # sum of squares above which steps with an old inverse aren't tried
 
 _FTOL = 1e-27  # sum of squares to reach
-_MAX_RETURNS = 40  # steps of `retract`
+_SLOW, _RENEWALS = 0.03, 4  # in `retract`: ratio of f after a step, evaluations of the Jacobian
 _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 60, 0.3  # stop if that number of steps gains less than this fraction
@@ -73,19 +73,23 @@ def retract(system: ConditionSystem, x: Vector, movable: Indices, inverse: Vecto
     """Return to the solution set by steps of least norm; None if f stays above 1e-27.
 
     Only the entries `movable` of x change. `inverse` is the pseudo-inverse of their columns of the
-    Jacobian at a point close by: a new one in each step would take most of the time.
+    Jacobian at a point close by; it is used until steps gain little, which saves most of the work.
     """
-    before = _FAR
-    for _ in range(_MAX_RETURNS):
+    before, renewals = np.inf, 0
+    while True:
         residual = system.residual(x)
         f = float(residual @ residual)
         if f < _FTOL:
             return x
-        if not f < before:
+        if not f < _FAR:
             return None
+        if f > _SLOW * before:
+            if renewals == _RENEWALS:
+                return None
+            inverse, _ = decompose(system.jacobian(x)[:, movable])
+            renewals += 1
         before, x = f, x.copy()
         x[movable] -= inverse @ residual
-    return None
 
 
 def finish(
