@@ -42,8 +42,10 @@ def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
             equations=equations,
         )
     y = packed.balls()
-    check_places(packed, *packed.system().linearise(y))
-    attempt = krawczyk(system, y, movable, to_ball(Fraction(box.radius)))
+    at_point = packed.system().linearise(y)
+    check_places(packed, *at_point)
+    kept = packed.without(at_point, box.left_out)
+    attempt = krawczyk(system, y, movable, to_ball(Fraction(box.radius)), at_point=kept)
     if not attempt.proved:
         raise CertificationError(f"{packed.name}: no zero is proved", **attempt.quantities)
     return attempt
