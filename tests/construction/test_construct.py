@@ -17,7 +17,6 @@ from cg.construction.search.candidate import (
 )
 from cg.construction.search.construct import run_attempt
 from cg.construction.search.optimise import Limits, optimise
-from cg.construction.search.settings import default_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
 
@@ -181,12 +180,3 @@ def test_construct_starts_at_the_highest_order():
     construction = cg.construct(8, 20, seed=0, tries=1, iterations=1, first_stages=20, force=True)
     assert not construction.exact
     assert construction.tries == 1
-
-
-@pytest.mark.parametrize("structure", Structure)
-def test_default_starts_of_all_orders(structure):
-    most = cg.conditions.MAX_ORDER if structure is Structure.GENERAL else 8
-    for order in range(4, most + 1):
-        start = default_start(order, structure)
-        system = ConditionSystem.tableau(order, start.stages, structure=structure)
-        assert system.movable.size >= system.equations
