@@ -46,19 +46,9 @@ def check_path(value: Any) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"store must be a path, got {value!r}")
     path = Path(value)
-    try:
-        encoded = os.fsencode(path)
-    except UnicodeEncodeError:
-        encoded = b"\0"
-    if b"\0" in encoded:
-        raise ValueError(f"store must be a path that the system can write, got {value!r}")
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "store must be a file", str(path))
     # reading from a device or a pipe may never end
-    if path.exists() and not path.is_file():
+    if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError(f"store must be a file, got {path}, which isn't a regular file")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "store must be in an existing folder", str(path))
     return path
 
 

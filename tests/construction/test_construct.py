@@ -15,7 +15,7 @@ from cg.construction.search.candidate import (
     solved,
     to_method,
 )
-from cg.construction.search.construct import run_attempt
+from cg.construction.search.construct import run_try
 from cg.construction.search.optimise import Limits, optimise
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem, Structure
@@ -119,14 +119,14 @@ class TestToTableau:
 class TestConstruct:
     def test_order_four_from_more_stages(self):
         construction = cg.construct(order=4, stages=5, seed=2, first_stages=6)
-        assert construction.exact
+        assert construction.method
         assert (construction.method.order, construction.method.stages) == (4, 5)
         assert max(map(abs, exactly(*construction.method.exact, 4))) < Fraction(1, 10**33)
 
     @pytest.mark.parametrize("stages", [15, pytest.param(12, marks=pytest.mark.slow)])
     def test_order_six(self, stages):
         construction = cg.construct(order=6, stages=stages, seed=1, tries=40)
-        assert construction.exact
+        assert construction.method
         assert construction.settings.structure is Structure.MIDDLE
         assert (construction.method.order, construction.method.stages) == (6, stages)
         assert max(map(abs, exactly(*construction.method.exact, 6))) < Fraction(1, 10**33)
@@ -145,9 +145,9 @@ class TestConstruct:
     def test_no_method_if_all_tries_fail(self):
         construction = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
         assert construction.method is None
-        assert not construction.exact
+        assert not construction.method
         assert construction.tries == 3
-        assert construction.best.stages >= 4
+        assert construction.best.layout.stages >= 4
         assert "seed 0: no method in 3 tries, the smallest" in repr(construction)
 
 
@@ -155,11 +155,11 @@ class TestConstruct:
 def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     """The conditions are homogeneous in the weights of the estimate, the last flow."""
     settings = cg.construct(3, 4, flows=4, embedded=True, seed=1, tries=1, workers=1).settings
-    attempt = run_attempt(settings, 0)
+    attempt = run_try(settings, 0)
     assert attempt.solved
     x = np.array(attempt.x)
-    x[attempt.tree.starts[-2] :] *= scale
-    candidate = Candidate(ConditionSystem(3, attempt.tree), x)
+    x[attempt.layout.starts[-2] :] *= scale
+    candidate = Candidate(ConditionSystem(3, attempt.layout), x)
     assert solved(candidate)
     reduction = Reduction(np.random.default_rng(0), settings.largest)
     assert reduction.accepts(candidate) is useful
@@ -178,5 +178,5 @@ def test_dropped_flows_leave_no_idle_stage():
 
 def test_construct_starts_at_the_highest_order():
     construction = cg.construct(8, 20, seed=0, tries=1, iterations=1, first_stages=20, force=True)
-    assert not construction.exact
+    assert not construction.method
     assert construction.tries == 1

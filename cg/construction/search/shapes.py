@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import START, Layout, MethodError, PointTree, check_tree
+from cg.construction.layouts import START, Layout, MethodError, PointTree, Rows, check_tree
 from cg.construction.methods.commutator_free import as_index
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
@@ -88,12 +88,13 @@ def draw_layout(
 
 
 def layout_of_fields(fields: Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree that `dataclasses.asdict` made fields of."""
+    """Return the layout that `dataclasses.asdict` made fields of."""
     return Layout(
         tuple(fields["parents"]),
         tuple(map(tuple, fields["weights"])),
         tuple(fields["stage_points"]),
         tuple(fields["results"]),
+        None if fields["rows"] is None else Rows(fields["rows"]),
     )
 
 
