@@ -66,7 +66,7 @@ def test_arguments(arguments_of, tmp_path):
     assert {key: passed[key] for key in expected} == expected
     passed = arguments_of("search --order 4 --stages 5 --bound b[2]=0: --bound c=-1:1")
     assert passed["bound"] == {"b[2]": [0, None], "c": [-1, 1]}
-    passed = arguments_of("construct --order 6 --stages 13 --structure stage-order-two --force")
+    passed = arguments_of("construct --order 6 --stages 13 --structure stage_order_two --force")
     assert (passed["structure"], passed["force"]) == (Structure.STAGE_ORDER_TWO, True)
     file = tmp_path / "mine.toml"
     save(cg.methods["CF4"], file)
