@@ -138,8 +138,6 @@ def lift(
     hits: int = 1,
     reduce: bool = True,
     improve: bool = False,
-    name: str | None = None,
-    source: str | None = None,
 ) -> Lifted:
     """Make a commutator-free method of a flat one.
 
@@ -180,8 +178,6 @@ def lift(
     improve
         Then reduce the principal error along the solution set. Of several solutions, the one
         with the smallest leading error for the same number of flows is returned.
-    name, source
-        Name and source of the method; by default those of the tableau.
 
     Raises
     ------
@@ -228,10 +224,7 @@ def lift(
             solutions.append(_with_key(index, end, improve))
         if len(solutions) == hits:
             break
-    names = {
-        "name": tableau.name if name is None else name,
-        "source": tableau.source if source is None else source,
-    }
+    names = {"name": tableau.name, "source": tableau.source}
     for _, start, end in sorted(solutions, key=itemgetter(0, 1)):
         system = end.system
         exact = polish(list(map(Fraction, end.x.tolist())), system)

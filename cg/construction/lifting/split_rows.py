@@ -16,6 +16,7 @@ import numpy as np
 
 from cg.construction.conditions import condition_trees
 from cg.construction.layouts import START, Layout
+from cg.construction.search.shapes import draw_layout
 from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import to_decimal
@@ -94,36 +95,21 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
 def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
     """Return a random tree of points with a number of flows to the stages and the result.
 
-    Points start from the initial, the last or a random earlier one. A flow has weights on the
-    stages that a row further on contains. Trees whose weights can't add up to the rows are
-    rejected.
+    A flow has weights on the stages that a row further on contains. Trees whose weights can't add
+    up to the rows are rejected.
     """
-    stages = rows.moved_stages
-    targets = [*(rows.stages[k] for k in stages), rows.result]
+    targets = [*(rows.stages[k] for k in rows.moved_stages), rows.result]
     while True:
-        places = np.sort(generator.choice(flows - 1, len(stages), replace=False)).tolist()
-        ends = [*places, flows - 1]
-        parents = []
-        for m in range(flows):
-            kind = generator.random()
-            if m == 0 or kind < 0.35:
-                parents.append(START)
-            elif kind < 0.7:
-                parents.append(m - 1)
-            else:
-                parents.append(int(generator.integers(m)))
-        tree = Layout(tuple(parents), ((),) * flows, (START,), (flows - 1,))
-        paths = [set(tree.path(end)) for end in ends]
-        if set().union(*paths) != set(range(flows)):
-            continue
+        tree = draw_layout(rows.count, flows, generator, first_same_as_last=rows.at_result)
+        ends = [*tree.stage_points[1 : len(targets)], flows - 1]
+        paths = [tree.path(end) for end in ends]
         uses = []
-        for m in range(flows):
+        for m, known in enumerate(tree.weights):
             leading = [row for row, path in zip(targets, paths, strict=True) if m in path]
-            known = [k for k in range(rows.count) if k == 0 or (k in stages and places[k - 1] < m)]
             uses.append({k for k in known if any(row[k] for row in leading)})
         if not all(uses):
             continue
-        layout = rows.layout(parents, places, flows - 1, uses)
+        layout = rows.layout(tree.parents, ends[:-1], flows - 1, uses)
         try:
             Held.solving(path_sums(rows, layout), layout.size)
         except ArithmeticError:  # no weights add up to the rows

@@ -22,15 +22,13 @@ References
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from cg import _core_r64
-from cg.construction.conditions.core_calls import Trees, Vector, derivatives_bytes, described
-from cg.construction.layouts import Layout
+from cg.construction.conditions.core_calls import Vector, derivatives_bytes, described
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.capsules import provide_lapack
 from cg.support.memory import reserved
@@ -182,31 +180,14 @@ def fit_conditions(
         done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
         return MinimumNormFit(system.complete(end), f, max_iterations, done)
     trees, owner = system.conditions(independent=True)
+    layout, m, n, k = system.layout, trees.size, system.size, indices.size
     moving = (indices + 1).astype(np.intc)
-    problem = (system.order, system.layout, x, trees, owner, moving)
-    most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
-    x_end, f, evaluations, status = stoppable(
-        lambda stop_flag: fit_minimum_norm(*problem, ftol, damping, max_iterations, stop_flag),
-        brief=most <= _BRIEF,
-    )
-    return MinimumNormFit(x_end, float(f), int(evaluations), MinimumNormStatus(status))
-
-
-def fit_minimum_norm(
-    order: int,
-    layout: Layout,
-    x: Vector,
-    trees: Trees,
-    owner: Trees,
-    movable: Trees,
-    *arguments: Any,
-) -> tuple[Any, ...]:
-    """Call the compiled solver; `movable`, intc (k,), are the unknowns that may move, from 1."""
-    m, n, k = trees.size, layout.size, movable.size
-    solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
-    needed = derivatives_bytes(order, layout, m) + 8 * solver
-    with reserved(needed, described("the fit", order, layout)):
-        results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
-            order, layout.code, x, trees, owner, movable, *arguments
+    problem = (system.order, layout.code, x, trees, owner, moving, ftol, damping, max_iterations)
+    numbers = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
+    needed = derivatives_bytes(system.order, layout, m) + 8 * numbers
+    with reserved(needed, described("the fit", system.order, layout)):
+        x_end, f, evaluations, status = stoppable(
+            lambda stop_flag: _core_r64.fit_minimum_norm(*problem, stop_flag),
+            brief=max_iterations * m**2 * k <= _BRIEF,  # for the Gram matrices
         )
-    return results
+    return MinimumNormFit(x_end, float(f), int(evaluations), MinimumNormStatus(status))
