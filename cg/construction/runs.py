@@ -20,10 +20,12 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
+from cg import __version__
 from cg.support.parallel import ExecutorLike, check_executor, completed, make_bar
 
 _BEGIN = b'{"run": "'
@@ -90,7 +92,8 @@ class Store:
             if size and (self._file.seek(size - 1), self._file.read(1)) != (size - 1, b"\n"):
                 self._file.write(b"\n")  # after a line that a killed process left incomplete
             if not begun:
-                self.append({"settings": known, "versions": _versions()})
+                versions = {"crouch-grossman": __version__, "numpy": np.__version__}
+                self.append({"settings": known, "versions": versions})
         except BaseException:
             self._file.close()
             raise
@@ -117,14 +120,6 @@ class Store:
         """Write everything to the disk and close the file."""
         os.fsync(self._file.fileno())
         self._file.close()
-
-
-def _versions() -> dict[str, str]:
-    try:
-        package = version("crouch-grossman")
-    except PackageNotFoundError:
-        package = "unknown"
-    return {"crouch-grossman": package, "numpy": version("numpy")}
 
 
 def run_pieces(

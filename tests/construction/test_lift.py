@@ -94,7 +94,7 @@ class TestLift:
         assert lifted.method.order == 4
 
     def test_lower_order(self):
-        lifted = cg.lift(FEHLBERG, 4, embedded_order=3)
+        lifted = cg.lift(FEHLBERG, 4)
         assert lifted.method.exact == FEHLBERG.exact
         assert lifted.method.order >= 4
         assert lifted.flows <= cg.lift(FEHLBERG).flows

@@ -192,7 +192,7 @@ OF_SEARCH = {
 CONSTRUCT = {"tries": [0, MANY], "iterations": [MANY], "largest": [0], "first_stages": [2]}
 LIFT = {
     "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]], "order": [0, 5],
-    "embedded_order": [3], "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],
+    "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],
     "hits": [0], "seed": [-1], "reduce": ["no"],
 }  # fmt: skip
 LMDIF = {

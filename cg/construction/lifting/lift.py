@@ -130,7 +130,6 @@ def lift(
     tableau: Tableau,
     order: int | None = None,
     *,
-    embedded_order: int | None = None,
     flows: int | None = None,
     chains: Sequence[int] | None = None,
     seed: int = 0,
@@ -157,9 +156,8 @@ def lift(
         doubles, are taken as the simplest fractions next to them if these satisfy all flat
         conditions, and may have no solution otherwise. Rational coefficients stay rational.
     order
-        Order of the method; by default that of the flat method.
-    embedded_order
-        Order of the second result; by default that of the flat second weights.
+        Order of the method; by default that of the flat method. The second result has at most that
+        of the flat second weights.
     flows
         Start from random trees of points with this number of flows.
     chains
@@ -194,7 +192,7 @@ def lift(
     >>> lifted.method.order, lifted.method.exact == kutta.exact
     (3, True)
     """
-    order, embedded_order = _check_orders(tableau, order, embedded_order)
+    order, embedded_order = _check_orders(tableau, order)
     tableau = _unrounded(tableau)
     flat = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
@@ -290,32 +288,17 @@ def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
     return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 
-def _check_orders(
-    tableau: Tableau, order: int | None, embedded_order: int | None
-) -> tuple[int, int]:
+def _check_orders(tableau: Tableau, order: int | None) -> tuple[int, int]:
+    """Return the orders of the results, 0 for a second one that there isn't."""
     check_instance("tableau", tableau, Tableau)
     if not tableau.explicit:
         raise ValueError(f"tableau must be explicit, got {tableau!r}")
-    flat = flat_order(tableau)
-    if flat == 0:
-        raise ValueError(
-            f"tableau must have weights b of sum 1 at least, got {tableau!r}, of order 0"
-        )
-    order = flat if order is None else check_integer("order", order, 1)
-    if not 1 <= order <= flat:
-        raise ValueError(f"order must be from 1 to {flat}, that of the flat method, got {order}")
-    if tableau.embedded_weights is None:
-        if embedded_order is not None:
-            raise ValueError(f"embedded_order: {tableau!r} has no second weights")
-        return order, 0
-    flat = min(flat_order(tableau, embedded=True), order)
-    second = flat if embedded_order is None else check_integer("embedded_order", embedded_order, 1)
-    if not 1 <= second <= flat:
-        raise ValueError(
-            f"embedded_order must be from 1 to {flat}, that of the flat second weights, "
-            f"got {second}"
-        )
-    return order, second
+    pair = tableau.embedded_weights is not None
+    orders = [flat_order(tableau, embedded=embedded) for embedded in (False, True)[: 1 + pair]]
+    if 0 in orders:
+        raise ValueError(f"tableau must have weights of sum 1 at least, got {tableau!r}")
+    order = orders[0] if order is None else check_integer("order", order, 1, orders[0])
+    return order, min(orders[1], order) if pair else 0
 
 
 def _unrounded(tableau: Tableau) -> Tableau:

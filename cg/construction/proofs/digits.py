@@ -43,15 +43,15 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
-        attempt, stored = prove_zero(packed, certificate), None
+        test, stored = prove_zero(packed, certificate), None
         with suppress(CertificationError):
             stored = certificate_of(method)
         if certificate != stored:
-            check_left_out(packed, certificate, attempt, certificate.bits)
+            check_left_out(packed, certificate, test, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
-            zero = packed.spread(zero_of(packed, certificate, attempt, places))
+            zero = packed.spread(zero_of(packed, certificate, test, places))
             rounded = {k: _rounded(zero[k], digits) for k in changed}
         if all(rounded.values()):
             return [rounded.get(k) or text for k, text in enumerate(texts)]

@@ -89,12 +89,12 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
             left_out = pivots[:dependent] if explained else pivots[-dependent:]
             outcome = _try(packed, left_out.tolist(), at_point)
         if isinstance(outcome, tuple):
-            box, attempt = outcome
+            box, test = outcome
             if explained:
-                check_left_out(packed, box, attempt, bits)
+                check_left_out(packed, box, test, bits)
                 return box
             # with a bound of the conditions that are left out, a power of ten
-            largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
+            largest = float(largest_residual(packed, box, test, SMALL_PLACES, bits))
             exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
             return replace(box, bound=Decimal((0, (1,), exponent)))
     raise CertificationError(message, **outcome)
@@ -127,13 +127,13 @@ def _try(
         # exact coefficients are held if possible
         preferences = np.where([c.unit == 0 for c in packed.coefficients], 1e-6, 1.0)
         movable = choose_movable(jacobian * preferences, candidates)
-        attempt = krawczyk(system, packed.balls(), movable, at_point=at_point)
-        measures |= attempt.quantities
-        if attempt.proved:
+        test = krawczyk(system, packed.balls(), movable, at_point=at_point)
+        measures |= test.quantities
+        if test.proved:
             held = sorted(set(range(len(packed.names))) - set(movable))
             fixed = tuple(packed.names[k] for k in held)
-            radius = Decimal(f"{float(attempt.radius):.1e}")
-            return Box(radius, fixed, tuple(omitted)), attempt
+            radius = Decimal(f"{float(test.radius):.1e}")
+            return Box(radius, fixed, tuple(omitted)), test
     return measures
 
 
@@ -180,17 +180,11 @@ def certify(
             f"got {method!r}"
         )
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
-    if order < 1:
+    orders = [order, *([] if method.embedded is None else [method.embedded_order or 0])]
+    if 0 in orders:
         raise CertificationError(
             f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
         )
-    orders = [order]
-    if method.embedded is not None:
-        if not method.embedded_order:
-            raise CertificationError(
-                f"{method.name or 'the method'}: the second weights satisfy no order conditions"
-            )
-        orders.append(method.embedded_order)
     packed = pack(method, orders)
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     bits = 64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64)
@@ -222,8 +216,8 @@ def check(certificate: Certificate, method: Method) -> None:
         if certificate.radius == 0:
             check_rational(packed)
         else:
-            attempt = prove_zero(packed, certificate)
-            check_left_out(packed, certificate, attempt, certificate.bits)
+            test = prove_zero(packed, certificate)
+            check_left_out(packed, certificate, test, certificate.bits)
         check_beyond(packed, certificate)
 
 
