@@ -15,12 +15,10 @@ from cg.construction.methods.method import Method
 from cg.construction.runs import run_pieces
 from cg.construction.search.candidate import (
     Candidate,
-    NotExactError,
     Reduction,
     default_name,
     fixed_entries,
     solve_start,
-    to_method,
 )
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
@@ -102,16 +100,12 @@ def succeeded(settings: Settings, result: Try) -> bool:
 
 def refined(settings: Settings, result: Try, requirements: Requirements) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
-    x = np.array(result.x, dtype=np.float64)
-    candidate = requirements.improve(Candidate(settings.system(result.layout), x))
-    if candidate is None:
-        return None
-    name = default_name(candidate.system, settings.seed, f"try{result.index}")
-    source = f"construct, seed {settings.seed}, try {result.index}"
-    try:
-        return to_method(candidate, name=name, source=source)
-    except NotExactError:
-        return None
+    system = settings.system(result.layout)
+    return requirements.method(
+        Candidate(system, np.array(result.x, dtype=np.float64)),
+        name=default_name(system, settings.seed, f"try{result.index}"),
+        source=f"construct, seed {settings.seed}, try {result.index}",
+    )
 
 
 @dataclass(frozen=True)
