@@ -19,7 +19,7 @@ from cg.construction.layouts import Layout, Rows, check_length
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
-from cg.construction.search.shapes import fixed_weights, merge_point
+from cg.construction.search.shapes import fixed_entries, merge_point
 from cg.construction.search.start import EXACT
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import Refined, polish_zeros, refine
@@ -194,7 +194,7 @@ class Reduction:
             movable = candidate.system.movable
             x = candidate.x.copy()
             x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
-            moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
+            moved = correct(Candidate(candidate.system, x), _fixed(candidate.system))
             if solved(moved) and moved.largest <= self.largest:
                 return moved
             size /= 2
@@ -243,20 +243,13 @@ def _removable(system: ConditionSystem) -> range:
     return range(0 if system.structure is Structure.GENERAL else 2, system.stages)
 
 
-def fixed_entries(system: ConditionSystem) -> list[int]:
-    """Return the entries to hold fixed while solving from a point that isn't a solution.
-
-    In tableaux a_21 is held. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4) and so on, C(2) holds at
-    all stages as ε tends to zero: f falls below 1e-18 there, but has no zero.
-    """
-    if system.rows is None:
-        return fixed_weights(system.order, system.layout)
-    return [0] if system.order >= 5 and system.stages > 1 else []
+def _fixed(system: ConditionSystem) -> list[int]:
+    return fixed_entries(system.order, system.layout)
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
     """Solve from a start, and again if f is at most `promising` after the first run."""
-    frozen = fixed_entries(candidate.system)
+    frozen = _fixed(candidate.system)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
     if not 1e-26 < first.f <= promising:

@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
@@ -17,18 +16,20 @@ from cg.construction.search.candidate import (
     Candidate,
     Reduction,
     default_name,
-    fixed_entries,
     solve_start,
 )
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
-from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
-from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.search.shapes import (
+    draw_guess,
+    fixed_entries,
+    layout_of_fields,
+    start_generator,
+)
+from cg.construction.solvers.system import Structure
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.parallel import ExecutorLike, single_threads
-
-_FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 
 @dataclass(frozen=True)
@@ -57,38 +58,18 @@ def run_try(settings: Settings, index: int) -> Try:
         spread = max(0, settings.first_stages - settings.stages)
         stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
         layout = Layout.tableau(stages, pair=settings.embedded)
-    guess = random_candidate(settings.system(layout), settings.width, random)
-    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    system = settings.system(layout)
+    fixed = fixed_entries(settings.order, layout)
+    guess = draw_guess(layout, settings.width, random, fixed)
+    guess[system.zeros] = 0.0
+    start = Candidate(system, guess)
+    candidate = solve_start(start, settings.iterations, promising=settings.promising)
     reduction = Reduction(random, settings.largest, settings.restarts)
     goal = ("stages", settings.stages) if settings.flows is None else ("flows", settings.flows)
     if reduction.accepts(candidate):
         candidate = reduction.eliminate(candidate, *goal)
     solved, x = reduction.accepts(candidate), tuple(candidate.x.tolist())
     return Try(index, solved, candidate.f, x, candidate.system.layout)
-
-
-def random_candidate(
-    system: ConditionSystem, width: float, random: np.random.Generator
-) -> Candidate:
-    """Return a random guess that satisfies the linear equations of the system's structure."""
-    if system.rows is None:
-        return Candidate(system, draw_guess(system.order, system.layout, width, random))
-    x = random.uniform(-width, width, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
-    x[fixed_entries(system)] = random.uniform(*_FIXED)
-    if system.structure is Structure.MIDDLE:
-        _to_the_middle(x, system.layout.row(system.stages), system.stages)
-    return Candidate(system, x)
-
-
-def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) -> None:
-    """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
-    b = x[weights]
-    b[2:] += (1 - b.sum()) / (stages - 2)
-    x[weights], ends = b, np.cumsum(b)
-    for row in range(2, stages):
-        entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
-        x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
 
 
 def succeeded(settings: Settings, result: Try) -> bool:
