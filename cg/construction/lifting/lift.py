@@ -18,7 +18,6 @@ from functools import partial
 from operator import attrgetter, itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts import check_length
@@ -31,12 +30,12 @@ from cg.construction.search.candidate import Candidate, correct, solved
 from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.shapes import merge_point, start_generator
 from cg.construction.solvers.refine import polish
-from cg.construction.solvers.system import ConditionSystem
 from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
+_DAMPING = 1e-2
 _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
 # Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.
 _CHAINS = {1: 1, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5, 7: 8, 8: 12}
@@ -238,32 +237,26 @@ def _solved(split: SplitRows, generator: np.random.Generator, reduce: bool) -> C
     raise_if_stopped()
     iterations = _ITERATIONS.get(split.order, _ITERATIONS_BELOW)
     # the remainders, last weights of chains, are large: flows are far from commuting
-    end = _corrected(split, generator.uniform(-_WIDTH, _WIDTH, split.size), iterations)
+    start = Candidate(split, generator.uniform(-_WIDTH, _WIDTH, split.size))
+    end = correct(start, damping=_DAMPING, max_iterations=iterations)
     while reduce and solved(end) and (merged := _merged(end, iterations)):
         end = merged
     return end
 
 
-def _corrected(split: ConditionSystem, x: NDArray[np.float64], iterations: int) -> Candidate:
-    return correct(Candidate(split, x), damping=1e-2, max_iterations=iterations)
-
-
 def _merged(end: Candidate, iterations: int) -> Candidate | None:
     """Return the first merge that leads to a solution; merges with small residuals come first."""
     starts = sorted(_merges(end), key=attrgetter("f"))
-    left = []
-    for start in starts:
-        raise_if_stopped()
-        merged = _corrected(start.system, start.x, min(_FIRST_ITERATIONS, iterations))
-        if solved(merged):
-            return merged
-        left.append(merged)
-    left.sort(key=attrgetter("f"))
-    for start in left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]:
-        raise_if_stopped()
-        merged = _corrected(start.system, start.x, iterations)
-        if solved(merged):
-            return merged
+    for limit in (min(_FIRST_ITERATIONS, iterations), iterations):
+        left = []
+        for start in starts:
+            raise_if_stopped()
+            merged = correct(start, damping=_DAMPING, max_iterations=limit)
+            if solved(merged):
+                return merged
+            left.append(merged)
+        left.sort(key=attrgetter("f"))
+        starts = left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]
     return None
 
 

@@ -146,7 +146,9 @@ def search(
         Seed of all starts, not negative.
     algorithm
         One of ``"minimum-norm"``, ``"lmdif"``. The first uses the exact Jacobian, steps of least
-        norm and a cheap refinement (`cg.construction.solvers`: `minimum_norm`, `refine`).
+        norm and a cheap refinement (`cg.construction.solvers`: `minimum_norm`, `refine`). Of
+        explicit methods from order 5 on, it holds the first weight at a random value while solving
+        in double, which keeps it away from degenerate limits.
         ``"lmdif"`` is that of the paper: a Jacobian from differences, rows of zeros for discarded
         trees, xtol = ftol = 1e-18 in double and 1e-32 in real(16).
     rows
@@ -186,8 +188,7 @@ def search(
         The shape of the methods. A tree or a method has its nonzero weights as unknowns. A
         sequence is ``(parents, stage_points)``, followed by the results if the last point isn't
         the result; each flow then has weights on all stages before it. `stages` must be that of
-        the tree. From order 5 on, the first weight is held at a random value while solving in
-        double, which keeps the solver away from degenerate limits.
+        the tree.
     flows
         Number of flows, at least that of stages, of trees drawn at random with each start.
     registers
