@@ -177,9 +177,7 @@ class Certificate(Box):
 
     def __str__(self) -> str:
         follows = ", with orthogonality" if self.left_out and self.complete else ""
-        number = len(self.fixed)
-        coefficients = "coefficient is" if number == 1 else "coefficients are"
-        held = f"; {number} {coefficients} held fixed" if self.radius else ""
+        held = f"; of the coefficients {len(self.fixed)} are held fixed" if self.radius else ""
         return (
             f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{held}; not "
             f"order {self.order + 1}: {self.beyond.tree} is off by at least "

@@ -107,16 +107,19 @@ def optimise(
         slope = axes.T @ (along.T @ values)
         scale = float(np.mean(stretches)) + np.finfo(float).tiny
         while damping < 1e8:
-            step = -axes @ (slope / (stretches + damping * scale))
-            trial = _step_along(candidate, movable, inverse, tangent @ step)
-            reached = None if trial is None else _objective(trial, *weights, limits)
-            if reached is not None and float(reached[0] @ reached[0]) < size:
-                break
+            step = -tangent @ (axes @ (slope / (stretches + damping * scale)))
+            x = candidate.x.copy()
+            x[movable] += step
+            small = float(np.linalg.norm(step)) <= _MAX_STEP
+            end = retract(candidate.system, x, movable, inverse) if small else None
+            if end is not None:
+                trial = Candidate(candidate.system, end)
+                reached = _objective(trial, *weights, limits)
+                if float(reached[0] @ reached[0]) < size:
+                    break
             damping *= 4
         else:
             break
-        assert trial is not None
-        assert reached is not None
         candidate, (values, jac) = trial, reached
         size = float(values @ values)
         damping = max(damping / 6, 1e-12)
@@ -124,21 +127,6 @@ def optimise(
         if len(history) > 8 and history[-9] - size <= _TOLERANCE * size:
             break
     return candidate
-
-
-def _step_along(
-    candidate: Candidate,
-    movable: NDArray[np.intp],
-    inverse: NDArray[np.float64],
-    step: NDArray[np.float64],
-) -> Candidate | None:
-    """Step along the tangent space and return to the set; None if the step fails."""
-    if float(np.linalg.norm(step)) > _MAX_STEP:
-        return None
-    x = candidate.x.copy()
-    x[movable] += step
-    corrected = retract(candidate.system, x, movable, inverse)
-    return None if corrected is None else Candidate(candidate.system, corrected)
 
 
 def _objective(
