@@ -98,8 +98,6 @@ class Lifted:
         Its flat tableau is exactly the given one.
     index
         Number of the start that led to it.
-    starts, hits
-        Numbers of starts, and of those that led to a solution.
     largest_residual
         Largest residual of the order conditions, in extended precision.
 
@@ -115,8 +113,6 @@ class Lifted:
 
     method: CommutatorFree
     index: int
-    starts: int
-    hits: int
     largest_residual: float
 
     @property
@@ -227,8 +223,7 @@ def lift(
         exact = polish(list(map(Fraction, end.x.tolist())), system)
         if exact.largest_residual < _EXACT:
             method = CommutatorFree.from_layout(system.layout, system.texts(exact.x), **names)
-            residual = float(exact.largest_residual)
-            return Lifted(method, start, index + 1, len(solutions), residual)
+            return Lifted(method, start, float(exact.largest_residual))
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 

@@ -124,11 +124,10 @@ def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
     return refined, movable, EXACT * max(1.0, candidate.largest)
 
 
-def pack_method(method: Method, order: int | None = None) -> Candidate:
-    """Return a method as a candidate, by default of its order; a pair if it has second weights."""
+def pack_method(method: Method) -> Candidate:
+    """Return a method as a candidate of its order; a pair if it has second weights."""
     check_instance("method", method, Method)
-    order = method.order if order is None else order
-    system = ConditionSystem(order, method.layout)
+    system = ConditionSystem(method.order, method.layout)
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
