@@ -154,7 +154,7 @@ class TestThreads:
         (pooled,) = run_all(lambda _: fit_conditions(x0, system), range(1), 1)
         for other in (*results, pooled, detour):
             np.testing.assert_array_equal(other.x, here.x)
-            assert (other.f, other.iterations) == (here.f, here.iterations)
+            assert (other.f, other.evaluations) == (here.f, here.evaluations)
 
     def test_runs_stop_independently(self):
         def work(index):
