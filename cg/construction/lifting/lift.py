@@ -74,7 +74,7 @@ class LiftError(ArithmeticError):
     ...     cg.lift(heun, chains=[1, 1, 1], tries=2)
     ... except cg.LiftError as error:
     ...     print(f"{error.best:.0e}")
-    2e-02
+    7e-03
     """
 
     def __init__(self, message: str, best: float) -> None:
