@@ -24,7 +24,7 @@ from cg.construction.conditions import residuals
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_residuals
 from cg.construction.methods.low_storage import from_two_registers
-from cg.construction.solvers.minimum_norm import pseudo_inverse
+from cg.construction.solvers.minimum_norm import decompose
 from cg.construction.solvers.refine import refine_rational
 from cg.reproduce.markdown import replace_between, table
 
@@ -99,7 +99,7 @@ def closest(parameters: Numbers, order: int) -> list[Fraction]:
     def residuals(parameters: Numbers) -> Numbers:
         return flat_residuals(*weights_of(parameters).exact, order)
 
-    inverse, _ = pseudo_inverse(slopes(parameters, order), RANK_CUT)
+    inverse, _ = decompose(slopes(parameters, order), RANK_CUT)
     end = refine_rational(residuals, parameters, inverse, below=ENOUGH, grid=GRID)
     if end.largest_residual > ENOUGH:
         raise RuntimeError(f"residuals are still {float(end.largest_residual):.1e}")

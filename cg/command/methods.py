@@ -1,6 +1,5 @@
 """``list`` and ``show`` the methods of the catalogue, ``export`` one as data, a table or code."""
 
-import ast
 import json
 import math
 from collections.abc import Callable
@@ -11,7 +10,6 @@ from typing import Any
 
 import click
 
-from cg import frames
 from cg.command.arguments import (
     METHOD,
     as_json,
@@ -36,7 +34,6 @@ from cg.construction.plots import columns, draw_method
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check, proved
 from cg.construction.proofs.packed import certificate_beside
 from cg.construction.trees import density, forest, node_count, planted, rooted_trees_through
-from cg.frames import Frame
 from cg.support.parsing import visible, write_file
 from cg.support.quads import MAX_WRITTEN
 
@@ -44,9 +41,6 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
 _FILTERS: dict[str, Callable[[MethodSummary, Any], bool]] = {
     "order": lambda method, order: method.order == order,
     "min_order": lambda method, order: method.order >= order,
-    "max_order": lambda method, order: method.order <= order,
-    "max_evaluations": lambda method, count: method.evaluations <= count,
-    "max_flows": lambda method, count: method.flows <= count,
     "pair": lambda method, pair: (method.embedded_order is not None) == pair,
     "kind": lambda method, kind: method.kind == kind,
 }
@@ -55,9 +49,6 @@ _FILTERS: dict[str, Callable[[MethodSummary, Any], bool]] = {
 @click.command("list")
 @count_option("--order", "Only methods of this order.")
 @count_option("--min-order", "Only methods of this order or higher.")
-@count_option("--max-order", "Only methods of this order or lower.")
-@count_option("--max-evaluations", "Only methods with at most N evaluations per step.")
-@count_option("--max-flows", "Only methods with at most N flows per step.")
 @click.option("--pair/--no-pair", default=None, help="Only pairs, or none.")
 @click.option("--proved", "only_proved", is_flag=True, help="Only methods proved in full.")
 @click.option("--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only this kind.")
@@ -225,33 +216,6 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in rows]
 
 
-def _frame(text: str) -> Frame:
-    """Return the frame of an option, written as in Python."""
-    try:
-        frame = _evaluated(ast.parse(text, mode="eval").body)
-    except (SyntaxError, TypeError, ValueError) as error:
-        raise click.BadParameter(f"{text!r} is no frame: {error}") from None
-    if not isinstance(frame, Frame):
-        raise click.BadParameter(f"{text!r} is no frame such as SO3()")
-    return frame
-
-
-def _evaluated(node: ast.expr) -> Any:
-    """Return the value of an expression: literals and calls of names in `cg.frames`."""
-    if not isinstance(node, ast.Call):
-        if isinstance(node, ast.Tuple | ast.List):
-            return tuple(map(_evaluated, node.elts))
-        try:
-            return ast.literal_eval(node)
-        except ValueError:  # whose message has an address in memory
-            raise ValueError(f"{ast.unparse(node)!r} is no number, text or call") from None
-    name = node.func.id if isinstance(node.func, ast.Name) else ""
-    if name not in frames.__all__:
-        raise ValueError(f"cg.frames has no {ast.unparse(node.func)!r}")
-    named = {str(keyword.arg): _evaluated(keyword.value) for keyword in node.keywords}
-    return getattr(frames, name)(*map(_evaluated, node.args), **named)
-
-
 @click.command("export", short_help="Write a method as data or code.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.argument("format", metavar="FORMAT", type=click.Choice(sorted(FORMATS)))
@@ -262,10 +226,6 @@ def _evaluated(node: ast.expr) -> Any:
 @click.option(
     "--certificate", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
     help="Certificate of the method; by default that of the catalogue, or the one beside FILE.",
-)  # fmt: skip
-@click.option(
-    "--frame", type=_frame, metavar="FRAME",
-    help='A frame whose flow a file in C has, as in Python, such as "SO3()".',
 )  # fmt: skip
 @output_option("Output file; standard output by default.")
 def export_command(
@@ -281,8 +241,6 @@ def export_command(
     Examples:
       crouch-grossman export CG4a latex
       crouch-grossman export CF6c c -o cf6c.h
-      crouch-grossman export CF4 c --frame "UnitQuaternion(scalar_first=True)"
-      crouch-grossman export Leapfrog c --frame "PhaseSpace(UnitQuaternion(), [1, 2, 2.5])"
       crouch-grossman export CG5a json --digits 60
       crouch-grossman export mine.toml c --digits 40 --certificate proof.toml
     """

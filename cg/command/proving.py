@@ -104,7 +104,7 @@ def _prove(
         raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:
         return None, {"name": method.name, "proved": "no", "message": str(error)}
-    bound = certificate.box.bound
+    bound = certificate.bound
     return certificate, {
         "name": certificate.name,
         "proved": certificate.proved,

@@ -36,15 +36,6 @@ def _shape(method: Method) -> Layout:
     raise ValueError(f"{method!r} isn't an explicit method with a tree of points")
 
 
-class _Member(click.Choice):  # type: ignore[type-arg]
-    """A member of an enumeration, by its name in small letters with hyphens."""
-
-    def normalize_choice(self, choice: Any, ctx: click.Context | None) -> str:
-        if isinstance(choice, Rows | Structure):
-            return choice.name.lower().replace("_", "-")
-        return str(choice)
-
-
 def _held(text: str) -> tuple[str, str]:
     """Return a name and its value."""
     name, equals, number = text.partition("=")
@@ -73,11 +64,11 @@ _SPECIAL: dict[str, dict[str, Any]] = {
     "hold": {"type": _held, "multiple": True, "metavar": "NAME=VALUE",
              "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
     "minimise": {"type": click.Choice(OBJECTIVES)},
-    "rows": {"type": _Member(Rows), "default": "explicit"},
+    "rows": {"type": click.Choice(Rows, case_sensitive=False), "default": "explicit"},
     "stages": {"type": int, "required": False,
                "help": "Evaluations in a step; required unless --tree is given."},
     "store": {"type": click.Path(dir_okay=False), "metavar": "FILE"},
-    "structure": {"type": _Member(Structure)},
+    "structure": {"type": click.Choice(Structure, case_sensitive=False)},
     "tree": {"type": MethodArgument(_shape, lambda file: _shape(load(file))),
              "metavar": "NAME|FILE", "help": "Methods with the tree of points of a method."},
 }  # fmt: skip
@@ -192,7 +183,7 @@ def construct_command(**options: Any) -> int:
       crouch-grossman construct --order 6 --stages 13 --seed 1 -o six.toml
       crouch-grossman construct --order 5 --stages 6 --flows 9 --first-flows 10
       crouch-grossman construct --order 5 --tree CF5a --largest 2
-      crouch-grossman construct --order 5 --stages 9 --structure stage-order-two
+      crouch-grossman construct --order 5 --stages 9 --structure stage_order_two
     """
     return _run(construct, **options)
 

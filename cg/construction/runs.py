@@ -20,10 +20,12 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
+from cg import __version__
 from cg.support.parallel import ExecutorLike, check_executor, completed, make_bar
 
 _BEGIN = b'{"run": "'
@@ -46,19 +48,9 @@ def check_path(value: Any) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"store must be a path, got {value!r}")
     path = Path(value)
-    try:
-        encoded = os.fsencode(path)
-    except UnicodeEncodeError:
-        encoded = b"\0"
-    if b"\0" in encoded:
-        raise ValueError(f"store must be a path that the system can write, got {value!r}")
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "store must be a file", str(path))
     # reading from a device or a pipe may never end
-    if path.exists() and not path.is_file():
+    if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError(f"store must be a file, got {path}, which isn't a regular file")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "store must be in an existing folder", str(path))
     return path
 
 
@@ -100,7 +92,8 @@ class Store:
             if size and (self._file.seek(size - 1), self._file.read(1)) != (size - 1, b"\n"):
                 self._file.write(b"\n")  # after a line that a killed process left incomplete
             if not begun:
-                self.append({"settings": known, "versions": _versions()})
+                versions = {"crouch-grossman": __version__, "numpy": np.__version__}
+                self.append({"settings": known, "versions": versions})
         except BaseException:
             self._file.close()
             raise
@@ -127,14 +120,6 @@ class Store:
         """Write everything to the disk and close the file."""
         os.fsync(self._file.fileno())
         self._file.close()
-
-
-def _versions() -> dict[str, str]:
-    try:
-        package = version("crouch-grossman")
-    except PackageNotFoundError:
-        package = "unknown"
-    return {"crouch-grossman": package, "numpy": version("numpy")}
 
 
 def run_pieces(

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 # The order is that in fortran/support/vectors.f90.
-_ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs dgemm zgemm dsyevd"
+_ROUTINES = "dsyrk dpotrf dpotrs dgetrf zgetrf dgetrs zgetrs dgemm zgemm dsyevd"
 
 
 def address_in(capsule: Any) -> int:

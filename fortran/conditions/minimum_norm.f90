@@ -10,7 +10,7 @@
 module minimum_norm_m
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
-  use vectors_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
+  use vectors_m, only: dpotrf, dpotrs, dsyrk
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
   use linalg_m, only: stop_requested
   implicit none
@@ -18,7 +18,6 @@ module minimum_norm_m
   public :: minimise_norm
 
   real(wp), parameter :: min_damping = 1.0e-17_wp
-  real(wp), parameter :: min_damping_accurate = 1.0e-22_wp  ! the same where J J^T isn't formed
   real(wp), parameter :: max_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
   real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
@@ -27,7 +26,7 @@ contains
 
   ! Minimises the sum of squared residuals over the unknowns listed in `moving`.
   subroutine minimise_norm(problem, x, conditions, moving, ftol, first_damping, max_iterations, &
-                           accurate, f, iterations, evaluations, status)
+                           f, evaluations, status)
     class(order_conditions_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)        ! (unknowns)
     integer, intent(in) :: conditions      ! number of residuals
@@ -35,19 +34,17 @@ contains
     real(wp), intent(in) :: ftol           ! >= 0
     real(wp), intent(in) :: first_damping  ! over the largest diagonal entry of J J^T
     integer, intent(in) :: max_iterations
-    logical, intent(in) :: accurate        ! by QR of J^T: for small singular values, takes longer
     real(wp), intent(out) :: f             ! sum of squared residuals at x
-    integer, intent(out) :: iterations, evaluations, status
+    integer, intent(out) :: evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
     real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
-    real(wp) :: damping, growth, f_trial, gain, least
-    integer :: flag, info
+    real(wp) :: damping, growth, f_trial, gain
+    integer :: flag, info, iterations
 
     allocate (full(conditions, size(x)), jac(conditions, size(moving)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
     allocate (r(conditions), r_trial(conditions), y(conditions), step(size(moving)), trial(size(x)))
 
-    least = merge(min_damping_accurate, min_damping, accurate)
     status = not_finite
     iterations = 0
     evaluations = 1
@@ -59,7 +56,7 @@ contains
     if (f <= ftol) status = solved
     call linearise(damping, flag)
     if (flag < 0) status = not_finite
-    damping = max(first_damping*damping, least)
+    damping = max(first_damping*damping, min_damping)
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)
@@ -68,11 +65,7 @@ contains
         exit
       end if
       iterations = iterations + 1
-      if (accurate) then
-        call cholesky_of_gram(jac, damping, factor)
-      else
-        call factorise(gram, factor, damping)
-      end if
+      call factorise(gram, factor, damping)
       y = r
       call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
       step = -matmul(y, jac)
@@ -85,7 +78,8 @@ contains
       f_trial = sum(r_trial**2)
       if (flag >= 0 .and. f_trial < f) then
         gain = (f - f_trial)/max(f - sum((damping*y)**2), tiny(f))
-        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), least)
+        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), &
+                      min_damping)
         growth = 2.0_wp
         x = trial
         r = r_trial
@@ -114,8 +108,8 @@ contains
       flag = 0
       call problem%jacobian(x, full, flag)
       jac = full(:, moving)
-      if (.not. accurate) call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, jac, conditions, &
-                                     0.0_wp, gram, conditions)
+      call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, jac, conditions, 0.0_wp, gram, &
+                 conditions)
       largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
     end subroutine linearise
 
@@ -152,28 +146,4 @@ contains
       damping = 4.0_wp*damping
     end do
   end subroutine factorise
-
-  ! The Cholesky factor of a a^T + damping I by QR, without forming that matrix, in which the
-  ! squares of small singular values would be lost in rounding
-  subroutine cholesky_of_gram(a, damping, factor)
-    real(wp), intent(in), contiguous :: a(:, :)           ! (m, n)
-    real(wp), intent(in) :: damping                       ! > 0
-    real(wp), intent(inout), contiguous :: factor(:, :)   ! (m, m) lower triangle
-    integer, parameter :: block = 32
-    real(wp), allocatable :: tall(:, :), tau(:), work(:)
-    integer :: i, info
-
-    associate (m => size(a, 1), n => size(a, 2))
-      allocate (tall(n + m, m), tau(m), work(block*m))
-      tall(:n, :) = transpose(a)
-      tall(n + 1:, :) = 0.0_wp
-      do i = 1, m
-        tall(n + i, i) = sqrt(damping)
-      end do
-      call dgeqrf(n + m, m, tall, n + m, tau, work, size(work), info)
-      do i = 1, m
-        factor(i:, i) = tall(i, i:m)
-      end do
-    end associate
-  end subroutine cholesky_of_gram
 end module minimum_norm_m

@@ -202,15 +202,14 @@ contains
 
   ! Sets the addresses of LAPACK.
   subroutine set_lapack(addresses) bind(c)
-    integer(c_intptr_t), intent(in) :: addresses(11)
+    integer(c_intptr_t), intent(in) :: addresses(10)
 
     call set_addresses(addresses)
   end subroutine set_lapack
 
   ! Fits order conditions, see minimise_norm. The caller has set the addresses of LAPACK.
   subroutine fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, moving, ftol, damping, &
-                              max_iterations, accurate, stop_flag, x, f, iterations, evaluations, &
-                              status) bind(c)
+                              max_iterations, stop_flag, x, f, evaluations, status) bind(c)
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, k, layout(l)    ! layout: see read_layout
     real(wp), intent(in) :: x0(n)         ! packed weights
@@ -218,17 +217,17 @@ contains
     integer, intent(in) :: owner(m)       ! zero for the first result, see order_conditions_t
     integer, intent(in) :: moving(k)      ! indices of the unknowns that may move, from 1
     real(wp), intent(in) :: ftol, damping
-    integer, intent(in) :: max_iterations, accurate        ! accurate: zero or one
+    integer, intent(in) :: max_iterations
     integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread, never copied
     real(wp), intent(out) :: x(n), f
-    integer, intent(out) :: iterations, evaluations, status
+    integer, intent(out) :: evaluations, status
     type(order_conditions_t) :: conditions
 
     call conditions%set_up(order, layout, trees, owner)
     conditions%stop_flag => stop_flag(1)
     x = x0
-    call minimise_norm(conditions, x, m, moving, ftol, damping, max_iterations, accurate /= 0, f, &
-                       iterations, evaluations, status)
+    call minimise_norm(conditions, x, m, moving, ftol, damping, max_iterations, f, evaluations, &
+                       status)
   end subroutine fit_minimum_norm
 
 end module api_external_m

@@ -39,13 +39,6 @@ module vectors_m
       integer(c_int), intent(out) :: info
     end subroutine potrs_i
 
-    subroutine geqrf_i(m, n, a, lda, tau, work, lwork, info) bind(c)
-      import
-      integer(c_int), intent(in) :: m, n, lda, lwork
-      type(*), intent(inout) :: a(lda, *), tau(*), work(*)   ! (lda, n), (min(m, n)), (lwork)
-      integer(c_int), intent(out) :: info
-    end subroutine geqrf_i
-
     subroutine getrf_i(m, n, a, lda, pivot, info) bind(c)
       import
       integer(c_int), intent(in) :: m, n, lda
@@ -84,7 +77,6 @@ module vectors_m
   procedure(syrk_i), pointer, protected, public :: dsyrk => null()
   procedure(potrf_i), pointer, protected, public :: dpotrf => null()
   procedure(potrs_i), pointer, protected, public :: dpotrs => null()
-  procedure(geqrf_i), pointer, protected, public :: dgeqrf => null()
   procedure(getrf_i), pointer, protected, public :: dgetrf => null(), zgetrf => null()
   procedure(getrs_i), pointer, protected, public :: dgetrs => null(), zgetrs => null()
   procedure(gemm_i), pointer, protected, public :: dgemm => null(), zgemm => null()
@@ -144,19 +136,18 @@ contains
 
   ! Sets the addresses of the routines.
   subroutine set_addresses(addresses)
-    integer(c_intptr_t), intent(in) :: addresses(11)  ! in the order of the pointers
+    integer(c_intptr_t), intent(in) :: addresses(10)  ! in the order of the pointers
 
     call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
     call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
     call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
-    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgeqrf)
-    call c_f_procpointer(transfer(addresses(5), c_null_funptr), dgetrf)
-    call c_f_procpointer(transfer(addresses(6), c_null_funptr), zgetrf)
-    call c_f_procpointer(transfer(addresses(7), c_null_funptr), dgetrs)
-    call c_f_procpointer(transfer(addresses(8), c_null_funptr), zgetrs)
-    call c_f_procpointer(transfer(addresses(9), c_null_funptr), dgemm)
-    call c_f_procpointer(transfer(addresses(10), c_null_funptr), zgemm)
-    call c_f_procpointer(transfer(addresses(11), c_null_funptr), dsyevd)
+    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgetrf)
+    call c_f_procpointer(transfer(addresses(5), c_null_funptr), zgetrf)
+    call c_f_procpointer(transfer(addresses(6), c_null_funptr), dgetrs)
+    call c_f_procpointer(transfer(addresses(7), c_null_funptr), zgetrs)
+    call c_f_procpointer(transfer(addresses(8), c_null_funptr), dgemm)
+    call c_f_procpointer(transfer(addresses(9), c_null_funptr), zgemm)
+    call c_f_procpointer(transfer(addresses(10), c_null_funptr), dsyevd)
   end subroutine set_addresses
 
 end module vectors_m

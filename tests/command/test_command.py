@@ -86,13 +86,6 @@ def test_export(run, tmp_path):
     file = tmp_path / "cg3.h"
     assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
     assert file.read_text() == cg.export("CG3", "c")
-    frame = cg.frames.Product(cg.frames.SO3("space"), cg.frames.Euclidean(3))
-    for method, space in (
-        ("CG3", frame),
-        ("Leapfrog", cg.frames.PhaseSpace(frame, (1, [1, 2, 3]))),
-    ):
-        output = run("export", method, "c", "--frame", repr(space))[1]
-        assert output.rstrip() == cg.export(method, "c", frame=space).rstrip()
     method = cg.methods["CG3(2)"].with_coefficients(cg.methods["CG3(2)"].coefficients, name="mine")
     certificate = cg.certify(method)
     cg.save(method, tmp_path / "mine.toml")
@@ -115,10 +108,6 @@ def test_export(run, tmp_path):
     (["search", "--order", "6", "--stages", "3"], "pass --force"),
     (["export", "CG3", "cobol"], "FORMAT"),
     (["export", "DICG4", "c"], "format"),
-    (["export", "CG3", "c", "--frame", "SO3"], "no frame: 'SO3' is no number, text or call"),
-    (["export", "CG3", "c", "--frame", "Power(SO3, 2)"], "no frame: 'SO3' is no number"),
-    (["export", "CG3", "c", "--frame", "open('x')"], "frame"),
-    (["export", "CG3", "c", "--frame", "SO(-1)"], "frame"),
     (["certify", "CG3", "-o", "/"], "--output"),
     (["certify", "CG3", "-o", "missing/x.toml"], "must be in an existing folder"),
     (["search", "--order", "2", "--stages", "2", "-o", "missing/x"], "existing folder"),

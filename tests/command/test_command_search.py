@@ -66,7 +66,7 @@ def test_arguments(arguments_of, tmp_path):
     assert {key: passed[key] for key in expected} == expected
     passed = arguments_of("search --order 4 --stages 5 --bound b[2]=0: --bound c=-1:1")
     assert passed["bound"] == {"b[2]": [0, None], "c": [-1, 1]}
-    passed = arguments_of("construct --order 6 --stages 13 --structure stage-order-two --force")
+    passed = arguments_of("construct --order 6 --stages 13 --structure stage_order_two --force")
     assert (passed["structure"], passed["force"]) == (Structure.STAGE_ORDER_TWO, True)
     file = tmp_path / "mine.toml"
     save(cg.methods["CF4"], file)
@@ -105,8 +105,8 @@ def test_results(run, tmp_path):
     ("search --order 4 --tree CF44", "Invalid value for '--tree': no method is named 'CF44'"),
     ("search --order 4 --tree DICG4", "isn't an explicit method with a tree of points"),
     ("search --order 4 --tree CF4 --stages 5", "--stages must be those of the tree, 4, got 5"),
-    ("search --order 4 --tree CF4 --flows 5", "--flows must be None with a tree, got 5"),
-    ("search --order 4 --stages 4 --flows 4", "--flows = 4 is too few for order 4, which"),
+    ("search --order 4 --tree CF4 --flows 5", "--flows must not be given with a tree, got 5"),
+    ("search --order 4 --stages 3 --flows 4", "--stages = 3 is too few for order 4, which"),
     ("search --order 4 --stages 5 --width x", "'x' is not a valid number."),
     ("search --order 4 --tree CF4 --embedded", "--embedded must be False, as tree has no"),
     ("search --order 4 --stages 5 --width -1", "--width must be"),

@@ -139,7 +139,6 @@ class TestRefine:
         near += size * np.random.default_rng(1).standard_normal(near.size)
         fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
         actual = refine(cg.support.quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
-        assert actual.rank == 37 < conditions.count(5, independent=True)
         assert actual.largest_residual < 2e-33
         moved = np.abs(cg.support.quads.to_float(actual.x) - near).max()
         assert moved < 1000 * size

@@ -342,7 +342,6 @@ def test_construct_keeps_held_values_and_the_interval_of_abscissae():
     ({"b[1]": 1, "b_1": 2}, "two values"),
     ({"c[1]": 1}, "c_1 = 1 contradicts"),
     ({"c[3]": 1, "a[3,1]": 1, "a[3,2]": 1}, "contradicts"),
-    ({f"b[{k}]": "1/2" for k in range(1, 6)}, "no method of order 4: the condition of tree"),
     ({"a[2,1]": 1, "a[3,1]": 1, "a[4,1]": 1}, "12 unknowns for 13 independent"),
 ])  # fmt: skip
 def test_impossible_values_are_refused(hold, message):

@@ -78,16 +78,12 @@ def _proof(**changes):
     return replace(CERTIFICATE, **changes)
 
 
-def _box(**changes):
-    return _proof(box=replace(CERTIFICATE.box, **changes))
-
-
 FORGED = {
     "order": _proof(order=10**9), "order 0": _proof(order=0), "bits": _proof(bits=10**9),
-    "no bits": _proof(bits=-1), "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
+    "no bits": _proof(bits=-1), "left out": _proof(left_out=(Condition(0, ((),)),) * 100_000),
     "tree": _proof(beyond=replace(CERTIFICATE.beyond, word=())),
-    "fixed": _box(fixed=("a_1,1",) * 1_000_000), "radius": _box(radius=Decimal("1e-3999")),
-    "large radius": _box(radius=Decimal("1e3999")),
+    "fixed": _proof(fixed=("a_1,1",) * 1_000_000), "radius": _proof(radius=Decimal("1e-3999")),
+    "large radius": _proof(radius=Decimal("1e3999")),
 }  # fmt: skip
 
 

@@ -76,12 +76,11 @@ def test_wrong_coefficients_and_forged_certificates_are_refused():
     certificate = certificate_of(method)
     check(certificate, method)
     words = pack(method, [6]).conditions
-    box = certificate.box
-    freed = replace(box, fixed=box.fixed[1:], left_out=())
+    fixed = certificate.fixed
     for wrong in (
         replace(certificate, order=7),
-        replace(certificate, box=freed),
-        replace(certificate, box=replace(box, left_out=(words[-1],), fixed=(*box.fixed, "d_1"))),
+        replace(certificate, fixed=fixed[1:], left_out=()),
+        replace(certificate, left_out=(words[-1],), fixed=(*fixed, "d_1")),
         replace(certificate, beyond=replace(certificate.beyond, word=parse("[[][][][][][][]]"))),
     ):
         with pytest.raises(CertificationError):
@@ -184,11 +183,10 @@ def test_certificates_that_say_something_else():
     left_out = honest.left_out
     kept = next(word for word in condition_words(6, of_time=True) if (0, word) not in left_out)
     boxes = (
-        replace(honest.box, left_out=(*left_out, Condition(0, word)))
-        for word in (kept, (((),),) * 6)
+        replace(honest, left_out=(*left_out, Condition(0, word))) for word in (kept, (((),),) * 6)
     )
     for wrong in (
-        *(replace(honest, box=box) for box in boxes),
+        *boxes,
         replace(honest, beyond=ViolatedCondition(parse("[[[[[[[[]]]]]]]]"), Decimal("1e-8"))),
         replace(honest, order=7),
         replace(honest, name="CFM6(4)b"),

@@ -181,7 +181,7 @@ TREE = ws.Condition(0, ws.parse("[[]]"))
 
 
 def leaving_out(certificate, conditions, **changes):
-    return replace(certificate, box=replace(certificate.box, left_out=tuple(conditions), **changes))
+    return replace(certificate, left_out=tuple(conditions), **changes)
 
 
 def test_certificates_that_leave_out_something_else():

@@ -42,7 +42,7 @@ def fit_fast(stop_flag):
     trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
     movable = np.arange(1, x0.size + 1, dtype=np.intc)
     return _core_r64.fit_minimum_norm(
-        ORDER, LAYOUT.code, x0, trees, owner, movable, 0.0, 1e-2, FOREVER, False, stop_flag
+        ORDER, LAYOUT.code, x0, trees, owner, movable, 0.0, 1e-2, FOREVER, stop_flag
     )
 
 
@@ -154,7 +154,7 @@ class TestThreads:
         (pooled,) = run_all(lambda _: fit_conditions(x0, system), range(1), 1)
         for other in (*results, pooled, detour):
             np.testing.assert_array_equal(other.x, here.x)
-            assert (other.f, other.iterations) == (here.f, here.iterations)
+            assert (other.f, other.evaluations) == (here.f, here.evaluations)
 
     def test_runs_stop_independently(self):
         def work(index):

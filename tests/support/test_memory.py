@@ -91,10 +91,9 @@ system = ConditionSystem(7, layout)
 x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
 flag = np.zeros(1, dtype=np.intc)
-free = np.arange(1, layout.size + 1, dtype=np.intc)
 from cg.construction.conditions import core_calls as door
 from cg.construction.solvers.lmdif import fit_lmdif
-from cg.construction.solvers.minimum_norm import fit_minimum_norm
+from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.support import quads
 start = np.zeros(small.size)
 enough = np.resize(ConditionSystem(5, small).conditions(True)[0], small.size)
@@ -106,9 +105,7 @@ cases = {
     "door.residuals(7, layout, bits, trees, owner)":
         door.evaluation_bytes(7, layout, trees.size, 16),
     "door.jacobian(7, layout, x, trees, owner)": door.derivatives_bytes(7, layout, trees.size),
-    "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
-        door.derivatives_bytes(7, layout, trees.size),
-    "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, True, flag)":
+    "fit_conditions(x, system, max_iterations=1)":
         door.derivatives_bytes(7, layout, trees.size),
     "fit_lmdif(5, small, start, enough, np.array([1e-9]), 1, flag)":
         door.evaluation_bytes(5, small, enough.size) + 8 * enough.size * small.size,
@@ -126,9 +123,9 @@ for case, bound in cases.items():
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 def test_calls_below_any_limit_are_done_or_refused():
     lines = _run(_PREPARED)
-    assert len(lines) == 8 * 25
+    assert len(lines) == 7 * 25
     assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
-    for k in range(8):
+    for k in range(7):
         outcomes = [line == "done" for line in lines[25 * k : 25 * (k + 1)]]
         assert not outcomes[0]
         assert outcomes[-1]

@@ -4,32 +4,38 @@ The weights on stage j along the path to stage i add up to a_ij, so that the met
 where flows commute, and its order conditions of flat space hold beforehand. What is left to solve
 are the conditions in which the sequence of flows counts; the unknowns are how a_ij and b_j are
 split (E. Celledoni, A. Marthinsen, B. Owren, Future Generation Computer Systems 19, 2003).
+
+Flows are merged: the weights of a flow are added to those of the flow after it, which changes the
+result little where both are short, and the conditions are solved again from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts import check_length
-from cg.construction.lifting.solver import Fit, fit, improved, merged_flows, refined
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.flat import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.tableau import Tableau
-from cg.construction.search.shapes import start_generator
+from cg.construction.search.candidate import Candidate, correct, solved
+from cg.construction.search.optimise import Limits, optimise
+from cg.construction.search.shapes import merge_point, start_generator
+from cg.construction.solvers.refine import polish
 from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
+_DAMPING = 1e-2
 _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
 # Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.
 _CHAINS = {1: 1, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5, 7: 8, 8: 12}
@@ -40,9 +46,14 @@ _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
 _DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
 
+_FIRST_ITERATIONS = 60  # after a merge; most successful ones need fewer
+_FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
+_MIN_FURTHER = 6
+_GROWTH = 1.25  # bound on improved weights, relative to the largest entry of the tableau
+
 _ROUNDED_F = 1e-15  # sum of squared residuals that rounded coefficients leave
 
-_Solution = tuple[tuple[float, float], int, SplitRows, Fit]  # key and index of a start, and its end
+_Solution = tuple[tuple[float, float], int, Candidate]  # key and index of a start, and its end
 
 
 class LiftError(ArithmeticError):
@@ -63,7 +74,7 @@ class LiftError(ArithmeticError):
     ...     cg.lift(heun, chains=[1, 1, 1], tries=2)
     ... except cg.LiftError as error:
     ...     print(f"{error.best:.0e}")
-    2e-02
+    7e-03
     """
 
     def __init__(self, message: str, best: float) -> None:
@@ -87,10 +98,6 @@ class Lifted:
         Its flat tableau is exactly the given one.
     index
         Number of the start that led to it.
-    starts, hits
-        Numbers of starts, and of those that led to a solution.
-    unknowns, rank
-        Number of weights that the flat tableau leaves open, and rank of the conditions in them.
     largest_residual
         Largest residual of the order conditions, in extended precision.
 
@@ -106,10 +113,6 @@ class Lifted:
 
     method: CommutatorFree
     index: int
-    starts: int
-    hits: int
-    unknowns: int
-    rank: int
     largest_residual: float
 
     @property
@@ -122,7 +125,6 @@ def lift(
     tableau: Tableau,
     order: int | None = None,
     *,
-    embedded_order: int | None = None,
     flows: int | None = None,
     chains: Sequence[int] | None = None,
     seed: int = 0,
@@ -130,8 +132,6 @@ def lift(
     hits: int = 1,
     reduce: bool = True,
     improve: bool = False,
-    name: str | None = None,
-    source: str | None = None,
 ) -> Lifted:
     """Make a commutator-free method of a flat one.
 
@@ -151,9 +151,8 @@ def lift(
         doubles, are taken as the simplest fractions next to them if these satisfy all flat
         conditions, and may have no solution otherwise. Rational coefficients stay rational.
     order
-        Order of the method; by default that of the flat method.
-    embedded_order
-        Order of the second result; by default that of the flat second weights.
+        Order of the method; by default that of the flat method. The second result has at most that
+        of the flat second weights.
     flows
         Start from random trees of points with this number of flows.
     chains
@@ -172,8 +171,6 @@ def lift(
     improve
         Then reduce the principal error along the solution set. Of several solutions, the one
         with the smallest leading error for the same number of flows is returned.
-    name, source
-        Name and source of the method; by default those of the tableau.
 
     Raises
     ------
@@ -190,16 +187,16 @@ def lift(
     >>> lifted.method.order, lifted.method.exact == kutta.exact
     (3, True)
     """
-    order, embedded_order = _check_orders(tableau, order, embedded_order)
+    order, embedded_order = _check_orders(tableau, order)
     tableau = _unrounded(tableau)
-    rows = FlatRows(*tableau.exact, tableau.exact_embedded)
+    flat = FlatRows(*tableau.exact, tableau.exact_embedded)
     if flows is not None:
-        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
+        flows = check_integer("flows", flows, len(flat.moved_stages) + 1, MAX_STAGES)
     split_of = partial(
-        SplitRows, rows, order=order, embedded_order=embedded_order,
+        SplitRows, order, flat=flat, embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
     )  # fmt: skip
-    lengths, seed = _check_chains(rows, order, flows, chains), check_integer("seed", seed, 0)
+    lengths, seed = _check_chains(flat, order, flows, chains), check_integer("seed", seed, 0)
     reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
     if improve and order >= MAX_ORDER:
         raise ValueError(
@@ -211,76 +208,85 @@ def lift(
     for index in range(tries):
         generator = start_generator(seed, index)
         if flows is None:
-            layout = chains_layout(rows, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
+            layout = chains_layout(flat, lengths, zeros=(index + 1) % _FREE_ZEROS_EVERY != 0)
         else:
-            layout = random_layout(rows, flows, generator)
-        split, end = _solved(split_of(layout), generator, reduce)
+            layout = random_layout(flat, flows, generator)
+        end = _solved(split_of(layout), generator, reduce)
         best = min(best, end.f)
-        if end.solved:
-            solutions.append(_with_key(index, split, end, improve))
+        if solved(end):
+            solutions.append(_with_key(index, end, improve))
         if len(solutions) == hits:
             break
-    names = {
-        "name": tableau.name if name is None else name,
-        "source": tableau.source if source is None else source,
-    }
-    for _, start, split, end in sorted(solutions, key=itemgetter(0, 1)):
-        weights, residual, rank = refined(split, end.x)
-        if residual < _EXACT:
-            method = CommutatorFree.from_layout(split.layout, weights, **names)
-            counts = start, index + 1, len(solutions), split.movable.size, rank
-            return Lifted(method, *counts, residual)
+    names = {"name": tableau.name, "source": tableau.source}
+    for _, start, end in sorted(solutions, key=itemgetter(0, 1)):
+        system = end.system
+        exact = polish(list(map(Fraction, end.x.tolist())), system)
+        if exact.largest_residual < _EXACT:
+            method = CommutatorFree.from_layout(system.layout, system.texts(exact.x), **names)
+            return Lifted(method, start, float(exact.largest_residual))
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
-def _solved(
-    split: SplitRows, generator: np.random.Generator, reduce: bool
-) -> tuple[SplitRows, Fit]:
+def _solved(split: SplitRows, generator: np.random.Generator, reduce: bool) -> Candidate:
     """Solve from one random start, and merge flows of a solution if `reduce`."""
     raise_if_stopped()
     iterations = _ITERATIONS.get(split.order, _ITERATIONS_BELOW)
     # the remainders, last weights of chains, are large: flows are far from commuting
-    unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
-    end = fit(split, split.from_unknowns(unknowns), max_iterations=iterations)
-    return merged_flows(split, end, iterations) if end.solved and reduce else (split, end)
+    start = Candidate(split, generator.uniform(-_WIDTH, _WIDTH, split.size))
+    end = correct(start, damping=_DAMPING, max_iterations=iterations)
+    while reduce and solved(end) and (merged := _merged(end, iterations)):
+        end = merged
+    return end
 
 
-def _with_key(index: int, split: SplitRows, end: Fit, improve: bool) -> _Solution:
+def _merged(end: Candidate, iterations: int) -> Candidate | None:
+    """Return the first merge that leads to a solution; merges with small residuals come first."""
+    starts = sorted(_merges(end), key=attrgetter("f"))
+    for limit in (min(_FIRST_ITERATIONS, iterations), iterations):
+        left = []
+        for start in starts:
+            raise_if_stopped()
+            merged = correct(start, damping=_DAMPING, max_iterations=limit)
+            if solved(merged):
+                return merged
+            left.append(merged)
+        left.sort(key=attrgetter("f"))
+        starts = left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]
+    return None
+
+
+def _merges(end: Candidate) -> Iterator[Candidate]:
+    """Yield the candidates without each point that is no stage or result and has one flow on."""
+    layout = end.system.layout
+    for point in range(len(layout.parents)):
+        if point not in layout.ends and layout.parents.count(point) == 1:
+            smaller, x = merge_point(layout, end.x.tolist(), point)
+            yield Candidate(replace(end.system, layout=smaller), x)
+
+
+def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
     """Return a solution with its key, if `improve` with a reduced principal error."""
-    flows = len(split.layout.parents)
+    flows = len(end.system.layout.parents)
     if not improve:
-        return (float(flows), float(np.max(np.abs(end.x)))), index, split, end
-    end = improved(split, end)
-    error = float(np.linalg.norm(split.principal_residual(end.x)))
-    return (flows * error ** (1 / split.order), 0.0), index, split, end
+        return (float(flows), end.largest), index, end
+    assert isinstance(end.system, SplitRows)
+    rows = [*end.system.flat.stages, end.system.flat.result]
+    most = max(end.largest, _GROWTH * float(max(abs(entry) for row in rows for entry in row)))
+    end = optimise(end, limits=Limits(np.eye(end.system.size), -most, most))
+    return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 
-def _check_orders(
-    tableau: Tableau, order: int | None, embedded_order: int | None
-) -> tuple[int, int]:
+def _check_orders(tableau: Tableau, order: int | None) -> tuple[int, int]:
+    """Return the orders of the results, 0 for a second one that there isn't."""
     check_instance("tableau", tableau, Tableau)
     if not tableau.explicit:
         raise ValueError(f"tableau must be explicit, got {tableau!r}")
-    flat = flat_order(tableau)
-    if flat == 0:
-        raise ValueError(
-            f"tableau must have weights b of sum 1 at least, got {tableau!r}, of order 0"
-        )
-    order = flat if order is None else check_integer("order", order, 1)
-    if not 1 <= order <= flat:
-        raise ValueError(f"order must be from 1 to {flat}, that of the flat method, got {order}")
-    if tableau.embedded_weights is None:
-        if embedded_order is not None:
-            raise ValueError(f"embedded_order: {tableau!r} has no second weights")
-        return order, 0
-    flat = min(flat_order(tableau, embedded=True), order)
-    second = flat if embedded_order is None else check_integer("embedded_order", embedded_order, 1)
-    if not 1 <= second <= flat:
-        raise ValueError(
-            f"embedded_order must be from 1 to {flat}, that of the flat second weights, "
-            f"got {second}"
-        )
-    return order, second
+    pair = tableau.embedded_weights is not None
+    orders = [flat_order(tableau, embedded=embedded) for embedded in (False, True)[: 1 + pair]]
+    if 0 in orders:
+        raise ValueError(f"tableau must have weights of sum 1 at least, got {tableau!r}")
+    order = orders[0] if order is None else check_integer("order", order, 1, orders[0])
+    return order, min(orders[1], order) if pair else 0
 
 
 def _unrounded(tableau: Tableau) -> Tableau:

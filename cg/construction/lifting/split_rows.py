@@ -8,21 +8,20 @@ the other weights leave; the others are the unknowns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cg.construction.conditions import condition_trees, core_calls
+from cg.construction.conditions import condition_trees
 from cg.construction.layouts import START, Layout
-from cg.construction.search.shapes import merge_point
+from cg.construction.search.shapes import draw_layout
 from cg.construction.solvers.held import Held
-from cg.construction.solvers.system import next_trees
-from cg.construction.trees import forest
+from cg.construction.solvers.system import ConditionSystem
+from cg.support.quads import to_decimal
 
-Vector = NDArray[np.float64]
+_NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
 
 
 @dataclass(frozen=True)
@@ -96,36 +95,21 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
 def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
     """Return a random tree of points with a number of flows to the stages and the result.
 
-    Points start from the initial, the last or a random earlier one. A flow has weights on the
-    stages that a row further on contains. Trees whose weights can't add up to the rows are
-    rejected.
+    A flow has weights on the stages that a row further on contains. Trees whose weights can't add
+    up to the rows are rejected.
     """
-    stages = rows.moved_stages
-    targets = [*(rows.stages[k] for k in stages), rows.result]
+    targets = [*(rows.stages[k] for k in rows.moved_stages), rows.result]
     while True:
-        places = np.sort(generator.choice(flows - 1, len(stages), replace=False)).tolist()
-        ends = [*places, flows - 1]
-        parents = []
-        for m in range(flows):
-            kind = generator.random()
-            if m == 0 or kind < 0.35:
-                parents.append(START)
-            elif kind < 0.7:
-                parents.append(m - 1)
-            else:
-                parents.append(int(generator.integers(m)))
-        tree = Layout(tuple(parents), ((),) * flows, (START,), (flows - 1,))
-        paths = [set(tree.path(end)) for end in ends]
-        if set().union(*paths) != set(range(flows)):
-            continue
+        tree = draw_layout(rows.count, flows, generator, first_same_as_last=rows.at_result)
+        ends = [*tree.stage_points[1 : len(targets)], flows - 1]
+        paths = [tree.path(end) for end in ends]
         uses = []
-        for m in range(flows):
+        for m, known in enumerate(tree.weights):
             leading = [row for row, path in zip(targets, paths, strict=True) if m in path]
-            known = [k for k in range(rows.count) if k == 0 or (k in stages and places[k - 1] < m)]
             uses.append({k for k in known if any(row[k] for row in leading)})
         if not all(uses):
             continue
-        layout = rows.layout(parents, places, flows - 1, uses)
+        layout = rows.layout(tree.parents, ends[:-1], flows - 1, uses)
         try:
             Held.solving(path_sums(rows, layout), layout.size)
         except ArithmeticError:  # no weights add up to the rows
@@ -148,116 +132,48 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 @dataclass(frozen=True)
-class SplitRows:
+class SplitRows(ConditionSystem):
     """The order conditions on a flat tableau that is split into flows.
 
     `embedded_order` is that of the second result, 0 without; `stage_orders` are the assumed orders
     of the stages at their abscissae.
     """
 
-    rows: FlatRows
-    layout: Layout
-    order: int
-    embedded_order: int = 0
-    stage_orders: tuple[int, ...] = ()
+    flat: FlatRows = field(kw_only=True)
+    embedded_order: int = field(default=0, kw_only=True)
+    stage_orders: tuple[int, ...] = field(default=(), kw_only=True)
 
     @cached_property
-    def sums(self) -> Held:
+    def held(self) -> Held:
         """The sums that paths keep, solved for their last weights, the remainders."""
-        return Held.solving(path_sums(self.rows, self.layout), self.layout.size)
+        return Held.solving(path_sums(self.flat, self.layout), self.size)
 
-    @cached_property
-    def movable(self) -> NDArray[np.intp]:
-        """Indices of the unknowns, the weights that aren't remainders."""
-        return np.setdiff1d(np.arange(self.layout.size), self.sums.pivots)
-
-    @cached_property
-    def span(self) -> Vector:
-        """Derivatives of all weights with respect to the unknowns, shape (size, unknowns)."""
-        return self.sums.derivatives(np.eye(self.layout.size))[:, self.movable]
-
-    @cached_property
-    def directions(self) -> Vector:
-        """Orthonormal basis of the columns of `span`."""
-        return np.linalg.qr(self.span)[0]
-
-    @cached_property
-    def _offset(self) -> Vector:
-        return self.sums.complete(np.zeros(self.layout.size))
-
-    def nearest(self, x: Vector) -> Vector:
-        """Return the closest weights that add up to the rows."""
-        gap = x - self._offset
-        return np.asarray(self._offset + self.directions @ (self.directions.T @ gap))
-
-    def from_unknowns(self, movable: Vector) -> Vector:
-        """Return all weights for given unknowns, in double precision."""
-        return np.asarray(self._offset + self.span @ movable)
-
-    def full(self, movable: Sequence[Fraction]) -> list[Fraction]:
-        """Return all weights for given unknowns."""
-        x = np.full(self.layout.size, Fraction())
-        x[self.movable] = movable
-        return list(self.sums.complete(x))
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders of the results."""
+        return (self.order, self.embedded_order)[: 1 + self.layout.pair]
 
     @property
     def assumptions(self) -> list[tuple[int, int]]:
-        """Stages, from 0, with an assumed order above two, and that order."""
-        orders = enumerate(self.stage_orders)
+        """The trees of the assumed orders of stages, and the stages, from 1."""
         # order two follows from the sums of weights
-        return [(stage, min(order, self.order - 1)) for stage, order in orders if order > 2]
+        orders = {k: order for k, order in enumerate(self.stage_orders, 1) if order > 2}
+        return [
+            (tree, stage)
+            for stage, order in orders.items()
+            for tree in condition_trees(min(order, self.order - 1), independent=True)
+        ]
 
-    @cached_property
-    def conditions(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Trees and owners of conditions; the owner of an assumed order is the stage, from 1."""
-        trees = list(condition_trees(self.order, independent=True))
-        owner = [0] * len(trees)
-        further = [(-1, self.embedded_order)] if self.embedded_order else []
-        further += [(stage + 1, order) for stage, order in self.assumptions]
-        for end, order in further:
-            added = condition_trees(order, independent=True)
-            trees += added
-            owner += [end] * len(added)
-        return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
+    def texts(self, x: Sequence[Fraction]) -> list[str]:
+        """Return weights whose sums are exact: unknowns are rounded, and remainders follow."""
+        texts = list(map(_text, x))
+        exact = self.complete([Fraction(text) for text in texts])
+        for k in self.held.pivots.tolist():
+            texts[k] = str(exact[k])
+        return texts
 
-    @cached_property
-    def scale(self) -> Vector:
-        """The square roots of the trees' densities: residuals are multiplied by them."""
-        density = np.array(forest(self.order + 1).density, dtype=np.float64)
-        return np.asarray(np.sqrt(density[self.conditions[0] - 1]))
 
-    def residual(self, x: Vector) -> Vector:
-        """Return the scaled residuals, shape (m,)."""
-        trees, owner = self.conditions
-        residuals = core_calls.residuals(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale * residuals)
-
-    def jacobian(self, x: Vector) -> Vector:
-        """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
-        trees, owner = self.conditions
-        jacobian = core_calls.jacobian(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale[:, None] * (jacobian @ self.directions))
-
-    def principal_residual(self, x: Vector) -> Vector:
-        """Return the residuals of the next order, of all trees, not scaled."""
-        trees = next_trees(self.order)
-        return core_calls.residuals(self.order + 1, self.layout, x, trees)
-
-    def principal_jacobian(self, x: Vector) -> Vector:
-        """Return the derivatives of `principal_residual` with respect to all weights."""
-        trees = next_trees(self.order)
-        return core_calls.jacobian(self.order + 1, self.layout, x, trees)
-
-    def merged(self, x: Vector, point: int) -> tuple[SplitRows, Vector] | None:
-        """Return the rows in which the flow to a point is merged with that to its parent.
-
-        Returns the rows and their weights; None if the point starts from the initial point, a
-        stage or a result is at its parent, or other flows start from its parent.
-        """
-        layout = self.layout
-        parent = layout.parents[point]
-        if parent == START or parent in layout.ends or layout.parents.count(parent) > 1:
-            return None
-        smaller, start = merge_point(layout, x.tolist(), parent)
-        merged = replace(self, layout=smaller)
-        return merged, merged.nearest(start)
+def _text(value: Fraction) -> str:
+    """Return a value as a decimal, or as the rational number that it is to all digits."""
+    simple = value.limit_denominator(_MAX_DENOMINATOR)
+    return str(simple) if abs(value - simple) <= _NEAR_RATIONAL else to_decimal(value)

@@ -98,8 +98,8 @@ class Box:
                 )
 
 
-@dataclass(frozen=True)
-class Certificate:
+@dataclass(frozen=True, kw_only=True)
+class Certificate(Box):
     """A proved statement about a method, with the data to prove it again.
 
     In the box there is exactly one solution of the equations, and it satisfies all conditions
@@ -114,7 +114,8 @@ class Certificate:
         Order of the second weights of a pair, together with the same stages.
     bits
         Precision of the arithmetic.
-    box
+    radius, fixed, left_out, bound
+        See `Box`.
     beyond
         Why the order isn't higher.
     embedded_beyond
@@ -134,7 +135,6 @@ class Certificate:
     order: int
     embedded_order: int | None
     bits: int
-    box: Box
     beyond: ViolatedCondition
     embedded_beyond: ViolatedCondition | None
 
@@ -146,24 +146,9 @@ class Certificate:
         return self.order, self.embedded_order
 
     @property
-    def left_out(self) -> tuple[Condition, ...]:
-        """The independent conditions that are no equations; see `Box`."""
-        return self.box.left_out
-
-    @property
-    def radius(self) -> Decimal:
-        """The radius of the box; see `Box`."""
-        return self.box.radius
-
-    @property
-    def fixed(self) -> tuple[str, ...]:
-        """The names of the coefficients that are held."""
-        return self.box.fixed
-
-    @property
     def complete(self) -> bool:
         """Whether all conditions are proved; otherwise some are only shown to be small."""
-        return self.box.bound is None
+        return self.bound is None
 
     @property
     def proved(self) -> str:
@@ -182,19 +167,17 @@ class Certificate:
         if not self.radius:
             return "the stored coefficients satisfy all order conditions exactly"
         exact = f"coefficients within {_decimal(self.radius)} of the stored ones satisfy all"
-        if self.box.bound is None:
+        if self.bound is None:
             return f"{exact} order conditions exactly"
-        left, bound = len(self.box.left_out), _decimal(self.box.bound)
+        left, bound = len(self.left_out), _decimal(self.bound)
         return (
             f"{exact} but {left} of the independent conditions exactly; the residuals of the rest "
             f"are below {bound}"
         )
 
     def __str__(self) -> str:
-        follows = ", with orthogonality" if self.box.left_out and self.complete else ""
-        number = len(self.fixed)
-        coefficients = "coefficient is" if number == 1 else "coefficients are"
-        held = f"; {number} {coefficients} held fixed" if self.radius else ""
+        follows = ", with orthogonality" if self.left_out and self.complete else ""
+        held = f"; of the coefficients {len(self.fixed)} are held fixed" if self.radius else ""
         return (
             f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{held}; not "
             f"order {self.order + 1}: {self.beyond.tree} is off by at least "
@@ -210,12 +193,12 @@ class Certificate:
             f"bits = {self.bits}",
             f"fixed = {_wrapped(self.fixed)}",
         ]
-        if self.box.left_out:
+        if self.left_out:
             lines += ["", "[left_out]"]
-            if self.box.bound is not None:
-                lines.append(f'bound = "{_decimal(self.box.bound)}"')
+            if self.bound is not None:
+                lines.append(f'bound = "{_decimal(self.bound)}"')
             for row, key in enumerate(_TREES):
-                trees = [text(word) for r, word in self.box.left_out if r == row]
+                trees = [text(word) for r, word in self.left_out if r == row]
                 lines.append(f"{key} = {_wrapped(trees, 5)}")
         lines += ["", "[beyond]", *_beyond(self.beyond)]
         if self.embedded_beyond is not None:
@@ -239,7 +222,7 @@ class Certificate:
             order=entry["order"],
             embedded_order=embedded.pop("order") if embedded else None,
             bits=entry["bits"],
-            box=_read_box(entry),
+            **vars(_read_box(entry)),
             beyond=_read_beyond(entry["beyond"], "beyond"),
             embedded_beyond=_read_beyond(embedded, "embedded") if embedded else None,
         )

@@ -36,23 +36,22 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
             f"be at most {max_digits(certificate)}, got {digits}"
         )
     texts = [coefficient.text for coefficient in method.coefficients]
-    box = certificate.box
-    movable = packed.movable(box)
-    moves = packed.spread([float(name not in box.fixed) for name in packed.names])
+    movable = packed.movable(certificate)
+    moves = packed.spread([float(name not in certificate.fixed) for name in packed.names])
     changed = [k for k, moved in enumerate(moves) if moved]
     with precision(certificate.bits):
         if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
-        attempt, stored = prove_zero(packed, box), None
+        test, stored = prove_zero(packed, certificate), None
         with suppress(CertificationError):
             stored = certificate_of(method)
         if certificate != stored:
-            check_left_out(packed, box, attempt, certificate.bits)
+            check_left_out(packed, certificate, test, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
-            zero = packed.spread(zero_of(packed, box, attempt, places))
+            zero = packed.spread(zero_of(packed, certificate, test, places))
             rounded = {k: _rounded(zero[k], digits) for k in changed}
         if all(rounded.values()):
             return [rounded.get(k) or text for k, text in enumerate(texts)]
@@ -65,7 +64,7 @@ def max_digits(certificate: Certificate) -> int:
     With a bound on residuals these are half of its digits: residuals may be quadratic in the
     distance from a solution of all conditions.
     """
-    bound = certificate.box.bound
+    bound = certificate.bound
     return MAX_WRITTEN if bound is None else min(MAX_WRITTEN, -bound.adjusted() // 2)
 
 

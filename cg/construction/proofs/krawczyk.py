@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from cg.construction.proofs.certificate import CertificationError
-from cg.construction.proofs.packed import Equations
+from cg.construction.proofs.packed import Equations, Linearised
 from cg.support import flint
 
 RANK_THRESHOLD = 1e-12
@@ -77,19 +77,22 @@ def krawczyk(
     y: Sequence[flint.arb],
     movable: Sequence[int],
     radius: flint.arb | None = None,
+    *,
+    at_point: Linearised | None = None,
 ) -> KrawczykTest:
     """Try to prove that m equations have a zero near y in the m unknowns `movable`.
 
-    By default the radius is twice the size of the correction. If the derivatives aren't regular at
-    y, nothing is proved and the ratio is infinite.
+    By default the radius is twice the size of the correction. `at_point` are the residuals and
+    their derivatives at y, if they are known. If the derivatives aren't regular there, nothing is
+    proved and the ratio is infinite.
     """
-    values, at_point = system.linearise(y)
+    values, slopes = system.linearise(y) if at_point is None else at_point
     columns = list(movable)
     unknown = flint.arb("inf") if radius is None else radius
     infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
     identity = flint.arb_mat(len(columns), len(columns), 1)
     try:
-        middle = _take(at_point, columns).mid()
+        middle = _take(slopes, columns).mid()
         inverse = middle.solve(identity, algorithm="approx").mid()
     except ZeroDivisionError:
         return infinite

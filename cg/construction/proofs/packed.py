@@ -72,6 +72,8 @@ class PolynomialEquations:
 
 
 Equations = EquationSystem | PolynomialEquations
+Linearised = tuple[list[flint.arb], flint.arb_mat]
+"""Residuals, and their derivatives by all coefficients."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,13 @@ class Packed(ABC):
         """Return the conditions as equations, without those that are left out."""
         omitted = set(left_out)
         return self.equations([c for c in self.conditions if c not in omitted])
+
+    def without(self, linearised: Linearised, left_out: Sequence[Condition]) -> Linearised:
+        """Return of linearised conditions those that aren't left out."""
+        omitted, (values, slopes) = set(left_out), linearised
+        kept = [k for k, c in enumerate(self.conditions) if c not in omitted]
+        rows = slopes.tolist()
+        return [values[k] for k in kept], flint.arb_mat([rows[k] for k in kept])
 
     def balls(self) -> list[flint.arb]:
         """Return balls, as small as the precision allows, that hold the values."""
@@ -373,19 +382,18 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = pack(method, orders)
-    box = certificate.box
-    left_out = set(box.left_out)
-    bounded = isinstance(packed, PackedWeights) or box.bound is not None
+    left_out = set(certificate.left_out)
+    bounded = isinstance(packed, PackedWeights) or certificate.bound is not None
     known = packed.conditions if bounded else []
-    if len(left_out) != len(box.left_out) or not left_out.issubset(known):
+    if len(left_out) != len(certificate.left_out) or not left_out.issubset(known):
         raise CertificationError(
             "conditions that are left out must be distinct independent ones of these orders"
         )
     names = packed.names
-    held = set(box.fixed)
-    if len(held) != len(box.fixed) or not held.issubset(names):
+    held = set(certificate.fixed)
+    if len(held) != len(certificate.fixed) or not held.issubset(names):
         raise CertificationError("the fixed coefficients must be distinct ones of the method")
-    if box.radius == 0 and (len(held) != len(names) or left_out):
+    if certificate.radius == 0 and (len(held) != len(names) or left_out):
         raise CertificationError(
             "a radius of 0 needs all coefficients fixed and no condition left out"
         )

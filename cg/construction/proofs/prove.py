@@ -16,10 +16,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from cg.construction.catalogue import resolve_method
@@ -41,7 +39,7 @@ from cg.construction.proofs.krawczyk import (
     krawczyk,
     numerical_rank,
 )
-from cg.construction.proofs.packed import Packed, PackedWeights, fitting, pack
+from cg.construction.proofs.packed import Linearised, Packed, PackedWeights, fitting, pack
 from cg.construction.proofs.zero import (
     check_left_out,
     check_places,
@@ -67,10 +65,10 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
 
     Unless `complete`, conditions that depend on others for unknown reasons are shown to be small.
     """
-    values, derivatives = packed.system().linearise(packed.balls())
-    check_places(packed, values, derivatives)
-    jacobian = doubles(derivatives.tolist())
-    outcome = _try(packed, np.array([], dtype=np.intp), jacobian)
+    at_point = packed.system().linearise(packed.balls())
+    check_places(packed, *at_point)
+    jacobian = doubles(at_point[1].tolist())
+    outcome = _try(packed, [], at_point)
     if isinstance(outcome, tuple):
         return outcome[0]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
@@ -89,29 +87,30 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
         )
         if explained or not complete:
             left_out = pivots[:dependent] if explained else pivots[-dependent:]
-            outcome = _try(packed, left_out, jacobian)
+            outcome = _try(packed, left_out.tolist(), at_point)
         if isinstance(outcome, tuple):
-            box, attempt = outcome
+            box, test = outcome
             if explained:
-                check_left_out(packed, box, attempt, bits)
+                check_left_out(packed, box, test, bits)
                 return box
             # with a bound of the conditions that are left out, a power of ten
-            largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
+            largest = float(largest_residual(packed, box, test, SMALL_PLACES, bits))
             exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
             return replace(box, bound=Decimal((0, (1,), exponent)))
     raise CertificationError(message, **outcome)
 
 
 def _try(
-    packed: Packed, left_out: NDArray[np.signedinteger[Any]], jacobian: NDArray[np.float64]
+    packed: Packed, left_out: Sequence[int], at_point: Linearised
 ) -> tuple[Box, KrawczykTest] | dict[str, float]:
     """Return the box with a zero proved and its test, or quantities that tell why there is none.
 
     What the box says of the conditions left out isn't proved yet.
     """
-    omitted = [packed.conditions[k] for k in sorted(map(int, left_out))]
+    omitted = [packed.conditions[k] for k in sorted(left_out)]
     system = packed.system(omitted)
-    jacobian = np.delete(jacobian, left_out, axis=0)
+    at_point = packed.without(at_point, omitted)
+    jacobian = doubles(at_point[1].tolist())
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     measures: dict[str, float] = {}
@@ -128,13 +127,13 @@ def _try(
         # exact coefficients are held if possible
         preferences = np.where([c.unit == 0 for c in packed.coefficients], 1e-6, 1.0)
         movable = choose_movable(jacobian * preferences, candidates)
-        attempt = krawczyk(system, packed.balls(), movable)
-        measures |= attempt.quantities
-        if attempt.proved:
+        test = krawczyk(system, packed.balls(), movable, at_point=at_point)
+        measures |= test.quantities
+        if test.proved:
             held = sorted(set(range(len(packed.names))) - set(movable))
             fixed = tuple(packed.names[k] for k in held)
-            radius = Decimal(f"{float(attempt.radius):.1e}")
-            return Box(radius, fixed, tuple(omitted)), attempt
+            radius = Decimal(f"{float(test.radius):.1e}")
+            return Box(radius, fixed, tuple(omitted)), test
     return measures
 
 
@@ -181,17 +180,11 @@ def certify(
             f"got {method!r}"
         )
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
-    if order < 1:
+    orders = [order, *([] if method.embedded is None else [method.embedded_order or 0])]
+    if 0 in orders:
         raise CertificationError(
             f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
         )
-    orders = [order]
-    if method.embedded is not None:
-        if not method.embedded_order:
-            raise CertificationError(
-                f"{method.name or 'the method'}: the second weights satisfy no order conditions"
-            )
-        orders.append(method.embedded_order)
     packed = pack(method, orders)
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     bits = 64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64)
@@ -208,7 +201,10 @@ def certify(
             error.args = (f"the order is {method.order}, not {order}: {error}",)
         raise
     second = (orders[1], beyond[1]) if len(orders) > 1 else (None, None)
-    return Certificate(method.name, order, second[0], bits, box, beyond[0], second[1])
+    return Certificate(
+        **vars(box), name=method.name, order=order, embedded_order=second[0], bits=bits,
+        beyond=beyond[0], embedded_beyond=second[1],
+    )  # fmt: skip
 
 
 def check(certificate: Certificate, method: Method) -> None:
@@ -220,8 +216,8 @@ def check(certificate: Certificate, method: Method) -> None:
         if certificate.radius == 0:
             check_rational(packed)
         else:
-            box = certificate.box
-            check_left_out(packed, box, prove_zero(packed, box), certificate.bits)
+            test = prove_zero(packed, certificate)
+            check_left_out(packed, certificate, test, certificate.bits)
         check_beyond(packed, certificate)
 
 
@@ -255,7 +251,7 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
             raise CertificationError(
                 f"{claim.tree} is no independent condition of order {order + 1} of {packed.name}"
             )
-        bound = _bounds(packed, certificate.box, [claim.word], row)[0]
+        bound = _bounds(packed, certificate, [claim.word], row)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(
                 f"{packed.name}: the condition of {claim.tree} isn't violated by as much as "

@@ -42,46 +42,48 @@ def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
             equations=equations,
         )
     y = packed.balls()
-    check_places(packed, *packed.system().linearise(y))
-    attempt = krawczyk(system, y, movable, to_ball(Fraction(box.radius)))
-    if not attempt.proved:
-        raise CertificationError(f"{packed.name}: no zero is proved", **attempt.quantities)
-    return attempt
+    at_point = packed.system().linearise(y)
+    check_places(packed, *at_point)
+    kept = packed.without(at_point, box.left_out)
+    test = krawczyk(system, y, movable, to_ball(Fraction(box.radius)), at_point=kept)
+    if not test.proved:
+        raise CertificationError(f"{packed.name}: no zero is proved", **test.quantities)
+    return test
 
 
-def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> None:
+def check_left_out(packed: Packed, box: Box, test: KrawczykTest, bits: int) -> None:
     """Prove what a box says of the conditions that are left out, at the zero of the others."""
     if not box.left_out:
         return
     if box.bound is None:
         assert isinstance(packed, PackedWeights)  # others leave none out
-        zero = zero_of(packed, box, attempt, SHARP_PLACES)
+        zero = zero_of(packed, box, test, SHARP_PLACES)
         if not follow(packed.layout, packed.orders, zero, box.left_out):
             raise CertificationError(
                 f"{packed.name}: that conditions follow from others is not proved",
                 left_out=len(box.left_out),
             )
         return
-    largest = largest_residual(packed, box, attempt, -box.bound.adjusted(), bits)
+    largest = largest_residual(packed, box, test, -box.bound.adjusted(), bits)
     if not largest < to_ball(Fraction(box.bound)):
         raise CertificationError(
             f"{packed.name}: that conditions are small is not proved", residual=float(largest)
         )
 
 
-def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> list[flint.arb]:
+def zero_of(packed: Packed, box: Box, test: KrawczykTest, places: int) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test proved."""
     system, movable = packed.system(box.left_out), packed.movable(box)
-    return enclose_zero(system, packed.balls(), movable, attempt, places)
+    return enclose_zero(system, packed.balls(), movable, test, places)
 
 
 def largest_residual(
-    packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
+    packed: Packed, box: Box, test: KrawczykTest, places: int, bits: int
 ) -> flint.arb:
     """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
     with precision(precise(places, bits)):
-        zero = zero_of(packed, box, attempt, places)
+        zero = zero_of(packed, box, test, places)
         values = packed.equations(box.left_out).residuals(zero)
         return max_abs(values)
 

@@ -19,9 +19,9 @@ from cg.construction.layouts import Layout, Rows, check_length
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
-from cg.construction.search.shapes import fixed_weights, merge_point
+from cg.construction.search.shapes import fixed_entries, merge_point
 from cg.construction.search.start import EXACT
-from cg.construction.solvers.minimum_norm import finish, fit_conditions
+from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import Refined, polish_zeros, refine
 from cg.construction.solvers.system import ConditionSystem, Structure, next_trees
 from cg.support import quads
@@ -31,12 +31,6 @@ SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
 
 _MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
-
-_LAST_FRACTION = 1e-2  # part of the column; below it the next step goes to zero
-_MIN_STEP = 2e-3
-_MAX_COLUMNS = 3  # number of columns to try from one candidate
-_BUDGET = 1000  # steps of the solver to eliminate one stage
-_INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
 
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
 _TRIES = 16  # starts to solve from
@@ -130,11 +124,10 @@ def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
     return refined, movable, EXACT * max(1.0, candidate.largest)
 
 
-def pack_method(method: Method, order: int | None = None) -> Candidate:
-    """Return a method as a candidate, by default of its order; a pair if it has second weights."""
+def pack_method(method: Method) -> Candidate:
+    """Return a method as a candidate of its order; a pair if it has second weights."""
     check_instance("method", method, Method)
-    order = method.order if order is None else order
-    system = ConditionSystem(order, method.layout)
+    system = ConditionSystem(method.order, method.layout)
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
@@ -178,36 +171,21 @@ class Reduction:
         refined, _, bound = _refined(candidate)
         return refined.largest_residual <= bound and not candidate.blind
 
-    def eliminate_stages(self, candidate: Candidate, stages: int) -> Candidate:
-        """Eliminate one stage after another until `stages` are left; return the smallest candidate.
+    def eliminate(self, candidate: Candidate, size: str, number: int) -> Candidate:
+        """Drop ``"stages"`` or ``"flows"`` one by one until `number` are left, or none can be.
 
-        Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution
-        set without success, columns are shrunk to zero (`shrink_stage`).
+        Where dropping fails, `restarts` walks lead to other points of the solution set. Returns the
+        smallest candidate.
         """
-        smallest, stuck, pair = candidate, 0, candidate.system.layout.pair
-        while candidate.system.stages > stages:
-            smaller = None if pair else self.drop_stage(candidate)
-            if smaller is None and (pair or stuck == self.restarts):
-                smaller = self._shrink_one(candidate)
+        smallest, walks = candidate, 0
+        while walks <= self.restarts and getattr(candidate.system.layout, size) > number:
+            drop = self.drop_stage if size == "stages" else self.drop_flow
+            smaller = drop(candidate)
             if smaller is None:
-                stuck += 1
-                if stuck > self.restarts:
-                    break
-                candidate = self.walk(candidate)
+                walks, candidate = walks + 1, self.walk(candidate)
             else:
-                candidate, smallest, stuck = smaller, smaller, 0
+                walks, candidate, smallest = 0, smaller, smaller
         return smallest
-
-    def eliminate_flows(self, candidate: Candidate, flows: int) -> Candidate:
-        """Return what is left when flows are dropped one by one, with walks where that fails."""
-        walks = 0
-        while self.accepts(candidate) and walks <= self.restarts:
-            if candidate.system.layout.flows == flows:
-                break
-            smaller = self.drop_flow(candidate)
-            walks = walks + 1 if smaller is None else 0
-            candidate = smaller or self.walk(candidate)
-        return candidate
 
     def walk(self, candidate: Candidate, size: float = 0.3) -> Candidate:
         """Return another point of the solution set, after a random step of length `size`."""
@@ -215,14 +193,14 @@ class Reduction:
             movable = candidate.system.movable
             x = candidate.x.copy()
             x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
-            moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
+            moved = correct(Candidate(candidate.system, x), _fixed(candidate.system))
             if solved(moved) and moved.largest <= self.largest:
                 return moved
             size /= 2
         return candidate
 
     def drop_stage(self, candidate: Candidate) -> Candidate | None:
-        """Drop a stage of a tableau, not of a pair, and solve again; None if no start leads to one.
+        """Drop a stage of a tableau and solve again; None if no start leads to one.
 
         The column of the stage is added to that of a neighbour, or dropped.
         """
@@ -258,74 +236,24 @@ class Reduction:
                 return smaller
         return None
 
-    def _shrink_one(self, candidate: Candidate) -> Candidate | None:
-        """Shrink the column of one of the stages with small columns; None if that fails."""
-        stages, column = _removable(candidate.system), candidate.system.layout.column
-        sizes = np.array([np.linalg.norm(candidate.x[column(k)]) for k in stages])
-        order = np.argsort(sizes * np.exp(0.4 * self.random.standard_normal(sizes.size)))
-        for k in order[:_MAX_COLUMNS]:
-            smaller = self.shrink_stage(candidate, stages[int(k)])
-            if smaller is not None and self.accepts(smaller):
-                return smaller
-        return None
-
-    def shrink_stage(self, candidate: Candidate, stage: int) -> Candidate | None:
-        """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
-
-        Its column of ``a`` and its weight shrink to zero together, the other coefficients follow
-        along the set. Steps that fail are halved.
-        """
-        column = candidate.system.layout.column(stage)
-        target = candidate.x[column].copy()
-        left, step, used = 1.0, 0.2, 0
-        while left > 0:
-            target_left = left - step if left - step > _LAST_FRACTION else 0.0
-            x = candidate.x.copy()
-            x[column] = target_left * target
-            last = target_left == 0
-            iterations, ftol = (300, 1e-26) if last else (30, 1e-22)
-            start = Candidate(candidate.system, x)
-            trial = correct(start, column, ftol=ftol, max_iterations=iterations)
-            used += iterations if last else 10
-            good = solved(trial) if last else trial.f <= _INTERMEDIATE
-            if good and trial.largest <= self.largest:
-                candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
-                continue
-            step /= 2
-            if step < _MIN_STEP or used > _BUDGET:
-                return None
-        return candidate.without(stage)
-
 
 def _removable(system: ConditionSystem) -> range:
     """Return the stages that can be eliminated; a structure treats the first two differently."""
     return range(0 if system.structure is Structure.GENERAL else 2, system.stages)
 
 
-def fixed_entries(system: ConditionSystem) -> list[int]:
-    """Return the entries to hold fixed while solving from a point that isn't a solution.
-
-    In tableaux a_21 is held. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4) and so on, C(2) holds at
-    all stages as ε tends to zero: f falls below 1e-18 there, but has no zero.
-    """
-    if system.rows is None:
-        return fixed_weights(system.order, system.layout)
-    return [0] if system.order >= 5 and system.stages > 1 else []
+def _fixed(system: ConditionSystem) -> list[int]:
+    return fixed_entries(system.order, system.layout)
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
     """Solve from a start, and again if f is at most `promising` after the first run."""
-    system, frozen = candidate.system, fixed_entries(candidate.system)
-    first = correct(
-        candidate, frozen, ftol=1e-27, damping=1e-2, max_iterations=iterations, accurate=False
-    )
+    frozen = _fixed(candidate.system)
+    options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
+    first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
     if not 1e-26 < first.f <= promising:
         return first
-    if system.rows is None:
-        return Candidate(system, finish(system, first.x, system.movable_without(frozen))[0])
-    return correct(
-        first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
-    )
+    return correct(first, frozen, damping=1e-14, accurate=True, **options)
 
 
 def _without_column(candidate: Candidate) -> Iterator[Candidate]:

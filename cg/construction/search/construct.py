@@ -8,51 +8,48 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
 from cg.construction.runs import run_pieces
 from cg.construction.search.candidate import (
     Candidate,
-    NotExactError,
     Reduction,
     default_name,
-    fixed_entries,
     solve_start,
-    to_method,
 )
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
-from cg.construction.search.shapes import draw_guess, layout_of_fields, start_generator
-from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.search.shapes import (
+    draw_guess,
+    fixed_entries,
+    layout_of_fields,
+    start_generator,
+)
+from cg.construction.solvers.system import Structure
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.parallel import ExecutorLike, single_threads
 
-_FIXED = (0.3, 0.8)  # range of entries that are held fixed
-
 
 @dataclass(frozen=True)
-class Attempt:
+class Try:
     """The result of one try, which its number `index` and the settings determine."""
 
     index: int
-    stages: int  # the fewest reached
     solved: bool  # whether x is on the solution set and within bounds
     f: float  # sum of squared residuals in double
     x: tuple[float, ...] = field(repr=False)
-    flows: int | None = None  # None for tableaux, as is tree
-    tree: Layout | None = field(default=None, repr=False)
+    layout: Layout = field(repr=False)  # the smallest one reached
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> Self:
         """Return the try that `dataclasses.asdict` made fields of."""
-        tree = fields["tree"] and layout_of_fields(fields["tree"])
-        return cls(**{**fields, "x": tuple(fields["x"]), "tree": tree})
+        layout = layout_of_fields(fields["layout"])
+        return cls(**{**fields, "x": tuple(fields["x"]), "layout": layout})
 
 
-def run_attempt(settings: Settings, index: int) -> Attempt:
+def run_try(settings: Settings, index: int) -> Try:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
     random = start_generator(settings.seed, index)
     if settings.first_flows is not None:
@@ -61,62 +58,35 @@ def run_attempt(settings: Settings, index: int) -> Attempt:
         spread = max(0, settings.first_stages - settings.stages)
         stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
         layout = Layout.tableau(stages, pair=settings.embedded)
-    guess = random_candidate(settings.system(layout), settings.width, random)
-    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    system = settings.system(layout)
+    fixed = fixed_entries(settings.order, layout)
+    guess = draw_guess(layout, settings.width, random, fixed)
+    guess[system.zeros] = 0.0
+    start = Candidate(system, guess)
+    candidate = solve_start(start, settings.iterations, promising=settings.promising)
     reduction = Reduction(random, settings.largest, settings.restarts)
-    if settings.flows is not None:
-        candidate = reduction.eliminate_flows(candidate, settings.flows)
-    elif reduction.accepts(candidate):
-        candidate = reduction.eliminate_stages(candidate, settings.stages)
-    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
-    points = (layout.flows, layout) if layout.rows is None else ()
-    accepted = reduction.accepts(candidate)
-    return Attempt(index, layout.stages, accepted, candidate.f, x, *points)
+    goal = ("stages", settings.stages) if settings.flows is None else ("flows", settings.flows)
+    if reduction.accepts(candidate):
+        candidate = reduction.eliminate(candidate, *goal)
+    solved, x = reduction.accepts(candidate), tuple(candidate.x.tolist())
+    return Try(index, solved, candidate.f, x, candidate.system.layout)
 
 
-def random_candidate(
-    system: ConditionSystem, width: float, random: np.random.Generator
-) -> Candidate:
-    """Return a random guess that satisfies the linear equations of the system's structure."""
-    if system.rows is None:
-        return Candidate(system, draw_guess(system.order, system.layout, width, random))
-    x = random.uniform(-width, width, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
-    x[fixed_entries(system)] = random.uniform(*_FIXED)
-    if system.structure is Structure.MIDDLE:
-        _to_the_middle(x, system.layout.row(system.stages), system.stages)
-    return Candidate(system, x)
-
-
-def _to_the_middle(x: NDArray[np.float64], weights: Sequence[int], stages: int) -> None:
-    """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
-    b = x[weights]
-    b[2:] += (1 - b.sum()) / (stages - 2)
-    x[weights], ends = b, np.cumsum(b)
-    for row in range(2, stages):
-        entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
-        x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
-
-
-def succeeded(settings: Settings, attempt: Attempt) -> bool:
+def succeeded(settings: Settings, result: Try) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
-    goal = settings.stages, settings.flows
-    return attempt.solved and (attempt.stages, attempt.flows) == goal
+    layout = result.layout
+    fewest = layout.stages == settings.stages and settings.flows in (None, layout.flows)
+    return result.solved and fewest
 
 
-def refined(settings: Settings, attempt: Attempt, requirements: Requirements) -> Method | None:
+def refined(settings: Settings, result: Try, requirements: Requirements) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
-    x = np.array(attempt.x, dtype=np.float64)
-    layout = attempt.tree or Layout.tableau(attempt.stages, pair=settings.embedded)
-    candidate = requirements.improve(Candidate(settings.system(layout), x))
-    if candidate is None:
-        return None
-    name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
-    source = f"construct, seed {settings.seed}, try {attempt.index}"
-    try:
-        return to_method(candidate, name=name, source=source)
-    except NotExactError:
-        return None
+    system = settings.system(result.layout)
+    return requirements.method(
+        Candidate(system, np.array(result.x, dtype=np.float64)),
+        name=default_name(system, settings.seed, f"try{result.index}"),
+        source=f"construct, seed {settings.seed}, try {result.index}",
+    )
 
 
 @dataclass(frozen=True)
@@ -125,7 +95,7 @@ class Construction:
 
     settings: Settings
     method: Method | None  # refined in real(16); None if no try succeeded
-    best: Attempt  # the try of the method, or the one with the fewest stages and flows
+    best: Try  # the try of the method, or the one with the fewest stages and flows
     tries: int
 
     def __repr__(self) -> str:
@@ -136,11 +106,6 @@ class Construction:
             f"<Construction: order {settings.order}, {settings.stages} stages, seed "
             f"{settings.seed}: {outcome}>"
         )
-
-    @property
-    def exact(self) -> bool:
-        """Whether a method was found."""
-        return self.method is not None
 
 
 @single_threads()
@@ -225,22 +190,23 @@ def construct(
     bound = None if abscissae is None and minimise is None else settings.largest
     requirements = Requirements.checked(order, abscissae, bound, minimise)
     results = run_pieces(
-        settings, partial(run_attempt, settings), tries,
-        read=Attempt.of_fields, solved=partial(succeeded, settings),
+        settings, partial(run_try, settings), tries,
+        read=Try.of_fields, solved=partial(succeeded, settings),
         workers=workers, executor=executor, store=store, progress=progress,
     )  # fmt: skip
     # the first one by number counts
-    finished: dict[int, Attempt] = {}
+    finished: dict[int, Try] = {}
     with closing(results):
         for index in range(tries):
             while index not in finished:
-                attempt = next(results)
-                finished[attempt.index] = attempt
+                result = next(results)
+                finished[result.index] = result
             reached = succeeded(settings, finished[index])
             method = refined(settings, finished[index], requirements) if reached else None
             if method is not None:
                 return Construction(settings, method, finished[index], index + 1)
     best = min(
-        finished.values(), key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f, a.index)
+        finished.values(),
+        key=lambda each: (not each.solved, each.layout.stages, each.layout.flows, each.f),
     )
     return Construction(settings, None, best, tries)

@@ -15,8 +15,8 @@ from scipy import linalg
 
 from cg.construction.conditions import core_calls
 from cg.construction.search.candidate import Candidate, solved
-from cg.construction.solvers.minimum_norm import Decomposition, decompose, retract
-from cg.support.checks import check_instance, check_integer, check_interval, check_real
+from cg.construction.solvers.minimum_norm import decompose, retract
+from cg.support.checks import check_instance, check_integer, check_real
 
 _MAX_STEP = 1.0
 _TOLERANCE = 1e-4  # smallest relative decrease of the objective in eight iterations
@@ -26,66 +26,26 @@ Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``."""
+    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``, and the weight of a penalty."""
 
     rows: NDArray[np.float64]  # shape (m, size)
     lower: NDArray[np.float64] | float
     upper: NDArray[np.float64] | float
+    weight: float = 30.0
 
-    def beyond(self, x: NDArray[np.float64], weight: float = 1.0) -> Terms:
-        """Return by how much sums are beyond their bounds, times a weight, and derivatives."""
+    def beyond(self, x: NDArray[np.float64]) -> Terms:
+        """Return by how much sums are beyond their bounds, times the weight, and derivatives."""
         sums = self.rows @ x
         beyond = np.maximum(sums - self.upper, 0) + np.minimum(sums - self.lower, 0)
-        return weight * beyond, weight * self.rows * (beyond != 0)[:, None]
-
-
-@dataclass(frozen=True)
-class Goals:
-    """Weights of the terms of the objective, a sum of squares.
-
-    Attributes
-    ----------
-    principal_error
-        Weight of the norm of the residuals of order q + 1.
-    coefficients
-        Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
-    abscissae
-        Weight of the distances of the abscissae from `interval`.
-    interval
-        Interval that the abscissae should lie in.
-    bound, bound_weight
-        Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
-    limits, limits_weight
-        Bounds on sums of coefficients, and weight of the amounts beyond them.
-
-    Examples
-    --------
-    Abscissae in [0, 1] and coefficients of at most 1, and then a small principal error:
-
-    >>> from cg.construction.search.optimise import Goals
-    >>> goals = Goals(principal_error=1, abscissae=10, bound=1, bound_weight=10)
-    """
-
-    principal_error: float = 1.0
-    coefficients: float = 0.0
-    abscissae: float = 0.0
-    interval: tuple[float, float] = (0.0, 1.0)
-    bound: float = 1.5
-    bound_weight: float = 0.0
-    limits: Limits | None = None
-    limits_weight: float = 30.0
-
-    def __post_init__(self) -> None:
-        weights = ("principal_error", "coefficients", "abscissae", "bound_weight", "limits_weight")
-        for name in (*weights, "bound"):
-            object.__setattr__(self, name, check_real(name, getattr(self, name)))
-        object.__setattr__(self, "interval", check_interval("interval", self.interval))
+        return self.weight * beyond, self.weight * self.rows * (beyond != 0)[:, None]
 
 
 def optimise(
     candidate: Candidate,
-    goals: Goals,
     *,
+    principal_error: float = 1.0,
+    coefficients: float = 0.0,
+    limits: Limits | None = None,
     frozen: Sequence[int] | NDArray[np.intp] = (),
     max_iterations: int = 60,
 ) -> Candidate:
@@ -95,7 +55,12 @@ def optimise(
     ----------
     candidate
         On the solution set.
-    goals
+    principal_error
+        Weight of the norm of the residuals of order q + 1.
+    coefficients
+        Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
+    limits
+        Bounds on sums of coefficients; the amounts beyond them are penalised.
     frozen
         Sequence of int. Indices of entries that keep their values.
     max_iterations
@@ -110,30 +75,31 @@ def optimise(
     Examples
     --------
     >>> import crouch_grossman as cg
-    >>> from cg.construction.search.optimise import Goals, optimise
+    >>> from cg.construction.search.optimise import optimise
     >>> from cg.construction.search.candidate import pack_method, to_method
     >>> candidate = pack_method(cg.methods["CF4b"])
-    >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
+    >>> smaller = optimise(candidate, principal_error=0, coefficients=1)
     >>> smaller.largest < 0.8 * candidate.largest
     True
     >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
     4
     """
     check_instance("candidate", candidate, Candidate)
-    if not isinstance(goals, Goals):
-        raise TypeError(f"goals must be Goals, got {goals!r}")
+    weights = (
+        check_real("principal_error", principal_error),
+        check_real("coefficients", coefficients),
+    )
     max_iterations = check_integer("max_iterations", max_iterations, 0)
     if not solved(candidate):
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
     movable = candidate.system.movable_without(frozen)
-    values, jac = _objective(candidate, goals)
+    values, jac = _objective(candidate, *weights, limits)
     size, damping = float(values @ values), 1e-2
     history = [size]
     for _ in range(max_iterations):
-        near = decompose(candidate.system.jacobian(candidate.x)[:, movable])
-        tangent = near.kernel
+        inverse, tangent = decompose(candidate.system.jacobian(candidate.x)[:, movable])
         if tangent.shape[1] == 0:
             break
         along = jac[:, movable] @ tangent
@@ -141,16 +107,19 @@ def optimise(
         slope = axes.T @ (along.T @ values)
         scale = float(np.mean(stretches)) + np.finfo(float).tiny
         while damping < 1e8:
-            step = -axes @ (slope / (stretches + damping * scale))
-            trial = _step_along(candidate, movable, near, tangent @ step)
-            reached = None if trial is None else _objective(trial, goals)
-            if reached is not None and float(reached[0] @ reached[0]) < size:
-                break
+            step = -tangent @ (axes @ (slope / (stretches + damping * scale)))
+            x = candidate.x.copy()
+            x[movable] += step
+            small = float(np.linalg.norm(step)) <= _MAX_STEP
+            end = retract(candidate.system, x, movable, inverse) if small else None
+            if end is not None:
+                trial = Candidate(candidate.system, end)
+                reached = _objective(trial, *weights, limits)
+                if float(reached[0] @ reached[0]) < size:
+                    break
             damping *= 4
         else:
             break
-        assert trial is not None
-        assert reached is not None
         candidate, (values, jac) = trial, reached
         size = float(values @ values)
         damping = max(damping / 6, 1e-12)
@@ -160,41 +129,22 @@ def optimise(
     return candidate
 
 
-def _step_along(
-    candidate: Candidate, movable: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
-) -> Candidate | None:
-    """Step along the tangent space and return to the set; None if the step fails."""
-    if float(np.linalg.norm(step)) > _MAX_STEP:
-        return None
-    x = candidate.x.copy()
-    x[movable] += step
-    corrected = retract(candidate.system, x, movable, near)
-    return None if corrected is None else Candidate(candidate.system, corrected)
-
-
-def _objective(candidate: Candidate, goals: Goals) -> Terms:
+def _objective(
+    candidate: Candidate, principal_error: float, coefficients: float, limits: Limits | None
+) -> Terms:
+    """Return the terms whose squares `optimise` adds up, and their derivatives."""
     parts: list[Terms] = []
-    if goals.principal_error:
-        problem = candidate.next_order
-        values, jac = (core_calls.residuals(*problem), core_calls.jacobian(*problem))
-        parts.append((goals.principal_error * values, goals.principal_error * jac))
     x = candidate.x
-    if goals.coefficients:
-        slope = 3 * np.abs(x) ** 2
-        parts.append(
-            (goals.coefficients * np.sign(x) * np.abs(x) ** 3, goals.coefficients * np.diag(slope))
-        )
-    if goals.bound_weight:
-        limits = Limits(np.eye(x.size), -goals.bound, goals.bound)
-        parts.append(limits.beyond(x, goals.bound_weight))
-    if goals.abscissae:
-        rows = map(candidate.system.layout.row, range(candidate.system.stages))
-        sums = np.array([np.isin(np.arange(x.size), row) for row in rows], dtype=np.float64)
-        limits = Limits(sums, *goals.interval)
-        parts.append(limits.beyond(x, goals.abscissae))
-    if goals.limits is not None:
-        parts.append(goals.limits.beyond(x, goals.limits_weight))
+    if principal_error:
+        problem = candidate.next_order
+        values, jac = core_calls.residuals(*problem), core_calls.jacobian(*problem)
+        parts.append((principal_error * values, principal_error * jac))
+    if coefficients:
+        slopes = np.diag(3 * coefficients * x**2)
+        parts.append((coefficients * np.abs(x) ** 3, slopes * np.sign(x)))
+    if limits is not None:
+        parts.append(limits.beyond(x))
     if not parts:
-        raise ValueError("goals must have at least one weight that isn't zero")
+        raise ValueError("one of principal_error, coefficients and limits must be given")
     jac, held = np.concatenate([j for _, j in parts]), candidate.system.held
     return np.concatenate([v for v, _ in parts]), jac if held is None else held.derivatives(jac, x)

@@ -10,29 +10,21 @@ of trees that are drawn at random with each start.
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property, partial
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from cg.construction.conditions import Rows
-from cg.construction.layouts import Layout, MethodError
+from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import to_floats
 from cg.construction.runs import run_pieces
-from cg.construction.search.candidate import (
-    Candidate,
-    NotExactError,
-    default_name,
-    make_method,
-    to_method,
-)
+from cg.construction.search.candidate import Candidate, default_name
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.search.start import RandomStart, draw_start, run_start
-from cg.construction.solvers.refine import polish_zeros
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.parallel import ExecutorLike, single_threads
@@ -68,22 +60,19 @@ class SearchResult:
         Coefficients have 36 digits, corrected in rational arithmetic beyond the accuracy of
         real(16).
         """
-        methods: list[tuple[float, Method]] = []
+        methods: list[Method] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
         for start in self._exact():
             layout, _ = draw_start(self.settings, start.index)
-            key = tuple(round(float(entry), 8) for entry in start.x)
-            if (layout, key) in seen:
-                continue
-            seen.add((layout, key))
-            improved = self._improved(start, layout)
-            if improved is not None:
-                methods.append(improved)
-        methods.sort(key=itemgetter(0))
+            key = layout, tuple(round(float(entry), 8) for entry in start.x)
+            if key not in seen:
+                seen.add(key)
+                methods += [method for method in [self._method(start, layout)] if method]
+        methods.sort(key=self.requirements.key)
         if self.requirements == Requirements():
-            return tuple(method for _, method in methods)
+            return tuple(methods)
         distinct: list[Method] = []  # starts that moved to one minimum end close to each other
-        for _, method in methods:
+        for method in methods:
             x = to_floats(method.coefficients)
             if not any(
                 known.layout == method.layout
@@ -102,27 +91,14 @@ class SearchResult:
         return (start for start in self.starts if start.exact)
 
     @single_threads()
-    def _improved(self, start: RandomStart, layout: Layout) -> tuple[float, Method] | None:
-        """Return the method of an exact start, after the number by which methods are sorted."""
-        settings, requirements = self.settings, self.requirements
+    def _method(self, start: RandomStart, layout: Layout) -> Method | None:
+        settings = self.settings
         system = settings.system(layout)
-        name = default_name(system, settings.seed, start.index)
-        source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
-        candidate = Candidate(system, np.array(start.x, dtype=np.float64))
-        improved = requirements.improve(candidate)
-        if improved is None or improved.blind:
-            return None
-        if improved is candidate:
-            # the last of the 36 digits are beyond the accuracy of real(16)
-            x = polish_zeros(list(map(Fraction, start.x)), system, system.movable).x
-            method: Method = make_method(layout, system.texts(x), name=name, source=source)
-        else:
-            source += ", then along the solution set"
-            try:
-                method = to_method(improved, name=name, source=source)
-            except (NotExactError, MethodError):  # the latter if both results of a pair agree
-                return None
-        return requirements.key(improved), method
+        return self.requirements.method(
+            Candidate(system, np.array(start.x, dtype=np.float64)),
+            name=default_name(system, settings.seed, start.index),
+            source=f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}",
+        )
 
 
 def search(
@@ -170,7 +146,9 @@ def search(
         Seed of all starts, not negative.
     algorithm
         One of ``"minimum-norm"``, ``"lmdif"``. The first uses the exact Jacobian, steps of least
-        norm and a cheap refinement (`cg.construction.solvers`: `minimum_norm`, `refine`).
+        norm and a cheap refinement (`cg.construction.solvers`: `minimum_norm`, `refine`). Of
+        explicit methods from order 5 on, it holds the first weight at a random value while solving
+        in double, which keeps it away from degenerate limits.
         ``"lmdif"`` is that of the paper: a Jacobian from differences, rows of zeros for discarded
         trees, xtol = ftol = 1e-18 in double and 1e-32 in real(16).
     rows
@@ -210,8 +188,7 @@ def search(
         The shape of the methods. A tree or a method has its nonzero weights as unknowns. A
         sequence is ``(parents, stage_points)``, followed by the results if the last point isn't
         the result; each flow then has weights on all stages before it. `stages` must be that of
-        the tree. From order 5 on, the first weight is held at a random value while solving in
-        double, which keeps the solver away from degenerate limits.
+        the tree.
     flows
         Number of flows, at least that of stages, of trees drawn at random with each start.
     registers

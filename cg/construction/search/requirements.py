@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.layouts import Layout
-from cg.construction.search.candidate import Candidate
-from cg.construction.search.optimise import Goals, Limits, optimise
+from cg.construction.layouts import Layout, MethodError
+from cg.construction.methods.method import Method
+from cg.construction.methods.tolerance import to_floats
+from cg.construction.search.candidate import Candidate, NotExactError, to_method
+from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.settings import refuse
 from cg.construction.solvers.held import plain_name
 from cg.support.checks import check_choice, check_interval, check_real
@@ -112,19 +114,30 @@ class Requirements:
     def improve(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate on the solution set that satisfies them; None if none was reached."""
         if self.minimise or not self.satisfied(candidate):
-            goals = Goals(
+            candidate = optimise(
+                candidate,
                 principal_error=float(self.minimise == "principal_error"),
                 coefficients=float(self.minimise == "largest_coefficient"),
                 limits=self.limits(candidate.system.layout, _MARGIN),
             )
-            candidate = optimise(candidate, goals)
         return candidate if self.satisfied(candidate) else None
 
-    def key(self, candidate: Candidate) -> float:
+    def method(self, candidate: Candidate, *, name: str, source: str) -> Method | None:
+        """Return the method of a candidate that satisfies them, refined; None if there is none."""
+        improved = self.improve(candidate)
+        if improved is None or improved.blind:
+            return None
+        source += ", then along the solution set" * (improved is not candidate)
+        try:
+            return to_method(improved, name=name, source=source)
+        except (NotExactError, MethodError):  # the latter if both results of a pair agree
+            return None
+
+    def key(self, method: Method) -> float:
         """Return the number by which methods are sorted."""
         if self.minimise == "principal_error":
-            return candidate.principal_error
-        return round(candidate.largest, 8)
+            return method.principal_error
+        return round(float(np.abs(to_floats(method.coefficients)).max()), 8)
 
 
 def _named(name: Any, interval: Any) -> tuple[str, float, float]:

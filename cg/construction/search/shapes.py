@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import START, Layout, MethodError, PointTree, check_tree
+from cg.construction.layouts import START, Layout, MethodError, PointTree, Rows, check_tree
 from cg.construction.methods.commutator_free import as_index
 
-_FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
+_FIXED_FIRST = (0.2, 0.8)  # range of the first weight, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
@@ -88,12 +88,13 @@ def draw_layout(
 
 
 def layout_of_fields(fields: Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree that `dataclasses.asdict` made fields of."""
+    """Return the layout that `dataclasses.asdict` made fields of."""
     return Layout(
         tuple(fields["parents"]),
         tuple(map(tuple, fields["weights"])),
         tuple(fields["stage_points"]),
         tuple(fields["results"]),
+        None if fields["rows"] is None else Rows(fields["rows"]),
     )
 
 
@@ -119,29 +120,31 @@ def merge_point(
     return smaller, np.array([weight for row in rows for weight in row.values()])
 
 
-def fixed_weights(order: int, layout: Layout) -> list[int]:
-    """Return the indices of the weights of a tree to hold fixed while solving from a random start.
+def fixed_entries(order: int, layout: Layout) -> list[int]:
+    """Return the indices of the entries to hold fixed while solving from a random start.
 
-    From order 5 on, the first weight keeps the solver away from degenerate limits where it tends to
+    From order 5 on, the first weight of a tree, or a_21 of an explicit tableau, keeps the solver
+    away from degenerate limits where it tends to zero. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4)
+    and so on, C(2) holds at all stages as ε tends to zero: f falls below 1e-18 there, but has no
     zero. The conditions on a last flow to a second result are homogeneous in its weights, so that
     one of them is fixed to determine its length.
     """
-    if layout.rows is not None:
-        return []
-    fixed = [0] if order >= _FIXED_FROM else []
+    explicit = layout.rows in (None, Rows.EXPLICIT) and layout.stages > 1
+    fixed = [0] if order >= _FIXED_FROM and explicit else []
     last = len(layout.parents) - 1
-    if layout.pair and layout.results[1] == last and layout.parents[last] == layout.results[0]:
+    at_end = layout.pair and layout.results[1] == last
+    if layout.rows is None and at_end and layout.parents[last] == layout.results[0]:
         fixed.append(layout.size - 1)
     return fixed
 
 
 def draw_guess(
-    order: int, layout: Layout, width: float, random: np.random.Generator
+    layout: Layout, width: float, random: np.random.Generator, fixed: Sequence[int]
 ) -> NDArray[np.float64]:
-    """Return random coefficients, uniform in [-width, width] except for fixed ones of trees."""
+    """Return random coefficients, uniform in [-width, width] except for those to hold fixed."""
     guess = random.uniform(-width, width, layout.size)
     guess[layout.fixed] = 0.0
-    for k in fixed_weights(order, layout):
+    for k in fixed:
         guess[k] = random.uniform(*(_FIXED_LAST if k else _FIXED_FIRST))
     return guess
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cg.construction.conditions import count, table_rows
 from cg.construction.layouts import Layout
 from cg.construction.search.settings import Settings
-from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
+from cg.construction.search.shapes import draw_guess, fixed_entries, start_generator
 from cg.construction.solvers.held import RegisterWeights
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import finish, fit_conditions
@@ -67,7 +67,8 @@ def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float
     """Return the layout and the random coefficients of a start, by the seed and the index alone."""
     generator = start_generator(settings.seed, index)
     layout = settings.layout or settings.tree_for(settings.flows or 0, generator)
-    guess = draw_guess(settings.order, layout, settings.width, generator)
+    fixed = [] if settings.algorithm == "lmdif" else fixed_entries(settings.order, layout)
+    guess = draw_guess(layout, settings.width, generator, fixed)
     return layout, RegisterWeights(layout).guess(guess) if settings.registers else guess
 
 
@@ -119,7 +120,7 @@ def _run_minimum_norm(
     settings: Settings, system: ConditionSystem, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
-    movable = system.movable_without(fixed_weights(system.order, system.layout))
+    movable = system.movable_without(fixed_entries(system.order, system.layout))
     fit = fit_conditions(
         guess, system, movable=movable, max_iterations=max(1, settings.maxfev // 2)
     )

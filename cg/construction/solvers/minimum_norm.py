@@ -4,17 +4,14 @@ The compiled solver takes steps of least norm. A step is ``-Jᵀ y`` with ``(J J
 half its acceleration; see ``fortran/conditions/minimum_norm.f90``. With more unknowns than
 conditions, this system is smaller than the normal equations of MINPACK's steps.
 
-A damped step v, of Levenberg–Marquardt, solves ``(Jᵀ J + λ) v = -Jᵀ r``. The acceleration a solves
-the same system with the second derivative of the residual along v in place of r; the accelerated
-step is ``v + a/2`` [1]_. A step of least norm is ``-J⁺ r`` with the pseudo-inverse J⁺ of the
-Jacobian J = U S Vᵀ without its small singular values; the last columns of V are the `kernel`, along
-which solutions continue [2]_.
-
-Far from a solution the normal equations are fast and accurate enough. Order conditions depend on
-each other, and trees of points often have fewer unknowns than there are conditions: nonzero
-singular values of J go down to 1e-9 of the largest; smaller ones are rounding errors. Normal
-equations square the singular values and stall at sums of squares between 1e-15 and 1e-21. Close to
-a solution, steps are computed from the singular value decomposition.
+Order conditions depend on each other, and trees of points often have fewer unknowns than there are
+conditions: nonzero singular values of J go down to 1e-9 of the largest; smaller ones are rounding
+errors. Normal equations square the singular values and stall at sums of squares between 1e-15 and
+1e-21. Close to a solution, steps are computed from the singular value decomposition J = U S Vᵀ: a
+damped step v solves ``(Jᵀ J + λ) v = -Jᵀ r``, the acceleration a the same system with the second
+derivative of the residual along v in place of r; the accelerated step is ``v + a/2`` [1]_. A step
+of least norm is ``-J⁺ r`` with the pseudo-inverse J⁺ without small singular values; the last
+columns of V are the kernel, along which solutions continue [2]_.
 
 References
 ----------
@@ -25,144 +22,72 @@ References
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from cg import _core_r64
-from cg.construction.conditions.core_calls import Trees, Vector, derivatives_bytes, described
-from cg.construction.layouts import Layout
+from cg.construction.conditions.core_calls import Vector, derivatives_bytes, described
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.capsules import provide_lapack
 from cg.support.memory import reserved
-from cg.support.parallel import stoppable
+from cg.support.parallel import raise_if_stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus
 
-PROBE = 0.1
-"""Fraction of a step used for the finite difference of the second derivative along it."""
-
+_PROBE = 0.1  # part of a step for the finite difference of the second derivative along it
 _MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
 
 Indices = NDArray[np.intp]
 
 _RANK_TOLERANCE = 1e-11  # part of the largest singular value; rounding leaves 1e-15
-_FAR = 1e-4  # sum of squares above which Newton steps aren't tried
+_FAR = 1e-4  # sum of squares above which steps with an old inverse aren't tried
 
 _FTOL = 1e-27  # sum of squares to reach
-_RENEWALS = 4  # evaluations of the Jacobian in `retract`
+_SLOW, _RENEWALS = 0.03, 4  # in `retract`: ratio of f after a step, evaluations of the Jacobian
 _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
-_PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
+_PATIENCE, _MIN_GAIN = 60, 0.3  # stop if that number of steps gains less than this fraction
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 
-class DampedSteps:
-    """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
+def decompose(jac: Vector, rcond: float = _RANK_TOLERANCE) -> tuple[Vector, Vector]:
+    """Return the pseudo-inverse and the kernel of a Jacobian, shapes (n, m) and (n, n - rank).
 
-    def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
-        self.jacobian = jacobian
-        self._by_singular_values = by_singular_values
-        if by_singular_values:
-            self._left, self._values, self._right = linalg.svd(
-                jacobian, full_matrices=False, check_finite=False
-            )
-            self._largest = float(self._values[0]) ** 2
-        else:
-            self._gram = jacobian.T @ jacobian
-            self._largest = float(np.max(np.diag(self._gram)))
-
-    def damp(self, damping: float) -> bool:
-        """Set λ relative to the largest entry of Jᵀ J; return whether the system is regular."""
-        if self._by_singular_values:
-            self._factors = self._values / (self._values**2 + damping * self._largest)
-            return True
-        shifted = self._gram + damping * self._largest * np.eye(len(self._gram))
-        try:
-            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
-        except linalg.LinAlgError:
-            return False
-        return True
-
-    def step(self, residual: Vector) -> Vector:
-        """Return the damped step v for a residual r; shapes (n,) and (m,)."""
-        if self._by_singular_values:
-            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
-        right = -self.jacobian.T @ residual
-        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
-
-    def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
-        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
-        slope = (residual_ahead - residual) / PROBE
-        return self.step(2 / PROBE * (slope - self.jacobian @ v))
-
-
-def is_straight(v: Vector, a: Vector) -> bool:
-    """Return whether the acceleration is small enough to be trusted."""
-    return bool(np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v))
-
-
-@dataclass(frozen=True)
-class Decomposition:
-    """Pseudo-inverse and kernel of a Jacobian of shape (m, n)."""
-
-    inverse: Vector  # shape (n, m), without singular values below 1e-11 of the largest
-    kernel: Vector  # shape (n, n - rank), an orthonormal basis
-
-
-def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
-    """Return the pseudo-inverse and the rank by singular values above `rcond` times the largest."""
-    left, values, right = linalg.svd(jac, full_matrices=False)
-    rank = int(np.sum(values > rcond * values.max(initial=0.0)))
-    return (right[:rank].T / values[:rank]) @ left[:, :rank].T, rank
-
-
-def decompose(jac: Vector) -> Decomposition:
-    """Return the pseudo-inverse and the kernel of a Jacobian, shape (m, n)."""
+    Singular values count if they are above `rcond` times the largest one.
+    """
     if jac.shape[0] > jac.shape[1]:  # faster than the decomposition of the tall matrix
         basis, square = linalg.qr(jac, mode="economic", check_finite=False)
         left, values, right = linalg.svd(square, check_finite=False)
         left = basis @ left
     else:
         left, values, right = linalg.svd(jac, check_finite=False)
-    rank = int(np.sum(values > _RANK_TOLERANCE * values[0])) if values.size else 0
-    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
-    return Decomposition(inverse, right[rank:].T)
+    rank = int(np.sum(values > rcond * values.max(initial=0.0)))
+    return (right[:rank].T / values[:rank]) @ left[:, :rank].T, right[rank:].T
 
 
-def retract(
-    system: ConditionSystem, x: Vector, movable: Indices, near: Decomposition
-) -> Vector | None:
-    """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
+def retract(system: ConditionSystem, x: Vector, movable: Indices, inverse: Vector) -> Vector | None:
+    """Return to the solution set by steps of least norm; None if f stays above 1e-27.
 
-    Only the entries `movable` of x change. `near` decomposes their columns of the Jacobian at a
-    point close by; it is used until steps gain little, which saves most of the work.
+    Only the entries `movable` of x change. `inverse` is the pseudo-inverse of their columns of the
+    Jacobian at a point close by; it is used until steps gain little, which saves most of the work.
     """
-    residual = system.residual(x)
-    f = float(residual @ residual)
-    for renewal in range(_RENEWALS + 1):
-        slow = False
-        while not slow and f > _FTOL * 1e-3:
-            if not f < _FAR:
-                return None
-            trial = x.copy()
-            trial[movable] -= near.inverse @ residual
-            trial_residual = system.residual(trial)
-            trial_f = float(trial_residual @ trial_residual)
-            if not trial_f < f:
-                break
-            slow = trial_f > 0.03 * f
-            x, residual, f = trial, trial_residual, trial_f
+    before, renewals = np.inf, 0
+    while True:
+        residual = system.residual(x)
+        f = float(residual @ residual)
         if f < _FTOL:
             return x
-        if renewal < _RENEWALS:
-            jac = system.jacobian(x)[:, movable]
-            if not np.isfinite(jac).all():
+        if not f < _FAR:
+            return None
+        if f > _SLOW * before:
+            if renewals == _RENEWALS:
                 return None
-            near = decompose(jac)
-    return None
+            inverse, _ = decompose(system.jacobian(x)[:, movable])
+            renewals += 1
+        before, x = f, x.copy()
+        x[movable] -= inverse @ residual
 
 
 def finish(
@@ -178,29 +103,37 @@ def finish(
     residual = system.residual(x)
     f = float(residual @ residual)
     largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
-    steps: DampedSteps | None = None
+    improved = True
 
     def after(step: Vector) -> Vector:
         moved = x.copy()
         moved[movable] += step
         return moved
 
+    def damped(right: Vector) -> Vector:
+        """Return the solution v of ``(Jᵀ J + λ) v = -Jᵀ right``."""
+        factors = values / (values**2 + damping * values[0] ** 2)
+        return np.asarray(-axes.T @ (factors * (left.T @ right)))
+
     for _ in range(iterations):
+        raise_if_stopped()
         if not ftol < f < np.inf or damping > largest:
             break
-        if steps is None:
-            steps = DampedSteps(system.jacobian(x)[:, movable], by_singular_values=True)
-        steps.damp(damping)
-        v = steps.step(residual)
-        a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))
-        best = x
-        for trial in (after(v + a / 2), after(v)) if is_straight(v, a) else (after(v),):
+        if improved:
+            jac = system.jacobian(x)[:, movable]
+            left, values, axes = linalg.svd(jac, full_matrices=False, check_finite=False)
+        v = damped(residual)
+        slope = (system.residual(after(_PROBE * v)) - residual) / _PROBE
+        a = damped(2 / _PROBE * (slope - jac @ v))
+        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
+        best, improved = x, False
+        for trial in (after(v + a / 2), after(v)) if straight else (after(v),):
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if trial_f < f:
-                best, residual, f, steps = trial, trial_residual, trial_f, None
+                best, residual, f, improved = trial, trial_residual, trial_f, True
         x = best
-        if steps is not None:
+        if not improved:
             damping = 4 * max(damping, 1e-20)
             continue
         damping = max(damping / 5, _MIN_DAMPING)
@@ -215,11 +148,10 @@ provide_lapack()
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """Packed weights x, the sum f of squared residuals, and the steps and evaluations taken."""
+    """Packed weights x, the sum f of squared residuals, and the evaluations taken."""
 
     x: NDArray[np.float64]
     f: float
-    iterations: int
     evaluations: int
     status: MinimumNormStatus
 
@@ -229,7 +161,7 @@ def fit_conditions(
     system: ConditionSystem,
     *,
     movable: Sequence[int] | NDArray[np.intp] | None = None,
-    ftol: float = 1e-27,
+    ftol: float = _FTOL,
     damping: float = 1e-2,
     max_iterations: int = 1000,
     accurate: bool = False,
@@ -239,45 +171,23 @@ def fit_conditions(
     Only the unknowns `movable` change, and what depends on them. The solver stops when the sum of
     squares is at most `ftol`.
     `damping` is the initial one, relative to the largest squared norm of a row of the Jacobian.
-    With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
-    singular values below 1e-8 of the largest; this takes up to three times as long.
+    With `accurate`, steps come from singular values instead of the normal equations, which lose
+    those below 1e-8 of the largest; this takes up to three times as long.
     """
     x, indices = np.array(system.complete(x0)), system.moving(movable)
-    if system.held is not None and system.held.dependent:
+    if accurate or (system.held is not None and system.held.dependent):
         end, f = finish(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
         done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
-        return MinimumNormFit(system.complete(end), f, max_iterations, max_iterations, done)
+        return MinimumNormFit(system.complete(end), f, max_iterations, done)
     trees, owner = system.conditions(independent=True)
+    layout, m, n, k = system.layout, trees.size, system.size, indices.size
     moving = (indices + 1).astype(np.intc)
-    problem = (system.order, system.layout, x, trees, owner)
-    most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
-    x_end, f, iterations, evaluations, status = stoppable(
-        lambda stop_flag: fit_minimum_norm(
-            *problem, moving, ftol, damping, max_iterations, accurate, stop_flag
-        ),
-        brief=most <= _BRIEF,
-    )
-    return MinimumNormFit(
-        x_end, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
-    )
-
-
-def fit_minimum_norm(
-    order: int,
-    layout: Layout,
-    x: Vector,
-    trees: Trees,
-    owner: Trees,
-    movable: Trees,
-    *arguments: Any,
-) -> tuple[Any, ...]:
-    """Call the compiled solver; `movable`, intc (k,), are the unknowns that may move, from 1."""
-    m, n, k = trees.size, layout.size, movable.size
-    solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
-    accurate = m * (2 * k + m)  # numbers of the QR factorisation, with a transposed copy
-    needed = derivatives_bytes(order, layout, m) + 8 * (solver + accurate)
-    with reserved(needed, described("the fit", order, layout)):
-        results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
-            order, layout.code, x, trees, owner, movable, *arguments
+    problem = (system.order, layout.code, x, trees, owner, moving, ftol, damping, max_iterations)
+    numbers = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
+    needed = derivatives_bytes(system.order, layout, m) + 8 * numbers
+    with reserved(needed, described("the fit", system.order, layout)):
+        x_end, f, evaluations, status = stoppable(
+            lambda stop_flag: _core_r64.fit_minimum_norm(*problem, stop_flag),
+            brief=max_iterations * m**2 * k <= _BRIEF,  # for the Gram matrices
         )
-    return results
+    return MinimumNormFit(x_end, float(f), int(evaluations), MinimumNormStatus(status))

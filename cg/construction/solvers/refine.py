@@ -8,18 +8,19 @@ the last digit that is written; `polish` computes them as fractions.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction import conditions
-from cg.construction.solvers.minimum_norm import pseudo_inverse
-from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.conditions.exact import EquationSystem, conditions_of
+from cg.construction.solvers.minimum_norm import decompose
+from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.parallel import raise_if_stopped
+from cg.support.quads import exact_midpoint, to_ball, working_precision
 
 _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
@@ -27,16 +28,16 @@ _MAX_ITERATIONS = 40
 _LARGEST_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _RESIDUAL_GOAL = Fraction(1, 10**44)
 _GRID = 10**60
+_BITS = 400
 _MAX_CORRECTIONS = 20
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Packed weights (n, 16), their largest residual, the rank of the Jacobian, and corrections."""
+    """Packed weights (n, 16), their largest residual, and the number of corrections."""
 
     x: quads.Quads
     largest_residual: float
-    rank: int
     iterations: int
 
 
@@ -53,9 +54,9 @@ def refine(
     core = quads.core("refinement")
     moving = system.moving(movable)
     jac = system.jacobian(quads.to_float(x), independent=False)[:, moving]
-    rank, inverse = 0, np.zeros(jac.T.shape)
+    inverse = np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible
-        inverse, rank = pseudo_inverse(jac, _RANK_TOLERANCE)
+        inverse, _ = decompose(jac, _RANK_TOLERANCE)
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(_MAX_ITERATIONS + 1):  # noqa: B007
@@ -71,7 +72,7 @@ def refine(
         step = np.zeros(system.size)
         step[moving] = inverse @ residual
         x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
-    return Refined(best, best_size, rank, iterations)
+    return Refined(best, best_size, iterations)
 
 
 class RationalZero(NamedTuple):
@@ -122,20 +123,20 @@ def polish(
     Only the entries `movable` change. The structure of the system isn't used.
     """
     start = list(system.complete(list(map(Fraction, x))))
-    system = replace(system, structure=Structure.GENERAL)
     moving = system.moving(movable).tolist()
-    jac = system.jacobian(np.array([float(entry) for entry in start]))
-    inverse, _ = pseudo_inverse(jac[:, moving], _RANK_TOLERANCE)
+    equations = EquationSystem(system.layout, tuple(conditions_of(system.orders)))
+    jac = system.jacobian(np.array(start, dtype=np.float64))[: len(equations.conditions), moving]
+    inverse, _ = decompose(jac, _RANK_TOLERANCE)
 
     def whole(entries: Sequence[Fraction]) -> tuple[Fraction, ...]:
         changed = dict(zip(moving, entries, strict=True))
         return tuple(system.complete([changed.get(k, entry) for k, entry in enumerate(start)]))
 
-    end = refine_rational(
-        lambda entries: _residuals(whole(entries), system),
-        [start[k] for k in moving],
-        inverse,
-    )
+    def residuals(entries: Sequence[Fraction]) -> list[Fraction]:
+        return list(map(exact_midpoint, equations.residuals(list(map(to_ball, whole(entries))))))
+
+    with working_precision(_BITS):
+        end = refine_rational(residuals, [start[k] for k in moving], inverse)
     return RationalZero(whole(end.x), end.largest_residual)
 
 
@@ -158,13 +159,3 @@ def polish_zeros(
         if sparse.largest_residual <= max(polished.largest_residual, _RESIDUAL_GOAL)
         else polished
     )
-
-
-def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
-    tree = system.layout.tree(x)
-    residuals = conditions.residuals(tree, system.order, independent=True, arithmetic="exact")
-    if system.layout.pair:
-        residuals += conditions.residuals(
-            tree, system.order - 1, independent=True, embedded=True, arithmetic="exact"
-        )
-    return residuals

@@ -87,17 +87,12 @@ class ConditionSystem:
             names = ", ".join(map(str, Structure.__members__))
             raise ValueError(f"structure must be one of {names}, got {self.structure!r}") from None
         object.__setattr__(self, "structure", structure)
-        if structure and (self.rows is not Rows.EXPLICIT or order < 4):
+        explicit, highest = self.rows is Rows.EXPLICIT, len(_REMAINING[1])
+        if structure and not (explicit and self.stages > 2 and 4 <= order <= highest):
             raise ValueError(
-                f"structure = {structure.name} is for explicit tableaux of order 4 or more, "
-                f"got order {order}, rows {self.rows!r}"
+                f"structure = {structure.name} is for explicit tableaux of orders 4 to {highest} "
+                f"with 3 stages or more, got order {order}, {self.stages} stages, {self.rows!r}"
             )
-        if structure and order > len(_REMAINING[structure]):
-            raise ValueError(
-                f"order must be at most {len(_REMAINING[structure])} with a structure, got {order}"
-            )
-        if structure and self.stages < 3:
-            raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
 
     @classmethod
     def tableau(
@@ -125,6 +120,17 @@ class ConditionSystem:
     def size(self) -> int:
         """Number of packed entries."""
         return self.layout.size
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders of the results."""
+        return (self.order, self.order - 1)[: 1 + self.layout.pair]
+
+    @property
+    def assumptions(self) -> list[tuple[int, int]]:
+        """The trees of the simplifying assumptions with their stages, from 1."""
+        trees = (_STAGE_ORDER_TWO, StageEquation.MIDDLE)[: self.structure]
+        return [(tree, stage) for tree in trees for stage in range(3, self.stages + 1)]
 
     @cached_property
     def zeros(self) -> list[int]:
@@ -171,26 +177,26 @@ class ConditionSystem:
 
     def moving(self, movable: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
         """Return the indices of entries that may change, sorted; all movable entries for None."""
-        return self.movable if movable is None else check_indices("movable", movable, self.size)
+        if movable is None:
+            return self.movable
+        # compiled code doesn't check indices
+        return np.unique(np.arange(self.size)[np.asarray(movable, dtype=np.intp)])
 
     def movable_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the indices of the movable entries that aren't in `frozen`."""
-        return np.setdiff1d(self.movable, check_indices("frozen", frozen, self.size))
+        return np.setdiff1d(self.movable, self.moving(frozen))
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""
-        trees = condition_trees(self.order, independent)
-        second = condition_trees(self.order - 1, independent) if self.layout.pair else ()
-        owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]
-        owner += [ConditionOwner.SECOND_RESULT] * len(second)
-        trees = (*trees, *second)
-        for level, equation in (
-            (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
-            (Structure.MIDDLE, StageEquation.MIDDLE),
-        ):
-            if self.structure >= level:
-                trees += (equation,) * (self.stages - 2)
-                owner += range(3, self.stages + 1)
+        trees: list[int] = []
+        owner: list[int] = []
+        for result, order in zip(ConditionOwner, self.orders, strict=False):
+            added = condition_trees(order, independent)
+            trees += added
+            owner += [result] * len(added)
+        for tree, stage in self.assumptions:
+            trees.append(tree)
+            owner.append(stage)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
@@ -214,17 +220,3 @@ class ConditionSystem:
 def next_trees(order: int) -> NDArray[np.intc]:
     """Return the trees of order q + 1, whose residuals make the principal error of order q."""
     return np.array(condition_trees(order + 1)[count(order) :], dtype=np.intc)
-
-
-def check_indices(name: str, indices: Any, size: int) -> NDArray[np.intp]:
-    """Return indices of entries, sorted; ValueError if one isn't an integer below `size`."""
-    try:
-        array = np.asarray(indices)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
-    integers = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
-    if not (integers and ((array >= 0) & (array < size)).all()):
-        raise ValueError(
-            f"{name} must be a sequence of integers from 0 to {size - 1}, got {indices!r}"
-        )
-    return np.unique(array).astype(np.intp)
