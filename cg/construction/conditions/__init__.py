@@ -1,10 +1,10 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
-Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg/construction/layouts.py`): the flow to
-point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the elementary
-weight at the result. The elementary weights at a point are a character χ on words of trees, where
-the leftmost child belongs to the first flow::
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg/construction/layouts.py`): the
+flow to point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the
+elementary weight at the result. The elementary weights at a point are a character χ on words of
+trees, where the leftmost child belongs to the first flow::
 
     χ_m(w) = Σ_{w = u v} χ_parent(m)(u) ℓ_m(v_1) … ℓ_m(v_n) / n!,    n the length of v
     ℓ_m(t) = Σ_k α_mk Φ_k(t),    Φ_k(t) = χ(children of t) at the point of stage k
