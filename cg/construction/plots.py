@@ -260,13 +260,7 @@ def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int
     return [(x - places[0][0], height) for x, height in places], edges
 
 
-def stability_region(
-    method: str | Method | Sequence[str | Method],
-    ax: Any = None,
-    *,
-    x: Range | None = None,
-    y: Range | None = None,
-) -> Any:
+def stability_region(method: str | Method | Sequence[str | Method], ax: Any = None) -> Any:
     """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
     R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
@@ -276,9 +270,6 @@ def stability_region(
     Parameters
     ----------
     method
-    x, y
-        Pairs of float. Ranges of the real and the imaginary part; by default they contain the
-        regions.
 
     Examples
     --------
@@ -293,8 +284,7 @@ def stability_region(
     methods = [no_splitting(resolve_method(name)) for name in names]
     if not methods:
         raise ValueError("method must be one or more methods, got none")
-    box = _box(methods) if x is None or y is None else (x, y)
-    grid, z = _plane(x, y, box)
+    grid, z = _plane(*_box(methods))
     ax = axes_for(ax)
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
     ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
@@ -334,7 +324,10 @@ def order_star(
     """
     method = no_splitting(resolve_method(method))
     reach = 1.0 + method.stages
-    grid, z = _plane(x, y, ((-reach, reach), (-reach, reach)))
+    box = (-reach, reach)
+    grid, z = _plane(
+        box if x is None else check_interval("x", x), box if y is None else check_interval("y", y)
+    )
     ax = axes_for(ax)
     size = np.abs(growth(method, z) * np.exp(-z))
     ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
@@ -345,11 +338,9 @@ def order_star(
     return ax
 
 
-def _plane(x: Range | None, y: Range | None, box: tuple[Range, Range]) -> tuple[Any, Any]:
-    """Return the coordinates of a grid, and its points z; ranges are those of `box` for None."""
-    ends = [box[0] if x is None else check_interval("x", x)]
-    ends.append(box[1] if y is None else check_interval("y", y))
-    grid = np.meshgrid(*(np.linspace(*end, _POINTS) for end in ends))
+def _plane(x: Range, y: Range) -> tuple[Any, Any]:
+    """Return the coordinates of a grid, and its points z."""
+    grid = np.meshgrid(np.linspace(*x, _POINTS), np.linspace(*y, _POINTS))
     return grid, grid[0] + 1j * grid[1]
 
 
@@ -363,32 +354,13 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _box(methods: list[Method]) -> tuple[Range, Range]:
-    """Return ranges of both axes with the boundaries of the regions, preferably the finite ones."""
-    boundaries = list(map(_boundary, methods))
-    whole = [z for z, cut in boundaries if not cut]
-    z = np.concatenate([[0j], *(whole or [z for z, _ in boundaries])])
-    high = float(z.imag.max())
-    margin = 0.15 * max(np.ptp(z.real), high)
-    left, right = float(z.real.min() - margin), float(z.real.max() + margin)
-    if not whole:
-        left, right = min(left, -high / 2), max(right, high / 2)
-    return (left, right), (-high - margin, high + margin)
-
-
-def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
-    """Return points near the boundary of a region, and whether it goes on beyond them."""
-    reach = 2.0 + method.stages
-    for factor in (1.0,) if method.explicit else (4.0, 1.0):
-        x, y = np.meshgrid(np.linspace(-2, 1, 241), np.linspace(0.0, 1.5, 121))
-        z = np.asarray(factor * reach * (x + 1j * y), dtype=np.complex128)
-        stable = np.abs(growth(method, z)) <= 1.0
-        edge = np.zeros(z.shape, bool)
-        edge[:, 1:] |= stable[:, 1:] != stable[:, :-1]
-        edge[1:] |= stable[1:] != stable[:-1]
-        cut = bool(edge[-1].any() or edge[:, [1, -1]].any())
-        if not cut:
-            break
-    return z[edge], cut
+    """Return ranges of both axes with the regions, or the inner part of those without an end."""
+    reach = 2.0 + max(method.stages for method in methods)
+    _, z = _plane((-2 * reach, reach), (0.0, 1.5 * reach))
+    z = z[np.any([np.abs(growth(method, z)) <= 1.0 for method in methods], axis=0)]
+    left, right, high = (float(end) for end in (z.real.min(), z.real.max(), z.imag.max()))
+    margin = 0.15 * max(right - left, high)
+    return (left - margin, right + margin), (-high - margin, high + margin)
 
 
 def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

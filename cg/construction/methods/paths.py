@@ -159,7 +159,7 @@ def paths_of(method: Method) -> MethodPaths:
         series = max(method.order, 1)
     errors, tree = method.error_weights, method.tree.without_repetitions()
     result, *second = (method.tree.merged[end] for end in method.advancing_results)
-    builder = _Builder(tree, method.explicit)
+    builder = PathBuilder(tree, method.explicit)
     stages = tuple(map(builder.path_to, tree.stage_points))
     result_path = builder.path_to(result)
     c = method.abscissae
@@ -270,7 +270,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     )  # fmt: skip
 
 
-class _Builder:
+class PathBuilder:
     """Builds the paths of a tree without repetitions, leaving out unused points."""
 
     def __init__(self, tree: PointTree, explicit: bool) -> None:
