@@ -356,7 +356,7 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 def _box(methods: list[Method]) -> tuple[Range, Range]:
     """Return ranges of both axes with the regions, or the inner part of those without an end."""
     reach = 2.0 + max(method.stages for method in methods)
-    _, z = _plane((-2 * reach, reach), (0.0, 1.5 * reach))
+    _, z = _plane((-2 * reach, 2 * reach), (0.0, 1.5 * reach))
     z = z[np.any([np.abs(growth(method, z)) <= 1.0 for method in methods], axis=0)]
     left, right, high = (float(end) for end in (z.real.min(), z.real.max(), z.imag.max()))
     margin = 0.15 * max(right - left, high)
