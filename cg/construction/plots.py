@@ -23,7 +23,7 @@ from cg.support.checks import check_instance, check_integer, check_interval
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
-_SIZE, _MIN_SIZE = 10.0, 7.0  # sizes of the font of tableaux
+_SIZE, _FITTING = 10.0, 14.0  # largest size of the font of tableaux, and that for cells of an inch
 _RISE = 0.3  # height of the first child above its parent; another branch is 1 above
 
 _MAX_NODES = 200
@@ -55,8 +55,12 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     ['0', '119/216', '13/51', '17/108']
     """
     method = no_splitting(resolve_method(method))
-    widen, ax = ax is None, axes_for(ax)
     s = method.stages
+    if ax is None:
+        ax = axes_for(None)
+        ax.figure.set_figwidth(max(ax.figure.get_figwidth(), 0.75 * s))
+    inches = ax.get_window_extent().width / ax.figure.dpi
+    size = min(_SIZE, _FITTING * inches / (s + 1.2))  # no text is wider than a cell of width 1
     a, b = method.exact
     rows = [*a, b]
     if method.exact_embedded is not None:
@@ -64,17 +68,16 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, _SIZE))
+            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, size))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry), **_centred(size=_SIZE))
+                ax.text(j, y, _text(entry), **_centred(size=size))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
     _set_title(ax, method)
-    _fit_cells(ax, widen=widen)
     return ax
 
 
@@ -83,20 +86,6 @@ def no_splitting(method: Method) -> Method:
     if isinstance(method, Splitting):
         raise ValueError(f"method must be no splitting method, got {method!r}")
     return method
-
-
-def _fit_cells(ax: Any, *, widen: bool) -> None:
-    """Reduce the font size so that no text is wider than a cell of width 1, or widen the figure."""
-    ax.figure.draw_without_rendering()
-    texts = [(text, text.get_window_extent().width) for text in ax.texts]
-    left, right = ax.get_xlim()
-    cell = 0.9 * ax.get_window_extent().width / (right - left)
-    size = _SIZE * min(1.0, cell / max(width for _, width in texts))
-    if widen and size < _MIN_SIZE:
-        ax.figure.set_figwidth(ax.figure.get_figwidth() * _MIN_SIZE / size)
-        size = _MIN_SIZE
-    for text, _ in texts:
-        text.set_fontsize(size)
 
 
 def _set_title(ax: Any, method: Method) -> None:

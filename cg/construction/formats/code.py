@@ -77,11 +77,11 @@ def write(
 
     It has the tables of the moves, and the text of the flows of a frame.
     """
-    conditions = {"algebra" if program.on_algebra else "manifold"}
+    conditions = {"algebra"} if program.on_algebra else set()
     if program.second is not None:
         conditions.add("pair")
     elif program.errors:
-        conditions |= {"error", "one_error" if len(program.errors) == 1 else "two_errors"}
+        conditions.add("error")
     parts = {
         "tables": tables,
         "name": program.name,
