@@ -202,17 +202,8 @@ def real(number: str) -> str:
 
 def wrapped(entries: Iterable[str], indent: str) -> str:
     """Return the entries of a list over lines of limited length."""
-    lines: list[str] = []
-    line: list[str] = []
-    length = 0
-    for entry in entries:
-        if line and length + len(entry) > _WIDTH:
-            lines.append(", ".join(line))
-            line, length = [], 0
-        line.append(entry)
-        length += len(entry) + 2
-    lines.append(", ".join(line))
-    return ",\n".join(indent + text for text in lines)
+    lines = textwrap.wrap(", ".join(entries), _WIDTH, break_on_hyphens=False)
+    return textwrap.indent("\n".join(lines), indent)
 
 
 def array(declared: str, entries: Sequence[str]) -> str:
