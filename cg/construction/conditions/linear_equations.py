@@ -52,7 +52,6 @@ LINEAR_ROUNDING = Decimal("1e-50")
 """Bound on the rounding errors of residuals of methods with weights of moderate size."""
 
 _DIGITS = Context(prec=64)
-_ROUGH = 1e-9  # far above rounding errors in double
 
 Word = tuple[int, ...]
 Series = dict[Word, Any]
@@ -82,17 +81,6 @@ def linear_residuals(values: Values, order: int) -> list[Decimal]:
     with localcontext(_DIGITS):
         product = product_of_exponentials(_each(as_decimal, values), order)
         return [product.get(word, 0) - _solution(word) for word in words(order)]
-
-
-def estimated_order(values: Values) -> int:
-    """Return the order that a method seems to have in double precision, an upper bound of it."""
-    product = product_of_exponentials(_each(float, values), MAX_LINEAR_ORDER)
-    wrong = [
-        sum(word)
-        for word in words(MAX_LINEAR_ORDER)
-        if not abs(product.get(word, 0.0) - float(_solution(word))) <= _ROUGH
-    ]
-    return min(wrong, default=MAX_LINEAR_ORDER + 1) - 1
 
 
 def linear_sensitivities(values: Values, units: Values, order: int) -> list[Decimal]:
