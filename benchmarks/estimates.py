@@ -13,7 +13,7 @@ import numpy as np
 import cg
 from cg.construction.catalogue import resolve_method
 from cg.construction.catalogue.summary import summary_of
-from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, jump_ratio
+from cg.construction.methods.estimate import MAX_RATIO, break_ratio, estimate_ratio
 from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
@@ -148,7 +148,7 @@ def write_table(result: Result, page: Path) -> None:
             fits = ratio <= MAX_RATIO and numbers["median"] <= MEDIAN
             reliable = "yes" if fits and numbers["largest"] <= LARGEST else "**no**"
         errors = [f"{numbers[key]:.2g}" if key in numbers else "" for key in _QUANTILES]
-        jumps = jump_ratio(method)
+        jumps = break_ratio(method, 0)
         seen = "" if jumps is None else f"{jumps:.2g}" if jumps < _BLIND else "not seen"
         rows.append([f"`{name}`", f"{ratio:.2g}", seen, *errors, reliable])
     rows.sort(key=lambda row: row[0] not in {f"`{name}`" for name in result.numbers})
@@ -179,7 +179,7 @@ def _defaults(quotients: Quotients, problems: list[Runs]) -> str:
 def _may_be_default(name: str, quotients: Quotients) -> bool:
     """Return whether estimates are reliable and see jumps, and all stages are within the step."""
     method, errors = resolve_method(name), _all(name, quotients)
-    ratio, jumps = summary_of(method).estimate_ratio, jump_ratio(method)
+    ratio, jumps = summary_of(method).estimate_ratio, break_ratio(method, 0)
     assert ratio is not None
     assert jumps is not None
     reliable = ratio <= MAX_RATIO and np.median(errors) <= MEDIAN and errors.max() <= LARGEST

@@ -5,7 +5,6 @@ The public names are listed in ``__init__.pyi``, and imported at their first use
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -34,20 +33,6 @@ def __getattr__(name: str) -> Any:
     if name.startswith("__") or find_spec(f"{__name__}.{name}") is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module(f"{__name__}.{name}")
-
-
-def _show_in_notebooks() -> None:
-    """Register the view of methods with IPython, which imports it at its first use."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if shell:
-        shell.display_formatter.formatters["text/html"].for_type_by_name(
-            f"{__name__}.construction.methods.method",
-            "Method",
-            lambda one: import_module(f"{__name__}.construction.formats.latex").to_html(one),
-        )
-
-
-_show_in_notebooks()
 
 
 def __dir__() -> list[str]:

@@ -165,65 +165,45 @@ def points_of(method: Any) -> PointTree:
 
 def check_tree(tree: PointTree) -> None:
     """Raise MethodError unless points make an explicit method."""
-    _check_shape(tree)
-    _check_sequence(tree)
-    for label, end in (("result", tree.result), ("embedded_result", tree.embedded_result)):
-        if end is None:
-            continue
-        _check_index(label, end, len(tree.points))
-        if not any(tree.points[m].weights for m in tree.path(end)):
-            raise MethodError(f"{label} must depend on a stage: no weights lead to point {end}")
-
-
-def _check_shape(tree: PointTree) -> None:
-    points, stages = len(tree.points), len(tree.stage_points)
-    if stages == 0:
+    points, stages = tree.points, tree.stage_points
+    results = dict(zip(("result", "embedded_result"), tree.results, strict=False))
+    if not stages:
         raise MethodError("stage_points must have at least one entry, got none")
-    for m, point in enumerate(tree.points):
-        _check_index(f"the parent of point {m}", point.parent, points)
+    places = {f"the parent of point {m}": point.parent for m, point in enumerate(points)}
+    places |= {f"the point of stage {stage}": at for stage, at in enumerate(stages)}
+    for label, value in (places | results).items():
+        if not _is_index(value) or not START <= value < len(points):
+            raise MethodError(
+                f"{label} must be a point from {START} to {len(points) - 1}, got {value!r}"
+            )
+    if stages[0] != START:
+        raise MethodError(f"the first stage must be at the initial point, {START}, got {stages[0]}")
+    for m, point in enumerate(points):
         if point.parent >= m:
             raise MethodError(
                 f"the parent of point {m} must come before it, or there is a cycle, "
                 f"got {point.parent}"
             )
         for stage in point.weights:
-            if not _is_index(stage) or not 0 <= stage < stages:
+            if not _is_index(stage) or not 0 <= stage < len(stages) or stages[stage] >= m:
                 raise MethodError(
-                    f"point {m} must have weights on stages 0 to {stages - 1}, got {stage!r}"
+                    f"point {m} must have weights on earlier stages, of 0 to {len(stages) - 1}, "
+                    f"got one on stage {stage!r}"
                 )
-    for stage, at in enumerate(tree.stage_points):
-        _check_index(f"the point of stage {stage}", at, points)
-    if tree.stage_points[0] != START:
-        raise MethodError(
-            f"the first stage must be at the initial point, {START}, got {tree.stage_points[0]}"
-        )
-
-
-def _check_sequence(tree: PointTree) -> None:
-    """Check that weights are on earlier stages, in the order of points and in that of stages."""
-    for m, point in enumerate(tree.points):
-        for stage in point.weights:
-            if tree.stage_points[stage] >= m:
-                raise MethodError(
-                    f"point {m} must have weights on earlier stages, got one on stage {stage}: "
-                    f"it is at point {tree.stage_points[stage]}"
-                )
-    for stage, at in enumerate(tree.stage_points):
-        late = [k for m in tree.path(at) for k in tree.points[m].weights if k >= stage]
+    for stage, at in enumerate(stages):  # the sequence of stages may be another one
+        late = [k for m in tree.path(at) for k in points[m].weights if k >= stage]
         if late:
             raise MethodError(
                 f"stage {stage} must depend on earlier stages, but its point {at} depends on "
                 f"stage {late[0]}"
             )
+    for label, end in results.items():
+        if not any(points[m].weights for m in tree.path(end)):
+            raise MethodError(f"{label} must depend on a stage: no weights lead to point {end}")
 
 
 def _is_index(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _check_index(label: str, value: Any, points: int) -> None:
-    if not _is_index(value) or not START <= value < points:
-        raise MethodError(f"{label} must be a point from {START} to {points - 1}, got {value!r}")
 
 
 def tree_of_rows(

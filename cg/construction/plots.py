@@ -23,7 +23,7 @@ from cg.support.checks import check_instance, check_integer, check_interval
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
-_SIZE, _MIN_SIZE = 10.0, 7.0  # sizes of the font of tableaux
+_SIZE, _FITTING = 10.0, 14.0  # largest size of the font of tableaux, and that for cells of an inch
 _RISE = 0.3  # height of the first child above its parent; another branch is 1 above
 
 _MAX_NODES = 200
@@ -55,8 +55,12 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     ['0', '119/216', '13/51', '17/108']
     """
     method = no_splitting(resolve_method(method))
-    widen, ax = ax is None, axes_for(ax)
     s = method.stages
+    if ax is None:
+        ax = axes_for(None)
+        ax.figure.set_figwidth(max(ax.figure.get_figwidth(), 0.75 * s))
+    inches = ax.get_window_extent().width / ax.figure.dpi
+    size = min(_SIZE, _FITTING * inches / (s + 1.2))  # no text is wider than a cell of width 1
     a, b = method.exact
     rows = [*a, b]
     if method.exact_embedded is not None:
@@ -64,17 +68,16 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, _SIZE))
+            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, size))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry), **_centred(size=_SIZE))
+                ax.text(j, y, _text(entry), **_centred(size=size))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
     _set_title(ax, method)
-    _fit_cells(ax, widen=widen)
     return ax
 
 
@@ -83,20 +86,6 @@ def no_splitting(method: Method) -> Method:
     if isinstance(method, Splitting):
         raise ValueError(f"method must be no splitting method, got {method!r}")
     return method
-
-
-def _fit_cells(ax: Any, *, widen: bool) -> None:
-    """Reduce the font size so that no text is wider than a cell of width 1, or widen the figure."""
-    ax.figure.draw_without_rendering()
-    texts = [(text, text.get_window_extent().width) for text in ax.texts]
-    left, right = ax.get_xlim()
-    cell = 0.9 * ax.get_window_extent().width / (right - left)
-    size = _SIZE * min(1.0, cell / max(width for _, width in texts))
-    if widen and size < _MIN_SIZE:
-        ax.figure.set_figwidth(ax.figure.get_figwidth() * _MIN_SIZE / size)
-        size = _MIN_SIZE
-    for text, _ in texts:
-        text.set_fontsize(size)
 
 
 def _set_title(ax: Any, method: Method) -> None:
@@ -260,13 +249,7 @@ def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int
     return [(x - places[0][0], height) for x, height in places], edges
 
 
-def stability_region(
-    method: str | Method | Sequence[str | Method],
-    ax: Any = None,
-    *,
-    x: Range | None = None,
-    y: Range | None = None,
-) -> Any:
+def stability_region(method: str | Method | Sequence[str | Method], ax: Any = None) -> Any:
     """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
     R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
@@ -276,9 +259,6 @@ def stability_region(
     Parameters
     ----------
     method
-    x, y
-        Pairs of float. Ranges of the real and the imaginary part; by default they contain the
-        regions.
 
     Examples
     --------
@@ -293,8 +273,7 @@ def stability_region(
     methods = [no_splitting(resolve_method(name)) for name in names]
     if not methods:
         raise ValueError("method must be one or more methods, got none")
-    box = _box(methods) if x is None or y is None else (x, y)
-    grid, z = _plane(x, y, box)
+    grid, z = _plane(*_box(methods))
     ax = axes_for(ax)
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
     ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
@@ -334,7 +313,10 @@ def order_star(
     """
     method = no_splitting(resolve_method(method))
     reach = 1.0 + method.stages
-    grid, z = _plane(x, y, ((-reach, reach), (-reach, reach)))
+    box = (-reach, reach)
+    grid, z = _plane(
+        box if x is None else check_interval("x", x), box if y is None else check_interval("y", y)
+    )
     ax = axes_for(ax)
     size = np.abs(growth(method, z) * np.exp(-z))
     ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
@@ -345,11 +327,9 @@ def order_star(
     return ax
 
 
-def _plane(x: Range | None, y: Range | None, box: tuple[Range, Range]) -> tuple[Any, Any]:
-    """Return the coordinates of a grid, and its points z; ranges are those of `box` for None."""
-    ends = [box[0] if x is None else check_interval("x", x)]
-    ends.append(box[1] if y is None else check_interval("y", y))
-    grid = np.meshgrid(*(np.linspace(*end, _POINTS) for end in ends))
+def _plane(x: Range, y: Range) -> tuple[Any, Any]:
+    """Return the coordinates of a grid, and its points z."""
+    grid = np.meshgrid(np.linspace(*x, _POINTS), np.linspace(*y, _POINTS))
     return grid, grid[0] + 1j * grid[1]
 
 
@@ -363,32 +343,13 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _box(methods: list[Method]) -> tuple[Range, Range]:
-    """Return ranges of both axes with the boundaries of the regions, preferably the finite ones."""
-    boundaries = list(map(_boundary, methods))
-    whole = [z for z, cut in boundaries if not cut]
-    z = np.concatenate([[0j], *(whole or [z for z, _ in boundaries])])
-    high = float(z.imag.max())
-    margin = 0.15 * max(np.ptp(z.real), high)
-    left, right = float(z.real.min() - margin), float(z.real.max() + margin)
-    if not whole:
-        left, right = min(left, -high / 2), max(right, high / 2)
-    return (left, right), (-high - margin, high + margin)
-
-
-def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
-    """Return points near the boundary of a region, and whether it goes on beyond them."""
-    reach = 2.0 + method.stages
-    for factor in (1.0,) if method.explicit else (4.0, 1.0):
-        x, y = np.meshgrid(np.linspace(-2, 1, 241), np.linspace(0.0, 1.5, 121))
-        z = np.asarray(factor * reach * (x + 1j * y), dtype=np.complex128)
-        stable = np.abs(growth(method, z)) <= 1.0
-        edge = np.zeros(z.shape, bool)
-        edge[:, 1:] |= stable[:, 1:] != stable[:, :-1]
-        edge[1:] |= stable[1:] != stable[:-1]
-        cut = bool(edge[-1].any() or edge[:, [1, -1]].any())
-        if not cut:
-            break
-    return z[edge], cut
+    """Return ranges of both axes with the regions, or the inner part of those without an end."""
+    reach = 2.0 + max(method.stages for method in methods)
+    _, z = _plane((-2 * reach, 2 * reach), (0.0, 1.5 * reach))
+    z = z[np.any([np.abs(growth(method, z)) <= 1.0 for method in methods], axis=0)]
+    left, right, high = (float(end) for end in (z.real.min(), z.real.max(), z.imag.max()))
+    margin = 0.15 * max(right - left, high)
+    return (left - margin, right + margin), (-high - margin, high + margin)
 
 
 def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

@@ -1,9 +1,7 @@
 """Exported steps equal those of `cg.integrate`."""
 
-import importlib
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -381,12 +379,3 @@ def test_python_step_of_symbols_of_casadi(name):
     functions = (field, flow, dexpinv) if name == "RKMK4" else (field, flow)
     step = ca.Function("step", [y, h], [names["step"](*functions, TIME, y, h)])
     np.testing.assert_allclose(step(START, STEP).full().ravel(), ours(name)[0], rtol=1e-15)
-
-
-def module(name):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            return importlib.import_module(name)
-        except ModuleNotFoundError:
-            pytest.skip(f"{name} isn't installed")

@@ -92,7 +92,7 @@ class TestBadInput:
         ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
         ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
         ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
-        ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
+        ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on earlier stages, of 0 to 0"),
         ([(-1, {1: 1})], [-1, 0], {}, "point 0 must have weights on earlier stages"),
         ([(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})], [-1, 1, 0], {}, "stage 1 must depend on"),
         ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),

@@ -146,7 +146,6 @@ BAD = [
     (cg.plot.tree, "ax", [{"tree": "[]", "ax": "ax"}]),
     (cg.plot.points, "method", [{"method": "DICG4"}, {"method": "Leapfrog"}]),
     (cg.plot.tableau, "method", [{"method": "XX"}, {"method": "Leapfrog"}]),
-    (cg.plot.stability_region, "x", [{"method": "CG3", "x": (1, 0)}]),
     (cg.plot.order_star, "y", [{"method": "CG3", "y": (1, 0)}]),
     (cg.plot.stability_region, "method", [{"method": []}, {"method": "Leapfrog"}]),
     (cg.plot.order_star, "method", [{"method": "Leapfrog"}]),

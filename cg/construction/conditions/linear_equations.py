@@ -39,8 +39,8 @@ from collections.abc import Callable, Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
-from itertools import accumulate, chain, product
-from math import factorial, prod
+from itertools import accumulate
+from math import prod
 from typing import Any
 
 from cg.construction.trees import RootedTree, density, rooted_trees_through
@@ -52,11 +52,9 @@ LINEAR_ROUNDING = Decimal("1e-50")
 """Bound on the rounding errors of residuals of methods with weights of moderate size."""
 
 _DIGITS = Context(prec=64)
-_ROUGH = 1e-9  # far above rounding errors in double
 
 Word = tuple[int, ...]
 Series = dict[Word, Any]
-Degree = Callable[[Word], int]
 Row = Sequence[Any]
 Values = tuple[Row, Sequence[Row], Sequence[tuple[Row, Row]]]
 """The nodes, the weights of each exponential, and those of both sides of each bracket."""
@@ -83,17 +81,6 @@ def linear_residuals(values: Values, order: int) -> list[Decimal]:
     with localcontext(_DIGITS):
         product = product_of_exponentials(_each(as_decimal, values), order)
         return [product.get(word, 0) - _solution(word) for word in words(order)]
-
-
-def estimated_order(values: Values) -> int:
-    """Return the order that a method seems to have in double precision, an upper bound of it."""
-    product = product_of_exponentials(_each(float, values), MAX_LINEAR_ORDER)
-    wrong = [
-        sum(word)
-        for word in words(MAX_LINEAR_ORDER)
-        if not abs(product.get(word, 0.0) - float(_solution(word))) <= _ROUGH
-    ]
-    return min(wrong, default=MAX_LINEAR_ORDER + 1) - 1
 
 
 def linear_sensitivities(values: Values, units: Values, order: int) -> list[Decimal]:
@@ -148,12 +135,12 @@ def combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
     return total
 
 
-def times(a: Series, b: Series, order: int, degree_of: Degree = sum) -> Series:
+def times(a: Series, b: Series, order: int) -> Series:
     """Return the words of a product through a degree."""
-    second = sorted((degree_of(word), word) for word in b)
+    second = sorted((sum(word), word) for word in b)
     product: Series = {}
     for first, x in a.items():
-        room = order - degree_of(first)
+        room = order - sum(first)
         for degree, word in second:
             if degree > room:
                 break
@@ -161,12 +148,12 @@ def times(a: Series, b: Series, order: int, degree_of: Degree = sum) -> Series:
     return product
 
 
-def exponential(exponent: Series, order: int, degree_of: Degree = sum) -> Series:
+def exponential(exponent: Series, order: int) -> Series:
     """Return the exponential of a series without a constant, through a degree."""
     power: Series = {(): 1}
     total = dict(power)
     for n in range(1, order + 1):
-        power = {word: x / n for word, x in times(power, exponent, order, degree_of).items()}
+        power = {word: x / n for word, x in times(power, exponent, order).items()}
         for word, x in power.items():
             total[word] = total.get(word, 0) + x
     return total
@@ -235,31 +222,3 @@ def nystrom_values(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -> l
 
     sums = (sum(map(prod, zip(kicks, phi(tree), strict=True))) for tree in nystrom_trees(order))
     return [nodes[-1], *sums]
-
-
-@cache
-def splitting_words(order: int) -> tuple[tuple[int, ...], ...]:
-    """Return the words of the letters 0 (T) and 1 (V) of lengths 1 to `order`, shorter ones first.
-
-    Examples
-    --------
-    >>> splitting_words(2)
-    ((0,), (1,), (0, 0), (0, 1), (1, 0), (1, 1))
-    """
-    return tuple(word for n in range(1, order + 1) for word in product((0, 1), repeat=n))
-
-
-def splitting_values(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -> list[Any]:
-    """Return the coefficients of `splitting_words` in the product of exponentials of T and V."""
-    zero = drifts[0] * 0
-    values: Series = {(): zero + 1}
-    for k, weight in enumerate(chain.from_iterable(zip(drifts, (*kicks, zero), strict=True))):
-        values = times(exponential({(k % 2,): weight}, order, len), values, order, len)
-    return [values.get(word, zero) for word in splitting_words(order)]
-
-
-def splitting_residuals(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -> list[Any]:
-    """Return `splitting_values` less 1/n!, as in exp(T + V): the conditions for any T and V."""
-    values, words = splitting_values(drifts, kicks, order), splitting_words(order)
-    one = drifts[0] * 0 + 1
-    return [x - one / factorial(len(word)) for x, word in zip(values, words, strict=True)]

@@ -2,9 +2,9 @@
 
 A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
 point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
-precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
-chain of flows takes a single slot. Moves are the same in every language; in Python a step is for
-NumPy, or a pure function for JAX.
+precede its evaluation of f. Slots hold the points that `PathBuilder` keeps, so that a chain of
+flows takes a single slot. Moves are the same in every language; in Python a step is for NumPy, or a
+pure function for JAX.
 """
 
 import re
@@ -17,8 +17,9 @@ from importlib.resources import files
 from itertools import accumulate
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.layouts import START, PointTree, tree_of_rows
+from cg.construction.layouts import PointTree, tree_of_rows
 from cg.construction.methods.commutator_free import MuntheKaas
+from cg.construction.methods.paths import PathBuilder
 from cg.support.parsing import visible
 
 _WIDTH = 96
@@ -76,11 +77,11 @@ def write(
 
     It has the tables of the moves, and the text of the flows of a frame.
     """
-    conditions = {"algebra" if program.on_algebra else "manifold"}
+    conditions = {"algebra"} if program.on_algebra else set()
     if program.second is not None:
         conditions.add("pair")
     elif program.errors:
-        conditions |= {"error", "one_error" if len(program.errors) == 1 else "two_errors"}
+        conditions.add("error")
     parts = {
         "tables": tables,
         "name": program.name,
@@ -118,29 +119,28 @@ def make_program(numbers: Numbers) -> Program:
         )
     tree, errors = _tree(numbers)
     tree = tree.without_repetitions()
-    order, before = _sequence(tree)
-    slots, count = _slots(tree, order, before)
-    moves = tuple(
-        Move(
-            slots[tree.points[m].parent],
-            slots[m],
-            tuple((k, numbers.decimal(w)) for k, w in tree.points[m].weights.items()),
-        )
-        for m in order
-    )
+    builder, before, ends = PathBuilder(tree, explicit=True), [], []
+    for end in (*tree.stage_points, *tree.results):
+        ends.append(builder.path_to(end))
+        before.append(sum(len(path.flows) for path in builder.paths))
+    moves = []
+    for slot, path in enumerate(builder.paths, 1):
+        origin = path.origin
+        for flow in path.flows:
+            moves.append(Move(origin, slot, tuple((k, numbers.decimal(w)) for k, w in flow)))
+            origin = slot
     c = [sum(tree.flat_row(at), Fraction(0)) for at in tree.stage_points]
-    second = tree.embedded_result
     lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
     return Program(
         identifier(method.name),
         numbers.heading,
-        count,
-        moves,
-        before,
-        tuple(slots[at] for at in tree.stage_points),
+        len(builder.paths) + 1,
+        tuple(moves),
+        tuple(before[: method.stages]),
+        tuple(ends[: method.stages]),
         tuple(map(numbers.decimal, c)),
-        slots[tree.result],
-        None if second is None else slots[second],
+        ends[method.stages],
+        None if tree.embedded_result is None else ends[-1],
         tuple(tuple(map(numbers.decimal, row)) for row in errors),
         lower,
         isinstance(method, MuntheKaas),
@@ -163,47 +163,6 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     tree = method.layout.tree(numbers.values)
     results = tree.results[::-1] if better else tree.results
     return PointTree(tree.points, tree.stage_points, *results), []
-
-
-def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
-    """Return the points in the order of their moves, and the number of moves before each stage."""
-    order: dict[int, None] = {}  # an ordered set
-    before = []
-    for end in (*tree.stage_points, *tree.results):
-        order.update(dict.fromkeys(tree.path(end)))
-        before.append(len(order))
-    return list(order), tuple(before[: len(tree.stage_points)])
-
-
-def _slots(
-    tree: PointTree, order: list[int], before: tuple[int, ...]
-) -> tuple[dict[int, int], int]:
-    """Return the slot of each point, reused when it isn't needed any more, and their number."""
-    last: dict[int, int] = {}
-    for k, m in enumerate(order):
-        last[tree.points[m].parent] = k
-    for at, count in zip(tree.stage_points, before, strict=True):
-        last[at] = max(last.get(at, 0), count)
-    for end in tree.results:
-        last[end] = len(order)
-    last[START] = len(order)
-    slots = {START: 0}
-    unused: list[int] = []
-    count = 1
-    ended: dict[int, list[int]] = {}
-    for k, m in enumerate(order):
-        unused.extend(slots[other] for other in ended.pop(k, ()))
-        parent = slots[tree.points[m].parent]
-        if parent in unused:
-            slots[m] = parent
-            unused.remove(parent)
-        elif unused:
-            slots[m] = unused.pop()
-        else:
-            slots[m] = count
-            count += 1
-        ended.setdefault(last[m], []).append(m)
-    return slots, count
 
 
 @cache
@@ -243,17 +202,8 @@ def real(number: str) -> str:
 
 def wrapped(entries: Iterable[str], indent: str) -> str:
     """Return the entries of a list over lines of limited length."""
-    lines: list[str] = []
-    line: list[str] = []
-    length = 0
-    for entry in entries:
-        if line and length + len(entry) > _WIDTH:
-            lines.append(", ".join(line))
-            line, length = [], 0
-        line.append(entry)
-        length += len(entry) + 2
-    lines.append(", ".join(line))
-    return ",\n".join(indent + text for text in lines)
+    lines = textwrap.wrap(", ".join(entries), _WIDTH, break_on_hyphens=False)
+    return textwrap.indent("\n".join(lines), indent)
 
 
 def array(declared: str, entries: Sequence[str]) -> str:

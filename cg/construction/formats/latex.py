@@ -1,15 +1,12 @@
-"""LaTeX tables of methods for the package booktabs, and their view in notebooks."""
+"""LaTeX tables of methods for the package booktabs."""
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from html import escape
 
 from cg.construction.formats.digits import Numbers
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
-from cg.construction.plots import draw_method
-from cg.support.parsing import visible, visible_lines
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 _MAX_WIDTH = 110
@@ -124,13 +121,3 @@ def _number(entry: Coefficient) -> str:
 def _power(text: str) -> str:
     significand, e, exponent = text.lower().partition("e")
     return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
-
-
-def to_html(method: Method) -> str:
-    """Return a method as HTML for notebooks: a summary, and what `draw_method` draws."""
-    title = f"<b>{escape(visible(method.name) or 'without name')}</b>: "
-    title += escape(method.description())
-    source = f"<br><small>{escape(visible(method.source))}</small>" if method.source else ""
-    drawing = escape(visible_lines(draw_method(method)))
-    # MathJax leaves dollar signs of these classes alone
-    return f'<div class="tex2jax_ignore mathjax_ignore">{title}{source}<pre>{drawing}</pre></div>'

@@ -36,7 +36,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.support import quads
 from cg.support.checks import check_flag, check_integer
 
-_QUADRATURE_ROUNDING = Fraction(1, 10**14)  # error of integrals by a collocation method
+_QUADRATURE_ROUNDING = 1e-14  # error of integrals by a collocation method
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -416,12 +416,7 @@ def _is_collocation(tableau: Tableau) -> bool:
     a, b = tableau.exact
     if len(b) != 4 or any(a[0]) or any(row[0] for row in a) or a[-1] != b:
         return False
-    c = [sum(row) for row in a[1:]]
-    powers = range(1, 4)
-    integrates = all(
-        abs(sum(x * node ** (k - 1) for x, node in zip(row[1:], c, strict=True)) - end**k / k)
-        < _QUADRATURE_ROUNDING
-        for k in powers
-        for row, end in zip(a[1:], c, strict=True)
-    )
-    return integrates and bool(np.linalg.eigvals(tableau.a[1:, 1:]).imag.any())
+    inner, k = tableau.a[1:, 1:], np.arange(1, 4)
+    c = inner.sum(axis=1)[:, None]
+    off = np.abs(inner @ c ** (k - 1) - c**k / k).max()  # integrals of powers
+    return bool(off < _QUADRATURE_ROUNDING and np.linalg.eigvals(inner).imag.any())

@@ -8,11 +8,10 @@ import numpy as np
 
 from cg.construction.conditions import MAX_ORDER, residuals
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.estimate import error_power
 from cg.construction.methods.interpolant import output_of
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
-from cg.construction.methods.paths import MethodPaths, paths_of, polynomial_paths
+from cg.construction.methods.paths import MethodPaths, error_power, paths_of, polynomial_paths
 from cg.construction.methods.splitting import Splitting
 from cg.tables.table import Kind, MethodTable
 

@@ -34,11 +34,11 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,11 +46,11 @@ from numpy.polynomial.polynomial import polyint, polyval
 from numpy.typing import NDArray
 
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.end_weights import end_weights, kink_weights
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
+from cg.construction.methods.paths import paths_of
+from cg.construction.methods.plain import End, take_paths, with_weights
 from cg.frames.algebra import bernoulli_terms
-from cg.support.caches import cached
 from cg.support.checks import check_instance
 from cg.support.quads import to_flint, to_fraction
 from cg.tables import MAX_ANGLE
@@ -60,12 +60,6 @@ if TYPE_CHECKING:
 
 
 Vector = NDArray[Any]
-FlowWeights = Mapping[int, Any]
-Response = Callable[[Vector, Vector], tuple[Vector, Vector, Vector]]
-"""The result, and its differences from the second and the third result.
-
-By perturbations at the nodes, in place of the powers of the nodes, and by angles φ.
-"""
 
 MAX_RATIO = 10.0
 """Largest ratio of error to estimate of a pair whose estimate can be relied on."""
@@ -78,48 +72,33 @@ _NO_ERROR = 1e-11  # smaller errors of a step are rounding
 _CONSTANT = np.array([1.0])
 _BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([3.0, -12.0, 12.0])
 """Polynomials g of time, from the constant upwards, of mean one."""
-_DOP853_FACTOR = 0.1
 
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
 
-_MAX_WORK = 5e9
-"""Largest work, s⁴ times the bits of coefficients, of exact polynomials: 2 to 15 seconds."""
-
+_MAX_STAGES = 60  # exact polynomials take the fourth power of the stages in time
 _NOISE = 10**4  # effect of rounded coefficients on sums of products, in units of their last places
 _GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
 
 
-@cached
-def jump_ratio(method: Method) -> float | None:
-    """Return the largest ratio of the error of a step to its estimate where the field jumps.
+def break_ratio(method: Method, power: int) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate where the field breaks.
 
-    The ratio is infinite for a pair that has no node at the end of the step. None without an error
-    estimate, and for Magnus methods, whose estimates also use the nodes of the step before.
+    The field jumps, or its derivative of order `power` does. The ratio of jumps is infinite for a
+    pair that has no node at the end of the step. None without an error estimate, and for Magnus
+    methods, whose estimates also use the nodes of the step before.
     """
-    return _break_ratio(method, 0)
-
-
-@cached
-def kink_ratio(method: Method) -> float | None:
-    """Return the largest ratio of error to estimate where the derivative of the field jumps."""
-    return _break_ratio(method, 1)
-
-
-def _break_ratio(method: Method, power: int) -> float | None:
     if method.embedded_order is None or isinstance(method, MagnusMethod):
         return None
-    response, c, still = _response(method, None), method.c, np.zeros(1)
-    ratios = []
+    c, ratios = paths_of(method).abscissae, []
     for place in ((np.arange(1000) + 0.5) / 1000).tolist():
         values = np.where(c >= place, (c - place) ** power, 0.0)
+        (result,), (estimate,) = _step(method, values, np.zeros(1))
         exact = (1 - place) ** (power + 1) / (power + 1)
-        error, estimate = _compare(method, response(values, still), exact)
-        ratios.append(error[0] / max(estimate[0], 1e-300))
+        ratios.append(abs(result - exact) / max(estimate, 1e-300))
     return float(max(ratios))
 
 
-@cached
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
@@ -130,56 +109,15 @@ def estimate_ratio(method: Method) -> float | None:
     if method.embedded_order is None:
         return None
     if isinstance(method, MagnusMethod):
-        return max(
-            _largest_ratio(method, partial(_flow_response, method, base=base), MAX_ANGLE, base)
-            for base in _BASES
-        )
+        return max(_largest_ratio(method, MAX_ANGLE, base) for base in _BASES)
     if not isinstance(method, MuntheKaas):
-        return _largest_ratio(method, _response(method, None), MAX_ANGLE)
+        return _largest_ratio(method, MAX_ANGLE)
     series = method.advancing.order, None
-    return max(_largest_ratio(method, _response(method, powers), _MAX_TURN) for powers in series)
-
-
-def _response(method: Method, powers: int | None) -> Response:
-    """Return the response; of a Munthe-Kaas method with the series of dexp⁻¹ up to a power."""
-    if isinstance(method, MuntheKaas):
-        return partial(_algebra_response, method, powers)
-    return partial(_flow_response, method)
-
-
-def error_power(method: Method) -> int:
-    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
-
-    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)). This n leads to
-    the order of the error of the step, O(h^(p + 1)), or one below.
-    """
-    third = method.third_order
-    second = None if third is None else method.embedded_order
-    if second is None or third is None or third >= second:
-        return 0 if end_weights(method) else 1
-    return max((method.order - second) // (second - third), 1)
-
-
-def _compare(
-    method: Method, responses: tuple[Vector, Vector, Vector], exact: Any
-) -> tuple[Vector, Vector]:
-    """Return errors and estimates."""
-    factor = _DOP853_FACTOR
-    if isinstance(method, MagnusMethod):
-        factor = float(method.third_factor.value)
-    result, e, e3 = responses[0], abs(responses[1]), abs(responses[2])
-    if end := end_weights(method):
-        estimate = np.maximum(e, float(end.factor) * e3)
-    else:
-        estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
-    if estimate.ndim > 1:  # the parts of quadrature and of commutators
-        total = estimate.sum(axis=0)
-        estimate = total if isinstance(method, MagnusMethod) else estimate.max(axis=0)
-    return abs(result - exact), estimate
+    return max(_largest_ratio(method, _MAX_TURN, powers=powers) for powers in series)
 
 
 def _largest_ratio(
-    method: Method, response: Response, max_angle: float, base: Vector = _CONSTANT
+    method: Method, max_angle: float, base: Vector = _CONSTANT, powers: int | None = None
 ) -> float:
     ratios = [0.0]
     angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
@@ -187,112 +125,95 @@ def _largest_ratio(
     nodes, weights = np.polynomial.legendre.leggauss(60)
     s = (nodes + 1) / 2
     turned = polyval(s, polyint(base))
+    c = paths_of(method).abscissae
     for j in _POWERS:
-        exact = np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j)
-        error, estimate = _compare(method, response(method.c**j, angles), exact)
+        result, estimate = _step(method, c**j, angles, base, powers)
+        error = abs(result - np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j))
         for k in np.flatnonzero((error > _NO_ERROR) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
             ratios.append(error[k] / max(nearby, _NO_ERROR * error[k]))
     for j in range(max(method.order, method.embedded_order or 0) + 5):
-        responses = response(method.c**j, np.zeros(1))
-        (error,), (estimate,) = _compare(method, responses, 1 / (j + 1))
-        if error > _NO_ERROR:
-            ratios.append(error / max(estimate, _NO_ERROR * error))
+        (result,), (quadrature,) = _step(method, c**j, np.zeros(1), base, powers)
+        off = abs(result - 1 / (j + 1))
+        if off > _NO_ERROR:
+            ratios.append(off / max(quadrature, _NO_ERROR * off))
     return float(max(ratios))
+
+
+def _step(
+    method: Method,
+    values: Vector,
+    angles: Vector,
+    base: Vector = _CONSTANT,
+    powers: int | None = None,
+) -> tuple[Vector, Vector]:
+    """Return the result of a step and the estimate of its error, by angles φ.
+
+    Perturbations have `values` at the nodes; X is multiplied by the polynomial `base` of time.
+    The series of dexp⁻¹ has terms up to a power, or all of them.
+    """
+    paths = with_weights(paths_of(method), float)
+    lengths, fields = _fields(method, values, angles, base, powers)
+
+    def flow(terms: Sequence[Any], _: Any, point: Any) -> End:
+        turned, place = point
+        length = sum(weight * lengths[k] for k, weight in terms)
+        field = sum(weight * fields[k] for k, weight in terms)
+        move = np.exp(-1j * angles * turned) * _phi1(-1j * length * angles) * field
+        return (turned + length, place + move), None
+
+    ends, _ = take_paths(paths, (0.0, 0j * angles), lambda *_: None, flow, list(fields))
+    result, *others = (ends[k][0][1] for k in (paths.result, paths.embedded, paths.third) if k)
+    differences = np.array([result - other for other in others])
+    rows = np.array(paths.errors, np.float64) @ fields if paths.errors else differences
+    factor = float(paths.factor)
+    if paths.power == 0:  # a quotient of sums at the end of the step, if there are two
+        row, *lower = abs(rows)
+        end = row * row / np.maximum(np.hypot(row, lower[0]), 1e-300) if lower else row
+        return result, np.maximum(abs(differences[0]), factor * end)
+    parts = [rows]  # of the quadratures, and of commutators
+    if isinstance(method, MuntheKaas) and len(rows) > 1:
+        commuting = np.array(paths.errors, np.float64) @ values[:, None]
+        parts = [commuting + 0 * rows, rows - commuting]
+    elif paths.third:
+        parts.append(differences - rows[[0, -1]])
+    elif isinstance(method, MagnusMethod) and method.third_weights is not None:
+        parts = [rows[::2], rows[1::2]]
+    estimates = []
+    for part in map(abs, parts):
+        first, last = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
+        quotient = first / np.maximum(np.hypot(first, factor * last), 1e-300)
+        estimates.append(first * quotient**paths.power)
+    total = sum if isinstance(method, MagnusMethod) else partial(np.max, axis=0)
+    return result, total(estimates)
+
+
+def _fields(
+    method: Method, values: Vector, angles: Vector, base: Vector, powers: int | None
+) -> tuple[Vector, Vector]:
+    """Return the parts along X and V of fields at stages and of brackets: (n,), (n, angles).
+
+    Those of a Munthe-Kaas method are the derivatives κ of coordinates.
+    """
+    paths, turn = paths_of(method), 1j * angles
+    c = paths.abscissae
+    if isinstance(method, MuntheKaas):
+        scale = (_dexpinv(np.outer(turn, c), powers) - 1) / np.where(c == 0, 1.0, c)
+        system = np.eye(len(c)) + scale[..., None] * method.advancing.tableau.a
+        sources = values * (1 + scale * c)
+        return np.ones(len(c)), np.linalg.solve(system, sources[..., None])[..., 0].T
+    lengths, parts = polyval(c, base), np.outer(values, 1 + 0j * angles)
+    for pair in paths.brackets:
+        u, v = np.array(pair, np.float64)
+        bracket = turn * ((u @ lengths) * (v @ parts) - (v @ lengths) * (u @ parts))
+        lengths, parts = np.append(lengths, 0.0), np.vstack([parts, bracket])
+    return lengths, parts
 
 
 def _phi1(x: Vector) -> Vector:
     small = abs(x) < 1e-5
     safe = np.where(small, 1.0, x)
     return np.where(small, 1 + x / 2, (np.exp(safe) - 1) / safe)
-
-
-def _flow_response(
-    method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT
-) -> tuple[Vector, Vector, Vector]:
-    tree = method.tree
-    lengths, values = _letters(method, values, angles, polyval(method.c, base))
-    results = [
-        _at_end((tree.points[m].weights for m in tree.path(end)), lengths, values, angles)
-        for end in method.advancing_results
-    ]
-    third = np.zeros(len(angles))
-    if isinstance(method, MagnusMethod) and method.by_exponents:
-        second, *rest = np.split(
-            np.array(method.error_weights, np.float64) @ np.array(values).reshape(-1, len(angles)),
-            2 if method.third_weights else 1,
-        )
-        return results[0], second, rest[0] if rest else np.zeros_like(second)
-    if end := end_weights(method):
-        row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
-        third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
-    elif method.third_flow is not None:
-        flow = dict(enumerate(weight.value for weight in method.third_flow))
-        others = results[1], _at_end([flow], lengths, values, angles)
-        parts = np.array(method.error_weights, np.float64) @ values
-        rests = [results[0] - other - part for other, part in zip(others, parts, strict=True)]
-        second = _larger(method, parts[0], values) + 0 * angles
-        return results[0], np.array([second, rests[0]]), np.array([parts[1] + 0 * angles, rests[1]])
-    return results[0], _larger(method, results[0] - results[1], values), third
-
-
-def _letters(method: Method, values: Vector, angles: Vector, lengths: Vector) -> tuple[Vector, Any]:
-    """Return the parts along X and along V of fields at stages, and of brackets of them."""
-    brackets = method.brackets if isinstance(method, MagnusMethod) else ()
-    if not brackets:
-        return lengths, values
-    parts = np.zeros((len(values) + len(brackets), len(angles)), np.complex128)
-    parts[: len(values)] = values[:, None]
-    lengths, turn = np.pad(lengths, (0, len(brackets))), 1j * angles
-    for j, pair in enumerate(brackets, len(values)):
-        u, v = (np.array([a.value for a in row], np.float64) for row in pair)
-        both = (u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j])
-        parts[j] = turn * both
-    return lengths, parts
-
-
-def _at_end(flows: Iterable[FlowWeights], lengths: Vector, values: Any, angles: Vector) -> Vector:
-    total, end = 0.0, np.zeros(len(angles), np.complex128)
-    for flow in flows:
-        weights = {k: float(weight) for k, weight in flow.items()}
-        length = sum(weight * lengths[k] for k, weight in weights.items())
-        value = sum(weight * values[k] for k, weight in weights.items())
-        end += np.exp(-1j * angles * total) * _phi1(-1j * length * angles) * value
-        total += length
-    return end
-
-
-def _algebra_response(
-    method: MuntheKaas, powers: int | None, values: Vector, angles: Vector
-) -> tuple[Vector, Vector, Vector]:
-    method = method.advancing
-    stages = method.stages
-    a, c = method.tableau.a, method.tableau.c
-    weights = np.array([method.tableau.b, *np.array(method.error_weights, np.float64)])
-    scale = (_dexpinv(1j * np.outer(angles, c), powers) - 1) / np.where(c == 0, 1.0, c)
-    system = np.eye(stages) + scale[..., None] * a
-    sources = values * (1 + scale * c)
-    kappa = np.linalg.solve(system, sources[..., None])[..., 0]
-    result, second, *others = weights @ kappa.T
-    if not others:
-        second = _larger(method, second, kappa.T)
-        return _phi1(-1j * angles) * result, second, np.zeros(len(angles))
-    of_values = np.repeat(values[:, None], len(angles), axis=1)
-    parts = [of_values, kappa.T - of_values]
-    return (
-        _phi1(-1j * angles) * result,
-        np.array([_larger(method, weights[1] @ part, part) for part in parts]),
-        np.array([weights[2] @ part for part in parts]),
-    )
-
-
-def _larger(method: Method, second: Vector, values: Vector) -> Vector:
-    """Return the difference of the results, or the sum with `kink_weights` if that is larger."""
-    weights = kink_weights(method)
-    if weights is None:
-        return second
-    kinks: Vector = np.array(weights, np.float64) @ values
-    return np.where(abs(kinks) > abs(second), kinks, second)
 
 
 def _dexpinv(x: Vector, powers: int | None) -> Vector:
@@ -361,24 +282,12 @@ def stability_limits(method: Method) -> StabilityLimits:
 
 
 def too_large(method: Method) -> str | None:
-    """Return why the stability limits of a method aren't computed; None if they are.
-
-    The work is proportional to the fourth power of the stages and to the bits of a coefficient over
-    the common denominator.
-    """
-    check_instance("method", method, Method)
-    (a, b), s = method.exact, method.stages
-    denominator, size = 1, 0
-    for x in chain(*a, b):
-        denominator = math.lcm(denominator, x.denominator)
-        size = max(size, x.numerator.bit_length() - x.denominator.bit_length())
-        bits = denominator.bit_length()
-        if s**4 * (bits + size + 8) > _MAX_WORK:
-            return (
-                f"limits of stability, since with {s} stages and a common denominator of {bits} "
-                "bits or more the exact polynomials would take too long"
-            )
-    return None
+    """Return why the stability limits of a method aren't computed; None if they are."""
+    if method.stages <= _MAX_STAGES:
+        return None
+    return (
+        f"limits of stability, since the exact polynomials of {method.stages} stages are too long"
+    )
 
 
 def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:

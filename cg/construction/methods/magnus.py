@@ -14,8 +14,8 @@ from numpy.polynomial import Legendre
 
 from cg.construction.conditions.linear_equations import (
     LINEAR_ROUNDING,
+    MAX_LINEAR_ORDER,
     Values,
-    estimated_order,
     linear_residuals,
     linear_sensitivities,
 )
@@ -273,8 +273,8 @@ class MagnusMethod(Method):
     @cached_property
     def exact_order(self) -> int:
         """The order for linear equations, as far as the stored places can tell."""
-        orders = range(estimated_order(self._numbers("value")), 0, -1)
-        return next((order for order in orders if self.satisfies(order)), 0)
+        orders = range(1, MAX_LINEAR_ORDER + 1)
+        return next((q - 1 for q in orders if not self.satisfies(q)), MAX_LINEAR_ORDER)
 
     def residuals(self, order: int) -> list[Decimal]:
         """Return the residuals of the conditions of all words through a degree, to 50 digits."""

@@ -32,7 +32,6 @@ from cg.construction.layouts import START, PointTree
 from cg.construction.methods.coefficients import values_of
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
-from cg.construction.methods.estimate import error_power
 from cg.construction.methods.low_storage import Registers, two_registers
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method, frozen
@@ -134,6 +133,19 @@ class MethodPaths:
         return arrays | {name: np.array(row, np.float64) for name, row in reals.items()}
 
 
+def error_power(method: Method) -> int:
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
+
+    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)). This n leads to
+    the order of the error of the step, O(h^(p + 1)), or one below.
+    """
+    third = method.third_order
+    second = None if third is None else method.embedded_order
+    if second is None or third is None or third >= second:
+        return 0 if end_weights(method) else 1
+    return max((method.order - second) // (second - third), 1)
+
+
 @cached
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method."""
@@ -147,7 +159,7 @@ def paths_of(method: Method) -> MethodPaths:
         series = max(method.order, 1)
     errors, tree = method.error_weights, method.tree.without_repetitions()
     result, *second = (method.tree.merged[end] for end in method.advancing_results)
-    builder = _Builder(tree, method.explicit)
+    builder = PathBuilder(tree, method.explicit)
     stages = tuple(map(builder.path_to, tree.stage_points))
     result_path = builder.path_to(result)
     c = method.abscissae
@@ -258,7 +270,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     )  # fmt: skip
 
 
-class _Builder:
+class PathBuilder:
     """Builds the paths of a tree without repetitions, leaving out unused points."""
 
     def __init__(self, tree: PointTree, explicit: bool) -> None:

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from cg.construction.conditions.linear_equations import (
     nystrom_residuals,
     nystrom_values,
-    splitting_residuals,
-    splitting_values,
 )
 from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
@@ -26,8 +24,6 @@ from cg.support.quads import to_flint, to_fraction
 
 if TYPE_CHECKING:
     from cg.support.flint import fmpq
-
-Evaluation = Callable[[Sequence[Any], Sequence[Any], int], list[Any]]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -162,14 +158,6 @@ class Splitting(Method):
         """The order for quadratic kinetic energies, as far as the stored places can tell."""
         return next(order - 1 for order in count(1) if not self.satisfies(order))
 
-    @cached_property
-    def nystrom(self) -> bool:
-        """Whether the order relies on the kinetic energy: [V, [V, [V, T]]] = 0.
-
-        Other methods have their order for all pairs of flows.
-        """
-        return not self._hold(splitting_residuals, splitting_values, self.exact_order)
-
     def residuals(self, order: int) -> tuple[Fraction, ...]:
         """Return Σ d - 1, then the exact residuals ``Φ(t) - 1/γ(t)`` of special Nyström trees.
 
@@ -182,30 +170,22 @@ class Splitting(Method):
         return tuple(map(to_fraction, nystrom_residuals(*self._numbers(), order)))
 
     def satisfies(self, order: int) -> bool:
-        order = check_integer("order", order, 1)
-        return self._hold(nystrom_residuals, nystrom_values, order)
+        pairs = zip(self.residuals(order), self._allowed(order), strict=True)
+        return all(abs(residual) <= bound for residual, bound in pairs)
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
         """Return the largest residuals that rounded coefficients may cause; see `residuals`."""
-        order = check_integer("order", order, 1)
-        return frozen([to_fraction(x) for x in self._allowed(nystrom_values, order)])
+        return frozen(self._allowed(check_integer("order", order, 1)))
 
-    def _hold(self, residuals: Evaluation, values: Evaluation, order: int) -> bool:
-        if not order:
-            return True
-        allowed = self._allowed(values, order)
-        pairs = zip(residuals(*self._numbers(), order), allowed, strict=True)
-        return all(abs(residual) <= bound for residual, bound in pairs)
+    def _allowed(self, order: int) -> list[Fraction]:
+        """Return bounds on the changes of residuals when coefficients change by up to a unit.
 
-    def _allowed(self, values: Evaluation, order: int) -> list[fmpq]:
-        """Return bounds on the changes of values when coefficients change by up to a unit.
-
-        The values are polynomials with positive coefficients, so that their increase at the
-        magnitudes is a bound.
+        They are polynomials with positive coefficients and a constant, so that their increase at
+        the magnitudes is a bound.
         """
-        low = values(*self._numbers(abs), order)
-        high = values(*self._numbers(abs, units=True), order)
-        return [TOLERANCE_FACTOR * (x - y) for x, y in zip(high, low, strict=True)]
+        low = nystrom_values(*self._numbers(abs), order)
+        high = nystrom_values(*self._numbers(abs, units=True), order)
+        return [to_fraction(TOLERANCE_FACTOR * (x - y)) for x, y in zip(high, low, strict=True)]
 
     def _numbers(
         self, change: Callable[[Fraction], Fraction] = Fraction, *, units: bool = False
