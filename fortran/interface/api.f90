@@ -4,7 +4,7 @@ module api_m
   use, intrinsic :: iso_fortran_env, only: real64
   use conditions_m, only: order_conditions_t
   use kinds, only: wp
-  use levenberg_marquardt_m, only: lmdif, lmdif_t
+  use levenberg_marquardt_m, only: lmdif
   use tree_tables, only: highest_order
   use weights_m, only: weights_t
   implicit none
@@ -88,8 +88,8 @@ contains
     call conditions%jacobian(x, jac, flag)
   end subroutine core_jacobian
 
-  ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
-  ! solver wants at least as many rows as unknowns.
+  ! lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the solver wants at
+  ! least as many rows as unknowns.
   subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
                              x, f, info, nfev) bind(c)
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
@@ -101,16 +101,12 @@ contains
     real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
     integer, intent(out) :: info, nfev
     type(order_conditions_t) :: conditions
-    type(lmdif_t) :: solver
     real(wp) :: residual(m)
 
     call conditions%set_up(order, layout, trees)
     conditions%stop_flag => stop_flag(1)
     x = x0
-    solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
-    call lmdif(conditions, x, residual, solver)
-    info = solver%info
-    nfev = solver%nfev
+    call lmdif(conditions, ftol(1), xtol(1), maxfev, x, residual, info, nfev)
     f(1) = sum(residual**2)
   end subroutine core_fit_lmdif
 
