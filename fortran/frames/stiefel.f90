@@ -4,12 +4,11 @@
 !
 ! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
 ! rotations g. A point is its own transpose, so that the order of storage doesn't matter. Rounding
-! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point, which Jacobi's
-! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
+! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point.
 module stiefel_m
   use blocks_m, only: skew_coefficients, skew_matrix
   use kinds, only: wp
-  use vectors_m, only: dgemm, dsyevd, nan
+  use vectors_m, only: dgemm, dgetrf, dgetrs, dsyevd, nan
   use orthogonal_m, only: largest_own, move_orthogonal, multiply, multiply_symmetric, to_orthogonal
   implicit none
   private
@@ -17,8 +16,6 @@ module stiefel_m
             restore_isospectral, restore_stiefel, stiefel_coefficients, stiefel_tangent
 
   real(wp), parameter :: max_length = 1e4_wp
-
-  integer, parameter :: max_sweeps = 30
 
 contains
 
@@ -31,7 +28,7 @@ contains
     real(wp), intent(inout) :: y(k, n)
     real(wp), dimension(k, k) :: m, s, d, c, a, z, w
     real(wp) :: x(k, n), length, part
-    integer :: i, j, parts
+    integer :: i, info, j, parts, pivot(k)
 
     length = norm2(v)
     if (.not. length <= max_length) then
@@ -54,39 +51,11 @@ contains
       call product_of('N', 'N', 1.0_wp, d, a, 1.0_wp, w)
       x = y
       call product_of('T', 'N', part, w, v, 1.0_wp, x)
-      call invert(k, z, w)
-      call product_of('N', 'N', 1.0_wp, w, x, 0.0_wp, y)
+      y = x
+      call dgetrf(k, k, z, k, pivot, info)
+      call dgetrs('N', k, n, z, k, pivot, y, k, info)
     end do
   end subroutine move_stiefel
-
-  ! The inverse of a regular matrix, by elimination. LAPACK's would use several threads for few
-  ! columns.
-  pure subroutine invert(k, a, inverse)
-    integer, intent(in) :: k
-    real(wp), intent(inout) :: a(k, k)
-    real(wp), intent(out) :: inverse(k, k)
-    real(wp) :: factor
-    integer :: i, j, pivot
-
-    inverse = 0.0_wp
-    do i = 1, k
-      inverse(i, i) = 1.0_wp
-    end do
-    do i = 1, k
-      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
-      a([i, pivot], :) = a([pivot, i], :)
-      inverse([i, pivot], :) = inverse([pivot, i], :)
-      do j = 1, k
-        if (j == i) cycle
-        factor = a(j, i) / a(i, i)
-        a(j, i:) = a(j, i:) - factor * a(i, i:)
-        inverse(j, :) = inverse(j, :) - factor * inverse(i, :)
-      end do
-    end do
-    do i = 1, k
-      inverse(i, :) = inverse(i, :) / a(i, i)
-    end do
-  end subroutine invert
 
   ! The sums of m^j / (2 j + 1)! and m^j / (2 j + 2)!
   subroutine sum_series(k, bound, m, s, d)
@@ -251,67 +220,15 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n), y(n, n)
     real(wp), intent(out) :: own(n), vectors(n, n)
-    real(wp) :: values(n)
-    integer :: k
+    real(wp) :: values(n), work(1 + 6 * n + 2 * n**2)
+    integer :: iwork(3 + 5 * n), info, k
 
-    if (n > largest_own) then
-      block
-        real(wp) :: work(1 + 6 * n + 2 * n**2)
-        integer :: iwork(3 + 5 * n), info
-        vectors = y
-        call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-      end block
-    else
-      call diagonalise(n, y, values, vectors)
-    end if
+    vectors = y
+    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
     call to_orthogonal(n, vectors)
     do k = 1, n
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
   end subroutine decompose
-
-  ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
-  ! rounding
-  subroutine diagonalise(n, matrix, values, vectors)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: values(n)           ! relative to the largest entry
-    real(wp), intent(out) :: vectors(n, n)       ! columns
-    real(wp) :: a(n, n), column(n), largest, cosine, sine, tangent
-    integer :: i, p, q, sweep
-    logical :: done
-
-    vectors = 0.0_wp
-    do i = 1, n
-      vectors(i, i) = 1.0_wp
-    end do
-    largest = maxval(abs(matrix))
-    a = 0.0_wp
-    if (largest > 0) a = matrix / largest
-    do sweep = 1, max_sweeps
-      done = .true.
-      do q = 2, n
-        do p = 1, q - 1
-          if (abs(a(p, q)) <= epsilon(largest) / 16) cycle
-          done = .false.
-          tangent = (a(q, q) - a(p, p)) / (2 * a(p, q))
-          tangent = sign(1 / (abs(tangent) + sqrt(tangent**2 + 1)), tangent)
-          cosine = 1 / sqrt(tangent**2 + 1)
-          sine = tangent * cosine
-          column = a(:, p)
-          a(:, p) = cosine * column - sine * a(:, q)
-          a(:, q) = sine * column + cosine * a(:, q)
-          column = a(p, :)
-          a(p, :) = cosine * column - sine * a(q, :)
-          a(q, :) = sine * column + cosine * a(q, :)
-          column = vectors(:, p)
-          vectors(:, p) = cosine * column - sine * vectors(:, q)
-          vectors(:, q) = sine * column + cosine * vectors(:, q)
-        end do
-      end do
-      if (done) exit
-    end do
-    values = [(a(i, i), i=1, n)]
-  end subroutine diagonalise
 
 end module stiefel_m
