@@ -28,16 +28,6 @@ contains
     y = real(x, wp)
   end subroutine core_from_double
 
-  ! x - y, y in double.
-  subroutine core_subtract_double(n, x, y, difference) bind(c)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n)
-    real(real64), intent(in) :: y(n)
-    real(wp), intent(out) :: difference(n)
-
-    difference = x - real(y, wp)
-  end subroutine core_subtract_double
-
   subroutine core_highest_order(order) bind(c)
     integer, intent(out) :: order
 
