@@ -23,8 +23,7 @@ eigenvalues of isospectral matrices, the number of columns, or the matrices of a
 CLOSED_FORMS = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
 """Kinds of matrices whose coordinates have a closed form."""
 
-_MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U
-_BY_LAPACK = BlockKind.STIEFEL, BlockKind.ISOSPECTRAL
+_MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U, BlockKind.ISOSPECTRAL
 
 MAX_MATRIX = 12
 """Largest number of rows of matrices that compiled code multiplies without BLAS."""
@@ -32,7 +31,7 @@ MAX_MATRIX = 12
 
 def needs_lapack(block: Block) -> bool:
     """Return whether compiled code calls BLAS and LAPACK for a block."""
-    return block[0] in _BY_LAPACK or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
+    return block[0] == BlockKind.STIEFEL or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
 
 
 def convention_option(convention: str) -> int:

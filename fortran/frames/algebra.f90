@@ -4,11 +4,10 @@
 ! blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, &
-       skew_coefficients, skew_matrix
+  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, largest_own
   use frames_m, only: frame_t
   use shared_numbers
-  use orthogonal_m, only: largest_own, multiply_real => multiply
+  use orthogonal_m, only: multiply_real => multiply
   use unitary_m, only: multiply
   use vectors_m, only: cross
   implicit none
@@ -20,7 +19,7 @@ module algebra_m
     1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
     691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
     43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
-    77683 / 14101100039391805440000.0_wp]
+    77683 / 1.4101100039391805e22_wp]
   ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
   ! precision, which no frame exceeds.
   integer, parameter :: last_term = 11
@@ -221,13 +220,15 @@ contains
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: coefficients(:)
     real(wp), contiguous, target, intent(out) :: matrix(:)
+    real(wp), pointer, contiguous :: real_view(:, :)
     complex(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_matrix(block%n, coefficients, matrix)
+      real_view(1:block%n, 1:block%n) => matrix
+      call algebra_matrix(block%n, coefficients, real_view)
     else
       view => as_complex(block%n, matrix)
-      call algebra_matrix(block%kind, block%n, coefficients, view)
+      call algebra_matrix(block%n, coefficients, view)
     end if
   end subroutine make_matrix
 
@@ -236,11 +237,13 @@ contains
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: matrix(:)
     real(wp), intent(out) :: v(:)
+    real(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_coefficients(block%n, matrix, v)
+      view(1:block%n, 1:block%n) => matrix
+      call algebra_coefficients(block%n, view, v)
     else
-      call algebra_coefficients(block%kind, block%n, as_complex(block%n, matrix), v)
+      call algebra_coefficients(block%n, as_complex(block%n, matrix), v)
     end if
   end subroutine get_coefficients
 

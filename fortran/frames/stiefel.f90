@@ -4,12 +4,13 @@
 !
 ! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
 ! rotations g. A point is its own transpose, so that the order of storage doesn't matter. Rounding
-! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point.
+! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point, which Jacobi's
+! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
 module stiefel_m
-  use blocks_m, only: skew_coefficients, skew_matrix
+  use blocks_m, only: algebra_coefficients, algebra_matrix, largest_own
   use kinds, only: wp
   use vectors_m, only: dgemm, dgetrf, dgetrs, dsyevd, nan
-  use orthogonal_m, only: largest_own, move_orthogonal, multiply, multiply_symmetric, to_orthogonal
+  use orthogonal_m, only: move_orthogonal, multiply, restore_orthogonal
   implicit none
   private
   public :: isospectral_coefficients, isospectral_tangent, move_isospectral, move_stiefel, &
@@ -148,8 +149,8 @@ contains
     end do
     call move_orthogonal(n, .true., f, g)
     call multiply(n, y, g, product)
-    call multiply_symmetric(n, g, product, y)
-    if (n > largest_own) y = (y + transpose(y)) / 2
+    call multiply(n, transpose(g), product, y)
+    y = (y + transpose(y)) / 2
   end subroutine move_isospectral
 
   ! x y - y x for the skew matrix x with coefficients v, which is x y and its transpose
@@ -160,7 +161,7 @@ contains
     real(wp), intent(out) :: tangent(n, n)
     real(wp) :: x(n, n), product(n, n)
 
-    call skew_matrix(n, v, x)
+    call algebra_matrix(n, v, x)
     call multiply(n, x, y, product)
     tangent = product + transpose(product)
   end subroutine isospectral_tangent
@@ -178,9 +179,8 @@ contains
     do k = 1, n
       scaled(k, :) = own(k) * vectors(:, k)
     end do
-    vectors = transpose(vectors)
-    call multiply_symmetric(n, vectors, scaled, y)
-    if (n > largest_own) y = (y + transpose(y)) / 2
+    call multiply(n, vectors, scaled, y)
+    y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
   ! The coefficients of a derivative, without isotropy, and the square of the length of the rest. In
@@ -210,7 +210,7 @@ contains
     end do
     call multiply(n, vectors, x, product)
     call multiply(n, product, transpose(vectors), x)
-    call skew_coefficients(n, (x - transpose(x)) / 2, v)
+    call algebra_coefficients(n, x, v)
     call isospectral_tangent(n, v, y, product)
     dropped = sum((slope - product)**2)
   end subroutine isospectral_coefficients
@@ -223,12 +223,61 @@ contains
     real(wp) :: values(n), work(1 + 6 * n + 2 * n**2)
     integer :: iwork(3 + 5 * n), info, k
 
-    vectors = y
-    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-    call to_orthogonal(n, vectors)
+    if (n > largest_own) then
+      vectors = y
+      call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
+    else
+      call diagonalise(n, y, values, vectors)
+    end if
+    call restore_orthogonal(n, vectors)
     do k = 1, n
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
   end subroutine decompose
+
+  ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
+  ! rounding
+  subroutine diagonalise(n, matrix, values, vectors)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: matrix(n, n)
+    real(wp), intent(out) :: values(n)           ! relative to the largest entry
+    real(wp), intent(out) :: vectors(n, n)       ! columns
+    real(wp) :: a(n, n), column(n), largest, cosine, sine, tangent
+    integer, parameter :: max_sweeps = 30
+    integer :: i, p, q, sweep
+    logical :: done
+
+    vectors = 0.0_wp
+    do i = 1, n
+      vectors(i, i) = 1.0_wp
+    end do
+    largest = maxval(abs(matrix))
+    a = 0.0_wp
+    if (largest > 0) a = matrix / largest
+    do sweep = 1, max_sweeps
+      done = .true.
+      do q = 2, n
+        do p = 1, q - 1
+          if (abs(a(p, q)) <= epsilon(largest) / 16) cycle
+          done = .false.
+          tangent = (a(q, q) - a(p, p)) / (2 * a(p, q))
+          tangent = sign(1 / (abs(tangent) + sqrt(tangent**2 + 1)), tangent)
+          cosine = 1 / sqrt(tangent**2 + 1)
+          sine = tangent * cosine
+          column = a(:, p)
+          a(:, p) = cosine * column - sine * a(:, q)
+          a(:, q) = sine * column + cosine * a(:, q)
+          column = a(p, :)
+          a(p, :) = cosine * column - sine * a(q, :)
+          a(q, :) = sine * column + cosine * a(q, :)
+          column = vectors(:, p)
+          vectors(:, p) = cosine * column - sine * vectors(:, q)
+          vectors(:, q) = sine * column + cosine * vectors(:, q)
+        end do
+      end do
+      if (done) exit
+    end do
+    values = [(a(i, i), i=1, n)]
+  end subroutine diagonalise
 
 end module stiefel_m
