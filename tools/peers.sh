@@ -36,6 +36,9 @@ if [ "${2-}" != rest ]; then
     "xarray>=2024.1" "qutip>=5.3"
   exit 0
 fi
+if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/null | grep -q libminpack; then
+  debian minpack-dev MINPACK
+fi
 command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
 command -v pdflatex >/dev/null 2>&1 || debian "--no-install-recommends texlive-latex-recommended" TeX
 pip "lielab==0.5.2" "distributed>=2024.8" "mpi4py>=4.0" "kauri>=2.3" "casadi>=3.6"

@@ -19,17 +19,17 @@
 ! there Z runs over the whole path from the start, so that no adjoints of long words are kept.
 module conditions_m
   use kinds, only: wp
+  use linalg_m, only: least_squares_t
   use shared_numbers, only: first_result, middle_abscissa, second_result
   use tree_tables, only: child, child_start, density, node_count, prefix, tree_start
   use weights_m, only: split_word, weights_t
   implicit none
   private
-  public :: order_conditions_t, stop_requested
+  public :: order_conditions_t
 
   integer, parameter :: abscissa = 2  ! the tree whose weight at a stage is c
 
-  type :: order_conditions_t
-    integer, pointer :: stop_flag => null()  ! another thread ends a solve by setting it
+  type, extends(least_squares_t) :: order_conditions_t
     type(weights_t) :: weights
     integer, allocatable :: trees(:)      ! (conditions) zero: discarded, its residual is zero
     integer, allocatable :: owner(:)      ! (conditions) see set_up
@@ -41,15 +41,6 @@ module conditions_m
   end type order_conditions_t
 
 contains
-
-  ! Whether another thread has set the flag since the call began; false without a flag
-  logical function stop_requested(stop_flag)
-    ! volatile, which excludes intent(in): every call reads the memory afresh
-    integer, intent(inout), volatile, optional :: stop_flag
-
-    stop_requested = .false.
-    if (present(stop_flag)) stop_requested = stop_flag /= 0
-  end function stop_requested
 
   ! Derivatives by all unknowns, after weights%evaluate; a row of zeros where the list of trees has
   ! a zero.
@@ -304,7 +295,7 @@ contains
     self%target = merge(1.0_wp/real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
-  ! Computes the residuals of all conditions; the flag becomes -1 unless they are finite.
+  ! Computes the residuals of all conditions.
   subroutine residual(self, x, f, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)

@@ -9,9 +9,10 @@
 ! changes by H. B. Nielsen's rule (IMM-REP-1999-05).
 module minimum_norm_m
   use kinds, only: wp
-  use conditions_m, only: order_conditions_t, stop_requested
+  use conditions_m, only: order_conditions_t
   use vectors_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
+  use linalg_m, only: stop_requested
   implicit none
   private
   public :: minimise_norm

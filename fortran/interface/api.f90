@@ -5,7 +5,7 @@ module api_m
   use, intrinsic :: iso_fortran_env, only: real64
   use conditions_m, only: order_conditions_t
   use kinds, only: wp
-  use levenberg_marquardt_m, only: lmdif
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
   use tree_tables, only: highest => highest_order
   use weights_m, only: weights_t
   implicit none
@@ -85,8 +85,8 @@ contains
     call conditions%jacobian(x, jac, flag)
   end subroutine jacobian
 
-  ! lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the solver wants at
-  ! least as many rows as unknowns.
+  ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
+  ! solver wants at least as many rows as unknowns.
   subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
                              x, f, info, nfev) bind(c)
     !f2py threadsafe
@@ -99,12 +99,16 @@ contains
     real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
     integer, intent(out) :: info, nfev
     type(order_conditions_t) :: conditions
+    type(lmdif_t) :: solver
     real(wp) :: residual(m)
 
     call conditions%set_up(order, layout, trees)
     conditions%stop_flag => stop_flag(1)
     x = x0
-    call lmdif(conditions, ftol(1), xtol(1), maxfev, x, residual, info, nfev)
+    solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
+    call lmdif(conditions, x, residual, solver)
+    info = solver%info
+    nfev = solver%nfev
     f(1) = sum(residual**2)
   end subroutine fit_lmdif
 

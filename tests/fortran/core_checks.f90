@@ -4,7 +4,7 @@
 program core_checks
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
-  use levenberg_marquardt_m, only: lmdif
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
   use tree_tables, only: condition, tree_start
   implicit none
   integer :: first
@@ -91,13 +91,14 @@ contains
   subroutine check_fit()
     integer, parameter :: order = 3, stages = 3
     type(order_conditions_t) :: problem
+    type(lmdif_t) :: solver
     real(wp) :: x(6), f(8)
-    integer :: info, nfev
 
     call problem%set_up(order, tableau(stages, 0, pair=.false.), condition(2:9))
     ! close to Crouch and Grossman's method of order three
     x = [0.75_wp, 0.55_wp, 0.16_wp, 0.25_wp, -0.67_wp, 1.41_wp]
-    call lmdif(problem, 0.0_wp, 1.0e-15_wp, 2000, x, f, info, nfev)
+    solver = lmdif_t(xtol=1.0e-15_wp, maxfev=2000)
+    call lmdif(problem, x, f, solver)
     if (maxval(abs(f)) > 1000*epsilon(1.0_wp)) error stop 'lmdif did not reach a zero'
   end subroutine check_fit
 end program core_checks

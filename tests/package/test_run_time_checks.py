@@ -1,25 +1,17 @@
 """The compiled core under run-time checks and floating-point traps, with warnings as errors."""
 
-import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
+from minpack_libraries import FLAGS, HAS_COMPILER, KINDS, SOURCES, TESTS
 
 from cg.construction.trees import forest, fortran_tables
 from cg.support.shared_numbers import fortran_module
 
-TESTS = Path(__file__).parents[1]
-SOURCES = TESTS.parent / "fortran"
-KINDS = ("r64", "r128")
-FLAGS = [
-    "-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra",
-    "-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror",
-    "-fcheck=all", "-ffpe-trap=invalid,zero,overflow",
-]  # fmt: skip
-
-HAS_COMPILER = shutil.which("gfortran") is not None
-MODULES = [f"conditions/{name}" for name in ("weights", "conditions", "levenberg_marquardt")]
+MODULES = (
+    "support/linalg",
+    *(f"conditions/{name}" for name in ("levenberg_marquardt", "weights", "conditions")),
+)
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="gfortran is not installed")

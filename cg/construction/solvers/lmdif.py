@@ -1,7 +1,6 @@
 """MINPACK's ``lmdif`` on a Python function, and on order conditions in double or real(16).
 
-It minimises ``|f(x)|`` with a Jacobian by differences (J. J. Moré, LNM 630, 1978). SciPy has it for
-functions; for order conditions, also in real(16), it is compiled from
+It minimises ``|f(x)|`` with a Jacobian by differences (J. J. Moré, LNM 630, 1978); see
 ``fortran/conditions/levenberg_marquardt.f90``. The paper's searches used it, so that this is the
 algorithm to compare with.
 """
@@ -31,6 +30,7 @@ Vector = NDArray[np.float64]
 Residual = Callable[[Vector], ArrayLike]
 
 _EPS = float(np.finfo(np.float64).eps)
+_SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,33 +145,31 @@ def lmdif(
     >>> fit.info.name, fit.nfev
     ('SMALL_STEP', 54)
     """
-    from scipy.optimize import leastsq
-
     if not callable(f):
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
     n = start.size
     limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
-    x, _, details, _, info = leastsq(
-        _checked(f, n),
-        start,
-        full_output=True,
-        ftol=check_real("ftol", ftol),
-        xtol=check_real("xtol", xtol),
-        gtol=check_real("gtol", gtol),
-        maxfev=limit,
-        epsfcn=check_real("epsfcn", epsfcn),
-        factor=check_real("factor", factor, positive=True),
-        diag=None if diag is None else _scale_factors(diag, n),
+    arguments = (
+        check_real("ftol", ftol),
+        check_real("xtol", xtol),
+        check_real("gtol", gtol),
+        limit,
+        check_real("epsfcn", epsfcn),
+        np.ones(n) if diag is None else _scale_factors(diag, n),
+        _SCALE_BY_COLUMNS if diag is None else _SCALE_AS_GIVEN,
+        check_real("factor", factor, positive=True),
     )
-    fvec, fjac, qtf = details["fvec"], details["fjac"].T, details["qtf"]
-    ipvt = details["ipvt"].astype(np.intp)
-    ipvt -= ipvt.min()  # which is 0 or 1
+    evaluate, rows, failures = _callback(f, start)
+    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif(evaluate, rows, start, *arguments)
+    if failures:
+        raise failures.pop()  # kept by no frame, so that the solver's arrays aren't either
     if not np.isfinite(fjac).all():
         raise ValueError(f"f varies too much: its differences overflow near x = {x}")
+    ipvt = ipvt.astype(np.intp) - 1
     for array in (x, fvec, fjac, ipvt, qtf):
         array.setflags(write=False)
-    return LmdifResult(x, fvec, Status(info), int(details["nfev"]), fjac, ipvt, qtf)
+    return LmdifResult(x, fvec, Status(info), int(nfev), fjac, ipvt, qtf)
 
 
 def fit_lmdif(
@@ -190,8 +188,7 @@ def fit_lmdif(
     """
     m, n = trees.size, layout.size
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
-    needed = evaluation_bytes(order, layout, m, size)
-    needed += size * (m * n + 2 * n * n + 6 * m + 20 * n)
+    needed = evaluation_bytes(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
     with reserved(needed, described("lmdif", order, layout)):
         results: tuple[Any, ...] = core.fit_lmdif(
             order, layout.code, x, trees, tolerance, tolerance, maxfev, stop_flag
@@ -199,26 +196,32 @@ def fit_lmdif(
     return results
 
 
-def _checked(f: Residual, unknowns: int) -> Callable[[Vector], Vector]:
-    """Return f with its results checked, which isn't called again where it was called last."""
-    x, values = np.empty(0), np.empty(0)
+def _callback(
+    f: Residual, start: Vector
+) -> tuple[Callable[[Vector], tuple[Vector, int]], int, list[BaseException]]:
+    """Return the function that compiled code calls, its number of rows, and what f raises in it."""
+    first = _residuals(f, start, None)
+    rows = first.size
+    if rows < start.size:
+        raise ValueError(
+            f"f must return at least as many residuals as x0 has elements: "
+            f"{rows} residuals, {start.size} unknowns"
+        )
+    # the solver's first call is at the start
+    known, failures = [first], list[BaseException]()
 
-    def evaluate(point: Vector) -> Vector:
-        nonlocal x, values
-        if not np.array_equal(point, x):  # SciPy calls it at the start more than once
-            x, values = point.copy(), _residuals(f, point, values.size or None)
-            if values.size < unknowns:
-                raise ValueError(
-                    f"f must return at least as many residuals as x0 has elements: "
-                    f"{values.size} residuals, {unknowns} unknowns"
-                )
-        return values
+    def evaluate(x: Vector) -> tuple[Vector, int]:
+        try:
+            return known.pop() if known else _residuals(f, x, rows), 0
+        except BaseException as error:
+            failures.append(error)
+            return np.zeros(rows), int(Status.STOPPED_BY_USER)
 
-    return evaluate
+    return evaluate, rows, failures
 
 
 def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:
-    """Return a checked copy of ``f(x)``; `x` is the solver's memory, so f gets a copy."""
+    """Return a checked copy of ``f(x)``; `x` may be the solver's memory, so f gets a copy."""
     if not np.isfinite(x).all():
         raise ValueError(f"f varies too much: the next point would be x = {x}")
     values = _vector("f: the residuals", f(x.copy()))
