@@ -1,4 +1,4 @@
-# The compiled core; its entries are declared in fortran/interface/core.pyf.in.
+# The compiled core, whose procedures are those of fortran/interface/api*.f90.
 from typing import Any
 
 def __getattr__(name: str) -> Any: ...

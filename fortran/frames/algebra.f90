@@ -4,30 +4,22 @@
 ! blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, &
-       skew_coefficients, skew_matrix
+  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, largest_own
   use frames_m, only: frame_t
   use shared_numbers
-  use orthogonal_m, only: largest_own, multiply_real => multiply
+  use orthogonal_m, only: multiply_real => multiply
   use unitary_m, only: multiply
   use vectors_m, only: cross
   implicit none
   private
   public :: bracket, dexpinv
 
-  ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
-  ! (2 k + 1) b_k is the sum of b_j b_(k-j).
-  real(wp), parameter :: b1(1) = [1 / 12.0_wp]
-  real(wp), parameter :: b2(2) = [b1, dot_product(b1, b1(1:1:-1)) / 5]
-  real(wp), parameter :: b3(3) = [b2, dot_product(b2, b2(2:1:-1)) / 7]
-  real(wp), parameter :: b4(4) = [b3, dot_product(b3, b3(3:1:-1)) / 9]
-  real(wp), parameter :: b5(5) = [b4, dot_product(b4, b4(4:1:-1)) / 11]
-  real(wp), parameter :: b6(6) = [b5, dot_product(b5, b5(5:1:-1)) / 13]
-  real(wp), parameter :: b7(7) = [b6, dot_product(b6, b6(6:1:-1)) / 15]
-  real(wp), parameter :: b8(8) = [b7, dot_product(b7, b7(7:1:-1)) / 17]
-  real(wp), parameter :: b9(9) = [b8, dot_product(b8, b8(8:1:-1)) / 19]
-  real(wp), parameter :: b10(10) = [b9, dot_product(b9, b9(9:1:-1)) / 21]
-  real(wp), parameter :: b11(11) = [b10, dot_product(b10, b10(10:1:-1)) / 23]
+  ! |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's numbers
+  real(wp), parameter :: beta(11) = [ &
+    1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
+    691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
+    43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
+    77683 / 1.4101100039391805e22_wp]
   ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
   ! precision, which no frame exceeds.
   integer, parameter :: last_term = 11
@@ -143,9 +135,10 @@ contains
     end if
     if (square < series_below) then
       fourth = square**2
-      factor = (b11(1) + b11(2) * square) + (b11(3) + b11(4) * square) * fourth &
-               + ((b11(5) + b11(6) * square) + (b11(7) + b11(8) * square) * fourth) * fourth**2 &
-               + ((b11(9) + b11(10) * square) + b11(11) * fourth) * fourth**4
+      factor = (beta(1) + beta(2) * square) + (beta(3) + beta(4) * square) * fourth &
+               + ((beta(5) + beta(6) * square) + (beta(7) + beta(8) * square) * fourth) &
+                 * fourth**2 &
+               + ((beta(9) + beta(10) * square) + beta(11) * fourth) * fourth**4
     else
       half = sqrt(square) / 2
       factor = (1 - half * cos(half) / sin(half)) / square
@@ -153,9 +146,9 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! Replaces v by the series in matrices up to the power `order` of u. The order of a step needs two powers less,
-  ! but then errors of long steps exceed their estimates by far. Beyond the radius of convergence it
-  ! is used only if the brackets of this v don't grow.
+  ! Replaces v by the series in matrices up to the power `order` of u. The order of a step needs two
+  ! powers less, but then errors of long steps exceed their estimates by far. Beyond the radius of
+  ! convergence it is used only if the brackets of this v don't grow.
   subroutine dexpinv_matrix(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: sign
@@ -187,7 +180,7 @@ contains
     do j = 1, min(order / 2, last_term)
       if (j > 1) call apply_bracket(block, x, power, spare)
       call apply_bracket(block, x, power, spare)
-      total = total + merge(b11(j), -b11(j), modulo(j, 2) == 1) * power
+      total = total + merge(beta(j), -beta(j), modulo(j, 2) == 1) * power
     end do
     call get_coefficients(block, total, v)
 
@@ -227,13 +220,15 @@ contains
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: coefficients(:)
     real(wp), contiguous, target, intent(out) :: matrix(:)
+    real(wp), pointer, contiguous :: real_view(:, :)
     complex(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_matrix(block%n, coefficients, matrix)
+      real_view(1:block%n, 1:block%n) => matrix
+      call algebra_matrix(block%n, coefficients, real_view)
     else
       view => as_complex(block%n, matrix)
-      call algebra_matrix(block%kind, block%n, coefficients, view)
+      call algebra_matrix(block%n, coefficients, view)
     end if
   end subroutine make_matrix
 
@@ -242,11 +237,13 @@ contains
     type(block_t), intent(in) :: block
     real(wp), contiguous, target, intent(in) :: matrix(:)
     real(wp), intent(out) :: v(:)
+    real(wp), pointer, contiguous :: view(:, :)
 
     if (is_real(block)) then
-      call skew_coefficients(block%n, matrix, v)
+      view(1:block%n, 1:block%n) => matrix
+      call algebra_coefficients(block%n, view, v)
     else
-      call algebra_coefficients(block%kind, block%n, as_complex(block%n, matrix), v)
+      call algebra_coefficients(block%n, as_complex(block%n, matrix), v)
     end if
   end subroutine get_coefficients
 
@@ -305,10 +302,10 @@ contains
       a = 0.0_wp
       b = 0.0_wp
       do k = last_term - 1, 1, -1            ! terms of the series
-        a = (real(1 - k, wp) * b11(k + 1) + a) * square
-        b = b * square - real(k, wp) * b11(k + 1)
+        a = (real(1 - k, wp) * beta(k + 1) + a) * square
+        b = b * square - real(k, wp) * beta(k + 1)
       end do
-      a = a + b11(1)
+      a = a + beta(1)
     else
       half = sqrt(square) / 2
       sine = sin(half)

@@ -5,11 +5,21 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
-  use shared_numbers, only: so_block, u_block
   implicit none
   private
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
-            find_velocities, flow_sequence_t, skew_coefficients, skew_matrix
+            find_velocities, flow_sequence_t
+
+  integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied without BLAS
+
+  ! The element of a Lie algebra with given coefficients, and the coefficients of the orthogonal
+  ! projection of a matrix onto it: real matrices for SO(n), complex ones for SU(n) and U(n)
+  interface algebra_matrix
+    module procedure skew_matrix, unitary_matrix
+  end interface algebra_matrix
+  interface algebra_coefficients
+    module procedure skew_coefficients, unitary_coefficients
+  end interface algebra_coefficients
 
   type :: block_t
     integer :: kind = 0
@@ -74,7 +84,7 @@ contains
     end do
   end subroutine skew_matrix
 
-  ! The coefficients of a skew matrix
+  ! The coefficients of the skew part of a matrix
   pure subroutine skew_coefficients(n, x, v)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
@@ -84,15 +94,15 @@ contains
     k = size(v)
     do i = 1, n
       do j = i + 1, n
-        v(k) = merge(x(j, i), -x(j, i), modulo(i + j, 2) == 1)
+        v(k) = merge(0.5_wp, -0.5_wp, modulo(i + j, 2) == 1) * (x(j, i) - x(i, j))
         k = k - 1
       end do
     end do
   end subroutine skew_coefficients
 
   ! The element of the Lie algebra of SU(n) or U(n) with coefficients v
-  pure subroutine algebra_matrix(kind, n, v, x)
-    integer, intent(in) :: kind, n
+  pure subroutine unitary_matrix(n, v, x)
+    integer, intent(in) :: n
     real(wp), intent(in) :: v(:)                 ! (dimension)
     complex(wp), intent(out) :: x(n, n)
     real(wp) :: d
@@ -113,26 +123,22 @@ contains
       x(j, j) = x(j, j) + cmplx(0.0_wp, real(j - 1, wp) * d, wp)
       k = k + 1
     end do
-    if (kind == u_block) then
+    if (size(v) == n**2) then                    ! U(n)
       d = sqrt(2 / real(n, wp)) * v(k) / 2
       do i = 1, n
         x(i, i) = x(i, i) - cmplx(0.0_wp, d, wp)
       end do
     end if
-  end subroutine algebra_matrix
+  end subroutine unitary_matrix
 
-  ! The coefficients of the orthogonal projection of a matrix onto the algebra
-  pure subroutine algebra_coefficients(kind, n, x, v)
-    integer, intent(in) :: kind, n
+  ! The coefficients of the projection of a matrix
+  pure subroutine unitary_coefficients(n, x, v)
+    integer, intent(in) :: n
     complex(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: v(:)                ! (dimension)
     real(wp) :: total
     integer :: i, j, k
 
-    if (kind == so_block) then
-      call skew_coefficients(n, (real(x, wp) - transpose(real(x, wp))) / 2, v)
-      return
-    end if
     k = 1
     total = 0.0_wp
     do j = 2, n
@@ -145,8 +151,8 @@ contains
       v(k) = -diagonal(j) * (total - real(j - 1, wp) * aimag(x(j, j)))
       k = k + 1
     end do
-    if (kind == u_block) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
-  end subroutine algebra_coefficients
+    if (size(v) == n**2) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
+  end subroutine unitary_coefficients
 
   ! The normalisation of the diagonal basis matrix j
   pure real(wp) function diagonal(j)

@@ -7,10 +7,11 @@
 ! Norms of errors of steps: root mean squares over the coefficients of the flow from one
 ! point to another or, on frames without such coefficients, over the entries of points.
 module coordinates_m
-  use blocks_m, only: block_t
+  use blocks_m, only: as_complex, block_t
   use frames_m, only: frame_t
   use kinds, only: wp
   use linear_action_m, only: linear_tangent
+  use orthogonal_m, only: orthogonal_difference
   use rotations_m, only: get_quaternion
   use shared_numbers
   use stiefel_m, only: isospectral_tangent, stiefel_tangent
@@ -66,9 +67,12 @@ contains
           call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
         case (sphere_block)
           v(block%v1:block%v2) = smallest_rotation(x(p:last), y(p:last))
-        case (so_block, su_block, u_block)
-          call unitary_difference(block%kind, block%n, block%space, x(p:last), y(p:last), &
-                                  v(block%v1:block%v2))
+        case (so_block)
+          call orthogonal_difference(block%n, block%space, x(p:last), y(p:last), &
+                                     v(block%v1:block%v2))
+        case (su_block, u_block)
+          call unitary_difference(block%n, block%space, as_complex(block%n, x(p:last)), &
+                                  as_complex(block%n, y(p:last)), v(block%v1:block%v2))
         case (callback_block)
           call frame%callback%apply(coordinates_operation, x, y, v)
         case default                         ! no coordinates are known

@@ -2,14 +2,14 @@
 ! fields, without isotropy. Frame.coefficients has the formulas. What no field has is dropped.
 module derivatives_m
   use kinds, only: wp
-  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, skew_coefficients
+  use blocks_m, only: as_complex, block_t
   use coordinates_m, only: quaternion_quotient
   use frames_m, only: frame_t
   use stiefel_m, only: isospectral_coefficients, stiefel_coefficients
-  use orthogonal_m, only: multiply
+  use orthogonal_m, only: orthogonal_coefficients
   use rotations_m, only: get_quaternion, set_quaternion
   use shared_numbers
-  use unitary_m, only: multiply_unitary => multiply
+  use unitary_m, only: unitary_coefficients
   use vectors_m, only: cross
   implicit none
   private
@@ -60,14 +60,16 @@ contains
           v(k:block%v2) = cross(y(first:last), slope(first:last))
           dropped = dot_product(y(first:last), slope(first:last))**2
         case (so_block)
-          call in_rotation(block, y(first), slope(first), v(k), dropped)
+          call orthogonal_coefficients(block%n, block%space, y(first), slope(first), &
+                                       v(k:block%v2), dropped)
         case (isospectral_block)
           call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y(first), &
                                         slope(first), v(k:block%v2), dropped)
         case (stiefel_block)
           call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k), dropped)
         case default
-          call in_unitary(block, y(first:last), slope(first:last), v(k:block%v2), dropped)
+          call unitary_coefficients(block%n, block%space, as_complex(block%n, y(first:last)), &
+                                    as_complex(block%n, slope(first:last)), v(k:block%v2), dropped)
         end select
         if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
       end associate
@@ -116,42 +118,5 @@ contains
       dropped = dropped + sum(slope(:, 3 + j)**2)
     end do
   end subroutine in_motion
-
-  ! The coefficients of a derivative of a rotation matrix of any size
-  subroutine in_rotation(block, y, slope, v, dropped)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: y(block%n, block%n), slope(block%n, block%n)
-    real(wp), intent(out) :: v(block%dimension), dropped
-    real(wp), dimension(block%n, block%n) :: x
-
-    if (block%space) then
-      call multiply(block%n, transpose(y), slope, x)   ! the transpose of y' y^T
-      x = transpose(x)
-    else
-      call multiply(block%n, y, transpose(slope), x)
-    end if
-    call skew_coefficients(block%n, (x - transpose(x)) / 2, v)
-    dropped = sum((x + transpose(x))**2) / 4
-  end subroutine in_rotation
-
-  ! The coefficients of a derivative of a unitary matrix
-  subroutine in_unitary(block, y, slope, v, dropped)
-    type(block_t), intent(in) :: block
-    real(wp), contiguous, target, intent(in) :: y(:), slope(:)
-    real(wp), intent(out) :: v(:), dropped
-    complex(wp), dimension(block%n, block%n) :: x, change, element
-    complex(wp), pointer, contiguous :: start(:, :)
-
-    start => as_complex(block%n, y)
-    change = transpose(as_complex(block%n, slope))
-    if (block%space) then
-      call multiply_unitary(block%n, change, conjg(start), x)
-    else
-      call multiply_unitary(block%n, conjg(start), change, x)
-    end if
-    call algebra_coefficients(block%kind, block%n, x, v)
-    call algebra_matrix(block%kind, block%n, v, element)
-    dropped = sum(real(x - element, wp)**2 + aimag(x - element)**2)
-  end subroutine in_unitary
 
 end module derivatives_m

@@ -3,14 +3,15 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers
-  use blocks_m, only: block_t, body_t
+  use blocks_m, only: as_complex, block_t, body_t
   use callback_m, only: callback_t
   use joints_m, only: linkage_t
   use stiefel_m, only: move_isospectral, move_stiefel, restore_isospectral, restore_stiefel
   use linear_action_m, only: make_linear_action, move_linearly, move_polynomially, spectral_bound
-  use orthogonal_m, only: move_orthogonal, to_orthogonal
+  use orthogonal_m, only: move_orthogonal, restore_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
+  use small_matrices_m, only: remove_phase
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
@@ -187,8 +188,9 @@ contains
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows
     real(wp), intent(in) :: all_v(frame%dimension, *)
-    real(wp), intent(inout) :: y(block%point_size)
+    real(wp), target, intent(inout) :: y(block%point_size)
     real(wp) :: v(block%dimension, flows)
+    complex(wp), pointer, contiguous :: matrix(:, :)
     integer :: j
 
     v = all_v(:block%dimension, :flows)
@@ -198,7 +200,8 @@ contains
     case (isospectral_block)
       call move_isospectral(block%n, v, y)
     case (su_block, u_block)
-      call move_unitary(block%kind, block%n, block%space, v, y)
+      matrix => as_complex(block%n, y)
+      call move_unitary(block%n, block%space, v, matrix)
     case (stiefel_block)
       do j = 1, flows
         call move_stiefel(block%k, block%n, v(:, j), y)
@@ -220,8 +223,9 @@ contains
   ! replaced.
   subroutine restore(frame, y)
     type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(inout) :: y(:)    ! (point_size)
+    real(wp), contiguous, target, intent(inout) :: y(:)    ! (point_size)
     real(wp) :: q(4)
+    complex(wp), pointer, contiguous :: matrix(:, :)
     integer :: i
 
     do i = 1, size(frame%blocks)
@@ -232,13 +236,15 @@ contains
         case (quaternion_block, sphere_block)
           y(p:last) = (1.5_wp - 0.5_wp * dot_product(y(p:last), y(p:last))) * y(p:last)
         case (so_block)
-          call to_orthogonal(block%n, y(p:last))
+          call restore_orthogonal(block%n, y(p:last))
         case (isospectral_block)
           call restore_isospectral(block%n, frame%constants(block%constants + 1:), y(p:last))
         case (stiefel_block)
           call restore_stiefel(block%k, block%n, y(p:last))
         case (su_block, u_block)
-          call restore_unitary(block%kind, block%n, y(p:last))
+          matrix => as_complex(block%n, y(p:last))
+          call restore_unitary(block%n, matrix)
+          if (block%kind == su_block) call remove_phase(block%n, matrix)
         case (su2_block)
           q = get_quaternion(block, y(p:last))
           q = (1.5_wp - 0.5_wp * dot_product(q, q)) * q

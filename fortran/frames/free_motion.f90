@@ -8,7 +8,7 @@ module free_motion_m
   use blocks_m, only: body_t, find_velocities, flow_sequence_t
   use frames_m, only: apply_flows, frame_t
   use gyroscopic_m, only: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
-  use joints_m, only: axes_coincide, constraint_impulse, constraints_t, evaluate_constraints, &
+  use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints, &
        factor_constraints, rates, solve_constraints
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
@@ -293,7 +293,7 @@ contains
       if (is_closed(c, last)) then
         call remove_opening(frame, c, y(frame%linkage%before + 1:frame%linkage%after))
         if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
-        if (.not. axes_coincide(frame%linkage, frame%blocks, y)) status = joints_not_solved
+        if (c%exchanged) status = joints_not_solved
         return
       end if
       x = -c%g

@@ -19,7 +19,7 @@ module joints_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: constraints_t, linkage_t, axes_coincide, constraint_impulse, evaluate_constraints, &
+  public :: constraints_t, linkage_t, constraint_impulse, evaluate_constraints, &
             factor_constraints, make_linkage, rates, solve_constraints
 
   type :: row_t
@@ -48,6 +48,8 @@ module joints_m
   ! The constraints at a point
   type :: constraints_t
     logical :: known = .false.               ! whether the factor is that of the present point
+    ! whether axes that shall coincide are opposite or exchanged, which their cosines allow too
+    logical :: exchanged = .false.
     real(wp), allocatable :: g(:)            ! (rows + own)
     real(wp), allocatable :: bias(:)         ! (rows + own) second derivative at constant velocities
     real(wp), allocatable :: scale(:)        ! (rows + own) lengths that g is a difference of
@@ -122,6 +124,8 @@ contains
 
     call reserve(linkage, c)
     failed = .false.
+    c%exchanged = .false.
+    axis = 0.0_wp
     if (depth == 2) call velocities(blocks, bodies, y(linkage%before + 1:linkage%after), omega)
     velocity = 0.0_wp
     turning = 0.0_wp
@@ -156,6 +160,7 @@ contains
     subroutine evaluate_row(i, row)
       integer, intent(in) :: i
       type(row_t), intent(in) :: row
+      real(wp) :: before(3)                  ! the second axis of the row before
       integer :: j
 
       if (.not. row%repeats) then
@@ -167,10 +172,14 @@ contains
         length = maxval(abs(end)) + maxval(abs(arm))
       end if
       carrier = merge(0, row%body, row%form == along_space)
+      before = axis(:, 2)
       axis = row%axis
       do j = 1, 2
         if (carrier(j) > 0) axis(:, j) = matmul(r(:, :, carrier(j)), axis(:, j))
       end do
+      ! each of three rows has the next axis of the second body
+      if (any(linkage%row(max(1, i - 2):i - 1)%form == coincident_axes)) &
+        c%exchanged = c%exchanged .or. dot_product(axis(:, 1), before) < 0.5_wp
       c%scale(i) = length
       select case (row%form)
       case (along_space, along_body)
@@ -266,31 +275,6 @@ contains
       end if
     end associate
   end subroutine place
-
-  ! Whether axes that shall coincide do so, and aren't opposite or exchanged: three zero cosines
-  ! between different axes allow that too.
-  pure logical function axes_coincide(linkage, blocks, y)
-    type(linkage_t), intent(in) :: linkage
-    type(block_t), intent(in) :: blocks(:)
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
-    real(wp) :: r(3, 3, 2), x(3), first(3, 3), second(3, 3)
-    integer :: i, j, k
-
-    axes_coincide = .true.
-    do i = 1, linkage%rows - 2
-      associate (rows => linkage%row(i:i + 2))
-        if (rows(1)%form /= coincident_axes) cycle
-        do j = 1, 2
-          call place(blocks, linkage%block(2 * j - 1, i), linkage%block(2 * j, i), y, x, r(:, :, j))
-        end do
-        do k = 1, 3                                    ! each row has the next axis of the second body
-          first(:, k) = matmul(r(:, :, 1), rows(k)%axis(:, 1))
-          second(:, 1 + modulo(k, 3)) = matmul(r(:, :, 2), rows(k)%axis(:, 2))
-        end do
-        if (any(sum(first * second, 1) < 0.5_wp)) axes_coincide = .false.
-      end associate
-    end do
-  end function axes_coincide
 
   ! Evaluates the rows of one's own. Their size is the sum of the terms of their derivatives along
   ! the point, with a scale of one for angles and that of the largest entry for positions.

@@ -7,18 +7,16 @@
 ! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point, which Jacobi's
 ! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
 module stiefel_m
-  use blocks_m, only: skew_coefficients, skew_matrix
+  use blocks_m, only: algebra_coefficients, algebra_matrix, largest_own
   use kinds, only: wp
-  use vectors_m, only: dgemm, dsyevd, nan
-  use orthogonal_m, only: largest_own, move_orthogonal, multiply, multiply_symmetric, to_orthogonal
+  use vectors_m, only: dgemm, dgetrf, dgetrs, dsyevd, nan
+  use orthogonal_m, only: move_orthogonal, multiply, restore_orthogonal
   implicit none
   private
   public :: isospectral_coefficients, isospectral_tangent, move_isospectral, move_stiefel, &
             restore_isospectral, restore_stiefel, stiefel_coefficients, stiefel_tangent
 
   real(wp), parameter :: max_length = 1e4_wp
-
-  integer, parameter :: max_sweeps = 30
 
 contains
 
@@ -31,7 +29,7 @@ contains
     real(wp), intent(inout) :: y(k, n)
     real(wp), dimension(k, k) :: m, s, d, c, a, z, w
     real(wp) :: x(k, n), length, part
-    integer :: i, j, parts
+    integer :: i, info, j, parts, pivot(k)
 
     length = norm2(v)
     if (.not. length <= max_length) then
@@ -54,39 +52,11 @@ contains
       call product_of('N', 'N', 1.0_wp, d, a, 1.0_wp, w)
       x = y
       call product_of('T', 'N', part, w, v, 1.0_wp, x)
-      call invert(k, z, w)
-      call product_of('N', 'N', 1.0_wp, w, x, 0.0_wp, y)
+      y = x
+      call dgetrf(k, k, z, k, pivot, info)
+      call dgetrs('N', k, n, z, k, pivot, y, k, info)
     end do
   end subroutine move_stiefel
-
-  ! The inverse of a regular matrix, by elimination. LAPACK's would use several threads for few
-  ! columns.
-  pure subroutine invert(k, a, inverse)
-    integer, intent(in) :: k
-    real(wp), intent(inout) :: a(k, k)
-    real(wp), intent(out) :: inverse(k, k)
-    real(wp) :: factor
-    integer :: i, j, pivot
-
-    inverse = 0.0_wp
-    do i = 1, k
-      inverse(i, i) = 1.0_wp
-    end do
-    do i = 1, k
-      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
-      a([i, pivot], :) = a([pivot, i], :)
-      inverse([i, pivot], :) = inverse([pivot, i], :)
-      do j = 1, k
-        if (j == i) cycle
-        factor = a(j, i) / a(i, i)
-        a(j, i:) = a(j, i:) - factor * a(i, i:)
-        inverse(j, :) = inverse(j, :) - factor * inverse(i, :)
-      end do
-    end do
-    do i = 1, k
-      inverse(i, :) = inverse(i, :) / a(i, i)
-    end do
-  end subroutine invert
 
   ! The sums of m^j / (2 j + 1)! and m^j / (2 j + 2)!
   subroutine sum_series(k, bound, m, s, d)
@@ -179,8 +149,8 @@ contains
     end do
     call move_orthogonal(n, .true., f, g)
     call multiply(n, y, g, product)
-    call multiply_symmetric(n, g, product, y)
-    if (n > largest_own) y = (y + transpose(y)) / 2
+    call multiply(n, transpose(g), product, y)
+    y = (y + transpose(y)) / 2
   end subroutine move_isospectral
 
   ! x y - y x for the skew matrix x with coefficients v, which is x y and its transpose
@@ -191,7 +161,7 @@ contains
     real(wp), intent(out) :: tangent(n, n)
     real(wp) :: x(n, n), product(n, n)
 
-    call skew_matrix(n, v, x)
+    call algebra_matrix(n, v, x)
     call multiply(n, x, y, product)
     tangent = product + transpose(product)
   end subroutine isospectral_tangent
@@ -209,9 +179,8 @@ contains
     do k = 1, n
       scaled(k, :) = own(k) * vectors(:, k)
     end do
-    vectors = transpose(vectors)
-    call multiply_symmetric(n, vectors, scaled, y)
-    if (n > largest_own) y = (y + transpose(y)) / 2
+    call multiply(n, vectors, scaled, y)
+    y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
   ! The coefficients of a derivative, without isotropy, and the square of the length of the rest. In
@@ -241,7 +210,7 @@ contains
     end do
     call multiply(n, vectors, x, product)
     call multiply(n, product, transpose(vectors), x)
-    call skew_coefficients(n, (x - transpose(x)) / 2, v)
+    call algebra_coefficients(n, x, v)
     call isospectral_tangent(n, v, y, product)
     dropped = sum((slope - product)**2)
   end subroutine isospectral_coefficients
@@ -251,20 +220,16 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n), y(n, n)
     real(wp), intent(out) :: own(n), vectors(n, n)
-    real(wp) :: values(n)
-    integer :: k
+    real(wp) :: values(n), work(1 + 6 * n + 2 * n**2)
+    integer :: iwork(3 + 5 * n), info, k
 
     if (n > largest_own) then
-      block
-        real(wp) :: work(1 + 6 * n + 2 * n**2)
-        integer :: iwork(3 + 5 * n), info
-        vectors = y
-        call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-      end block
+      vectors = y
+      call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
     else
       call diagonalise(n, y, values, vectors)
     end if
-    call to_orthogonal(n, vectors)
+    call restore_orthogonal(n, vectors)
     do k = 1, n
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
@@ -278,6 +243,7 @@ contains
     real(wp), intent(out) :: values(n)           ! relative to the largest entry
     real(wp), intent(out) :: vectors(n, n)       ! columns
     real(wp) :: a(n, n), column(n), largest, cosine, sine, tangent
+    integer, parameter :: max_sweeps = 30
     integer :: i, p, q, sweep
     logical :: done
 

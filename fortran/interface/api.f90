@@ -1,68 +1,64 @@
 ! Interface for f2py of the order conditions, of lmdif on them, and of conversions between kinds.
-! In Python numbers of the wide kind are arrays of bytes.
+! In Python numbers of the wide kind are arrays of bytes, so that scalars are arrays of length one
+! here.
 module api_m
   use, intrinsic :: iso_fortran_env, only: real64
   use conditions_m, only: order_conditions_t
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
-  use tree_tables, only: highest_order
+  use tree_tables, only: highest => highest_order
   use weights_m, only: weights_t
   implicit none
 
 contains
 
   ! To double and back, rounded to nearest.
-  subroutine core_to_double(n, x, y) bind(c)
+  subroutine to_double(n, x, y) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
     real(real64), intent(out) :: y(n)
 
     y = real(x, real64)
-  end subroutine core_to_double
+  end subroutine to_double
 
-  subroutine core_from_double(n, x, y) bind(c)
+  subroutine from_double(n, x, y) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: n
     real(real64), intent(in) :: x(n)
     real(wp), intent(out) :: y(n)
 
     y = real(x, wp)
-  end subroutine core_from_double
+  end subroutine from_double
 
-  ! x - y, y in double.
-  subroutine core_subtract_double(n, x, y, difference) bind(c)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n)
-    real(real64), intent(in) :: y(n)
-    real(wp), intent(out) :: difference(n)
-
-    difference = x - real(y, wp)
-  end subroutine core_subtract_double
-
-  subroutine core_highest_order(order) bind(c)
+  subroutine highest_order(order) bind(c)
+    !f2py threadsafe
     integer, intent(out) :: order
 
-    order = highest_order
-  end subroutine core_highest_order
+    order = highest
+  end subroutine highest_order
 
   ! Phi(t) of the listed trees.
-  subroutine core_weights(order, l, layout, n, x, m, trees, phi) bind(c)
+  subroutine weights(order, l, layout, n, x, m, trees, phi) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
     real(wp), intent(in) :: x(n)       ! weights, packed
     integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
     real(wp), intent(out) :: phi(m)
-    type(weights_t) :: weights
+    type(weights_t) :: values
     integer :: i
 
-    call weights%set_up(order, layout)
-    call weights%evaluate(x)
+    call values%set_up(order, layout)
+    call values%evaluate(x)
     do i = 1, m
-      phi(i) = weights%weight(trees(i), .false.)
+      phi(i) = values%weight(trees(i), .false.)
     end do
-  end subroutine core_weights
+  end subroutine weights
 
   ! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
   ! order_conditions_t. A zero in the list of trees gives a zero.
-  subroutine core_residuals(order, l, layout, n, x, m, trees, owner, r) bind(c)
+  subroutine residuals(order, l, layout, n, x, m, trees, owner, r) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
     real(wp), intent(in) :: x(n)
     integer, intent(in) :: trees(m), owner(m)
@@ -73,9 +69,10 @@ contains
     flag = 0
     call conditions%set_up(order, layout, trees, owner)
     call conditions%residual(x, r, flag)
-  end subroutine core_residuals
+  end subroutine residuals
 
-  subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac) bind(c)
+  subroutine jacobian(order, l, layout, n, x, m, trees, owner, jac) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
     real(wp), intent(in) :: x(n)
     integer, intent(in) :: trees(m), owner(m)
@@ -86,12 +83,13 @@ contains
     flag = 0
     call conditions%set_up(order, layout, trees, owner)
     call conditions%jacobian(x, jac, flag)
-  end subroutine core_jacobian
+  end subroutine jacobian
 
   ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
   ! solver wants at least as many rows as unknowns.
-  subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
+  subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
                              x, f, info, nfev) bind(c)
+    !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
     real(wp), intent(in) :: x0(n)               ! packed weights
     integer, intent(in) :: trees(m)
@@ -112,6 +110,6 @@ contains
     info = solver%info
     nfev = solver%nfev
     f(1) = sum(residual**2)
-  end subroutine core_fit_lmdif
+  end subroutine fit_lmdif
 
 end module api_m

@@ -10,7 +10,7 @@ module api_external_m
   use free_motion_m, only: add_constraint_forces, close_joints
   use inputs_m, only: call_python_field, call_python_member, evaluate, field_at, grid_t, &
        make_grid, vector_field_t
-  use joints_m, only: axes_coincide, constraints_t, evaluate_constraints, rates
+  use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   use linear_action_m, only: products
   use minimum_norm_m, only: minimise_norm
@@ -153,7 +153,7 @@ contains
         call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
         if (failed) return
         g(:, i) = c%g
-        if (.not. axes_coincide(frame%linkage, frame%blocks, y(:, i))) g(:, i) = huge(g)
+        if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
         associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
           speed(:, i) = rates(frame%linkage, c, momenta)

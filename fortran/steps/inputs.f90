@@ -20,14 +20,6 @@ module inputs_m
     integer(int64) :: steps = 0
   end type grid_t
 
-  interface
-    ! x y + z, rounded once
-    pure real(c_double) function fma(x, y, z) bind(c)
-      import :: c_double
-      real(c_double), value, intent(in) :: x, y, z
-    end function fma
-  end interface
-
   type :: inputs_t
     ! of each curve: powers, pieces, width, first place in the data of a member, addresses of the
     ! starts of the pieces and of the coefficients (width, pieces, powers), and the bytes from the
@@ -67,7 +59,7 @@ contains
   pure subroutine make_grid(start, stop, h, grid)
     real(wp), intent(in) :: start, stop, h               ! h: positive
     type(grid_t), intent(out) :: grid
-    real(wp) :: span, error, slack, ratio, count, rest
+    real(wp) :: span, slack, ratio, count
 
     grid%start = start
     grid%stop = stop
@@ -75,32 +67,15 @@ contains
     grid%last = grid%step
     span = abs(stop - start)
     if (.not. span > 0) return
-    error = rounded_off(start, stop)
     ratio = span / h
     slack = max(unit(max(abs(start), abs(stop))), unit(span)) + ratio * unit(h) / 2
-    if (.not. ratio > 1) then
-      grid%steps = 1
-      if (h - span > slack) grid%last = stop - start
-      return
+    count = max(anint(ratio), 1.0_wp)
+    if (abs(span - count * h) > slack) then
+      count = aint(ratio) + merge(1.0_wp, 0.0_wp, aint(ratio) < ratio)
+      grid%last = sign(span - (count - 1) * h, stop - start)
     end if
-    count = anint(ratio)
-    rest = fma(-count, h, span) + error
-    if (.not. abs(rest) <= slack) count = aint(ratio) + merge(1.0_wp, 0.0_wp, aint(ratio) < ratio)
-    count = max(count, 1.0_wp)
     grid%steps = int(count, int64)
-    rest = fma(1 - count, h, span) + error
-    if (abs(rest - h) > slack) grid%last = sign(rest, stop - start)
   end subroutine make_grid
-
-  ! The rounding error of the span
-  pure real(wp) function rounded_off(start, stop)
-    real(wp), intent(in) :: start, stop
-    real(wp) :: difference, part
-
-    difference = stop - start
-    part = difference - stop
-    rounded_off = sign(1.0_wp, difference) * ((stop - (difference - part)) - (start + part))
-  end function rounded_off
 
   ! The distance to the next number
   pure real(wp) function unit(x)

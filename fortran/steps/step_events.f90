@@ -5,10 +5,9 @@
 ! is evaluated if the values of each function there and at the ends differ by less than their
 ! distance from zero.
 !
-! A zero between two points where the function has opposite signs is found by Brent's method: steps
-! of interpolation where they converge, bisection where they don't (R. P. Brent, "Algorithms for
-! Minimization without Derivatives", 1973, chapter 4). Zeros are put in the order of their times;
-! those at the same time happen together.
+! A zero between two points where the function has opposite signs is found by interpolation where a
+! parabola tells where it is, else by bisection (T. R. Chandrupatla, Adv. Eng. Software 28 (1997)
+! 145-149). Zeros are put in the order of their times; those at the same time happen together.
 module step_events_m
   use, intrinsic :: iso_fortran_env, only: int64
   use controller_m, only: smallest_size
@@ -27,8 +26,7 @@ module step_events_m
   public :: crosses, find_zeros, rotates_far, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
-  ! Bisection takes 53; near zeros of high multiplicity each may follow some useless interpolations.
-  integer, parameter :: max_iterations = 3600
+  integer, parameter :: max_iterations = 3600          ! bisection takes 53
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
@@ -63,56 +61,38 @@ contains
     integer, intent(in) :: event
     real(wp), intent(in) :: low(2), high(2)  ! points, and values there, of opposite signs
     real(wp), intent(out) :: zero
-    ! the best estimate, the one before, and one on the other side of the zero, with their values
-    real(wp) :: b(2), a(2), c(2)
-    real(wp) :: middle, enough, step, last_step, p, q, r, s
-    logical :: converges
+    ! the last point, one on the other side of the zero, and the one that was replaced, with values
+    real(wp) :: a(2), b(2), c(2)
+    real(wp) :: new(2), part, least, xi, phi           ! part: of the way from a to b
     integer :: i
 
-    a = low
-    b = high
-    c = a
-    step = b(1) - a(1)
-    last_step = step
+    a = high
+    b = low
+    zero = high(1)
+    part = 0.5_wp
     do i = 1, max_iterations
-      if (b(2) * sign(1.0_wp, c(2)) > 0) then
-        c = a
-        step = b(1) - a(1)
-        last_step = step
-      end if
-      if (abs(c(2)) < abs(b(2))) then
-        a = b
-        b = c
-        c = a
-      end if
-      enough = tolerance * (abs(b(1)) + 1) / 2
-      middle = (c(1) - b(1)) / 2
-      if (abs(middle) <= enough .or. .not. abs(b(2)) > 0) exit
-      converges = .false.
-      if (abs(last_step) >= enough .and. abs(a(2)) > abs(b(2))) then
-        s = b(2) / a(2)
-        if (abs(a(1) - c(1)) > 0) then         ! inverse quadratic interpolation
-          q = a(2) / c(2)
-          r = b(2) / c(2)
-          p = s * (2 * middle * q * (q - r) - (b(1) - a(1)) * (r - 1))
-          q = (q - 1) * (r - 1) * (s - 1)
-        else                                   ! the secant
-          p = 2 * middle * s
-          q = 1 - s
-        end if
-        if (p > 0) q = -q
-        p = abs(p)
-        converges = 2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))
-      end if
-      last_step = merge(step, middle, converges)
-      step = middle
-      if (converges) step = p / q
-      a = b
-      b(1) = b(1) + merge(step, sign(enough, middle), abs(step) > enough)
-      call values_at(x, event, b(1), b(2:))
+      new(1) = a(1) + part * (b(1) - a(1))
+      call values_at(x, event, new(1), new(2:))
       if (x%status /= finished) exit
+      c = b
+      if (new(2) * sign(1.0_wp, a(2)) > 0) then
+        c = a
+      else
+        b = a
+      end if
+      a = new
+      zero = merge(a(1), b(1), abs(a(2)) < abs(b(2)))
+      least = tolerance * (abs(zero) + 1) / abs(b(1) - a(1)) / 2
+      if (least > 0.5_wp .or. .not. abs(a(2)) > 0) exit
+      ! where the inverse of a parabola through three points increases between them, its zero
+      xi = (a(1) - b(1)) / (c(1) - b(1))
+      phi = (a(2) - b(2)) / (c(2) - b(2))
+      part = 0.5_wp
+      if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
+        part = a(2) / (b(2) - a(2)) * c(2) / (b(2) - c(2)) &
+               + (c(1) - a(1)) / (b(1) - a(1)) * a(2) / (c(2) - a(2)) * b(2) / (c(2) - b(2))
+      part = min(1 - least, max(least, part))
     end do
-    zero = b(1)
   end subroutine find_root
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found

@@ -22,7 +22,7 @@ from cg.support.quads import decode, encode
 def residuals_quad(layout, x, order, independent=False):
     """Return the residuals at packed weights, which are rounded to binary128 first."""
     trees = np.array(condition_trees(order, independent), dtype=np.intc)
-    bits = _core_r128.residuals(order, layout.code, encode(x).T, trees)
+    bits = _core_r128.residuals(order, layout.code, encode(x).T, trees, np.zeros_like(trees))
     return decode(np.ascontiguousarray(bits.T))
 
 

@@ -51,7 +51,7 @@ def refine(
 
     Only the entries `movable` change. The simplifying assumptions of the system hold afterwards.
     """
-    core = quads.core("refinement")
+    quads.core("refinement")  # an error if it is missing
     moving = system.moving(movable)
     jac = system.jacobian(quads.to_float(x), independent=False)[:, moving]
     inverse = np.zeros(jac.T.shape)
@@ -71,7 +71,8 @@ def refine(
         best, best_size = x, largest
         step = np.zeros(system.size)
         step[moving] = inverse @ residual
-        x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
+        steps = map(Fraction, step.tolist())
+        x = quads.encode(entry - move for entry, move in zip(quads.decode(x), steps, strict=True))
     return Refined(best, best_size, iterations)
 
 
