@@ -38,7 +38,7 @@ contains
     integer, intent(out) :: evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
     real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
-    real(wp) :: damping, growth, f_trial, gain
+    real(wp) :: damping, growth, f_trial, gain, largest
     integer :: flag, info, iterations
 
     allocate (full(conditions, size(x)), jac(conditions, size(moving)))
@@ -54,9 +54,9 @@ contains
     if (flag < 0 .or. .not. f <= huge(f)) return
     status = out_of_iterations
     if (f <= ftol) status = solved
-    call linearise(damping, flag)
+    call linearise(largest, flag)
     if (flag < 0) status = not_finite
-    damping = max(first_damping*damping, min_damping)
+    damping = max(first_damping*largest, min_damping)
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)
@@ -87,7 +87,7 @@ contains
         if (f <= ftol) then
           status = solved
         else
-          call linearise(gain, flag)
+          call linearise(largest, flag)
           if (flag < 0) status = no_descent
         end if
       else

@@ -121,7 +121,7 @@ contains
         do k = flows%first(j), flows%first(j + 1) - 1
           momentum = momentum + weight(k) * f(frame%forces + 1:frame%dimension, flows%stage(k))
         end do
-        if (abs(times(j)) > 0) call drift(frame, times(j), y)
+        if (times(j) /= 0) call drift(frame, times(j), y)
       end do
     end associate
   end subroutine move_by_kicks
@@ -138,7 +138,7 @@ contains
       do j = 1, size(times)
         momentum = momentum + impulse(m + 1:, j)
         call make_tangential(frame, y, momentum)
-        if (abs(times(j)) > 0) call drift(frame, times(j), y)
+        if (times(j) /= 0) call drift(frame, times(j), y)
       end do
     end associate
   end subroutine move_by_impulses

@@ -132,7 +132,7 @@ contains
         call bracket(frame, u, xi, term)
         term = term + moved
         xi = xi + term
-        do k = 2, merge(terms, 1, any(abs(u) > 0))
+        do k = 2, merge(terms, 1, any(u /= 0))
           call bracket(frame, u, term / real(k, wp), term)
           xi = xi + term
         end do

@@ -59,6 +59,7 @@ module linear_action_m
   ! Norm of the parts into which the exponent is divided. At 1.5 times this norm Taylor polynomials
   ! lose up to three digits to cancellation.
   real(wp), parameter :: part_norm = 6.0_wp
+  real(wp), parameter :: max_part_norm = 1.5_wp * part_norm
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
   real(wp), parameter :: omitted = 0.1_wp    ! part of a tolerance that terms left out early share
 
@@ -337,8 +338,8 @@ contains
       return
     end if
     parts = max(1, ceiling(norm))
-    do while (max(bound(1), bound(parts)) > 1.5_wp * part_norm)
-      parts = parts + (parts + 1) / 2
+    do while (max(bound(1), bound(parts)) > max_part_norm)
+      parts = parts + (parts + 1) / 2        ! by half
     end do
     last = 0
     do part = 1, parts

@@ -110,7 +110,7 @@ contains
     about_largest = n(3)**2 * top%gap(2)
     about_smallest = n(1)**2 * top%gap(1)
     turns_about_smallest = about_smallest > about_largest
-    if (.not. abs(about_smallest - about_largest) > 0) &
+    if (about_smallest == about_largest) &
       turns_about_smallest = top%gap(1) > top%gap(2)
   end function turns_about_smallest
 
@@ -165,7 +165,7 @@ contains
     if (abs(u) > longest .and. motion%complement > 0) then
       quarter = quarter_period(motion%complement)
       periods = anint(u / (4 * quarter))
-      if (abs(periods) > 0) then
+      if (periods /= 0) then
         start = motion_t(motion%m, motion%complement, motion%a3, 0.0_wp, 1.0_wp, 1.0_wp)
         call follow_pieces(quarter, start, integral)
         integral = 4 * periods * integral

@@ -182,7 +182,7 @@ contains
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
-        if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
+        if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
           lane%outputs_done = 1
         end if

@@ -22,6 +22,7 @@ module accepted_step_m
   public :: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, &
             store_output
 
+  ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
   ! a value of an event's function that counts as zero, relative to its values at both ends
   real(wp), parameter :: small_value = 1e-9_wp
@@ -48,7 +49,7 @@ contains
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
       .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
                        x%problem%events%period) &
-               .and. (abs(x%events%after) > 0 .or. may_cut(x)))
+               .and. (x%events%after /= 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
   end subroutine examine_step
@@ -87,7 +88,7 @@ contains
     x%phase = phase_complete_step
     cuts = may_cut(x)
     x%needs_interpolant = any(x%events%zeros%at < 1 .or. cuts(x%events%zeros%event) &
-                              .or. abs(x%events%after(x%events%zeros%event)) > 0)
+                              .or. x%events%after(x%events%zeros%event) /= 0)
     x%seeks_events = size(x%events%zeros) > 0
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
@@ -166,7 +167,7 @@ contains
     call store_outputs(x, t, y, output)
     if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
     if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
-                        .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
+                        t == x%problem%stops(size(x%problem%stops)) .or. ended)
     if (output%failed) then
       call fail(x, raised, t, observer_failed)
       return
@@ -190,7 +191,7 @@ contains
     logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: ends, jumps                             ! whether f or the solution may jump
 
-    ends = .not. abs(t - x%problem%stops(x%segment)) > 0
+    ends = t == x%problem%stops(x%segment)
     jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
       if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
@@ -212,7 +213,7 @@ contains
       call fail(x, jumps_without_progress, t)
     else
       x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
-                         2 * abs(x%events%value_after))
+                         2 * abs(x%events%residual))
       x%events%known = .false.
       x%phase = phase_after_events
     end if
@@ -239,12 +240,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
 
-    associate (point => x%request%y)    ! which isn't used now
+    associate (point => x%request%y)    ! no request is pending, so that its memory is free
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           x%outputs_done = x%outputs_done + 1
-          if (.not. abs(time - t) > 0) then
+          if (time == t) then
             point = y
           else if (x%method%kind == kind_polynomial) then
             call prepare_next(x, output)

@@ -47,6 +47,8 @@ contains
         end if
       end if
       call predict(x%newton, x%method%series, x%method%c(2:), x%h)
+      ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with each
+      ! step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
       x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
       x%newton%iteration = 1
       x%stage = 2
@@ -63,7 +65,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (.not. abs(x%newton%factored_h) > 0) return
+    if (x%newton%factored_h == 0) return
     x%newton%member = x%member
     call factor(x%newton, x%newton%factored_h, singular)
   end subroutine refactor
@@ -94,6 +96,7 @@ contains
     associate (newton => x%newton, rtol => x%tolerances%rtol)
       call correction(newton, x%h, x%f(:, 2:), dz)
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
+      ! the limit of RADAU5 for the error of Newton's method, as part of a tolerance
       tolerance = rounding
       if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
                                               min(0.03_wp, sqrt(rtol)))

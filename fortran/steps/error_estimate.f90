@@ -7,8 +7,9 @@
 !
 ! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
 ! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. With a
-! power of 0 (same file) sums see the end of the step, which results don't, and the larger of e1 and
-! factor e2 counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
+! power of 0 (same file) e2, of a sum that sees the end of the step, which results don't, isn't a
+! divisor: the larger of e1 and factor e2 counts. With two such sums e2^2 / hypot(e2, e3) takes the
+! place of e2.
 !
 ! Two such differences have two parts: that of the quadratures, where all values of f commute, and the
 ! rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is all
@@ -67,12 +68,12 @@ contains
       call estimate_whole(x, first)
     end if
     call limit_angle(x)
-    if (x%method%has_nodes .and. abs(x%h_before) > 0) then
+    if (x%method%uses_last_nodes .and. x%h_before /= 0) then
       call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
       x%u = x%h * x%u
       call remove_isotropy(x%frame, x%y(:, x%result), x%u)
       x%error = max(x%error, norm_of_u(x))
-    else if (x%method%has_nodes .and. x%counts%steps == 0) then
+    else if (x%method%uses_last_nodes .and. x%counts%steps == 0) then
       if (any(first > resolved * variation(x))) &
         x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
     end if
@@ -130,7 +131,7 @@ contains
     errors = 0.0_wp
     associate (last => size(x%method%error, 2))
       do i = 1, last
-        if (x%method%third == 0 .and. x%method%of_time) then
+        if (x%method%third == 0 .and. x%method%stages_at_start) then
           place = merge(1, 2, i <= 2)
           call sum_of_stages(x, i)
           call count_part(merge(1, 2, mod(i, 2) == 1), norm_of_u(x))
@@ -154,9 +155,9 @@ contains
       end do
       first = errors(1, :)
       associate (parts => [(combined(x%method, errors(i, 1), errors(i, 2)), i=1, 2)])
-        x%error = merge(sum(parts), maxval(parts), x%method%of_time)
+        x%error = merge(sum(parts), maxval(parts), x%method%stages_at_start)
       end associate
-      if (x%method%of_time .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+      if (x%method%stages_at_start .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
 
   contains
@@ -184,6 +185,7 @@ contains
       change = max(change, abs(x%h) * turning(x%frame, x%u, .true.))
     end do
     associate (power => 1 / x%tolerances%exponent)
+      ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
       x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
       if (change > max_change) x%error = max(x%error, (change / max_change)**power)
     end associate
@@ -270,7 +272,7 @@ contains
     pure logical function counts(j)
       integer, intent(in) :: j
 
-      counts = j > s .or. abs(t(j) - c(1)) > 0
+      counts = j > s .or. t(j) /= c(1)
     end function counts
 
   end subroutine node_difference

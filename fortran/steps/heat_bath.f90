@@ -47,7 +47,8 @@ contains
     integer(int64) :: tick
     integer :: i, k
 
-    ! times that differ by rounding are one, those of short steps differ
+    ! The time in units of h / 2^20: times that differ by rounding are one, those of short steps
+    ! differ. By the modulus it is an integer of 64 bits.
     tick = nint(modulo(t / bath%h * 2.0_wp**20, 2.0_wp**62), int64)
     do k = 1, frame%forces, 4
       call normal_variates([bath%seed, bath%first + int(member - 1, int64)], &

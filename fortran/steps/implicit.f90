@@ -116,7 +116,7 @@ contains
       if (solver%column > 0) then
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
         solver%column = solver%column + 1
-      else if (.not. (solver%fixed_point .or. abs(solver%factored_h(block) - x%h) <= 0)) then
+      else if (.not. (solver%fixed_point .or. solver%factored_h(block) == x%h)) then
         x%counts%njev = x%counts%njev + 1
         solver%column = 1
         solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors

@@ -44,8 +44,8 @@ module method_m
     real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
-    logical :: has_nodes = .false.
-    logical :: of_time = .false.             ! whether no stage needs a point, of a Magnus method
+    logical :: uses_last_nodes = .false.
+    logical :: stages_at_start = .false.     ! whether no stage needs a point, of a Magnus method
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
     type(transformation_t) :: transformation ! for a collocation method
@@ -105,10 +105,10 @@ contains
       method%transformation = transformation
     end if
     if (method%kind == kind_splitting) method%drift = reals(record%drifts, record%flows)
-    method%has_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
-    method%of_time = method%kind == kind_group .and. all(method%stage_path == 0)
+    method%uses_last_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
+    method%stages_at_start = method%kind == kind_group .and. all(method%stage_path == 0)
     method%in_parts = record%errors > 1 .and. (method%kind == kind_algebra .or. &
-                                               method%of_time .or. method%third > 0)
+                                               method%stages_at_start .or. method%third > 0)
     allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &
               source=.false.)
     method%goes_on([0, method%origin, method%result, method%embedded, method%third]) = .true.

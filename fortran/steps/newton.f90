@@ -169,7 +169,7 @@ contains
     integer :: d, i
 
     self%z = 0.0_wp
-    if (.not. abs(self%last_h) > 0) return
+    if (self%last_h == 0) return
     back = -self%last_h * matmul(self%last, sum(self%transformation%integral, dim=1))
     do i = 1, stages
       powers = [((1 + c(i) * h / self%last_h)**d - 1, d = 1, stages)]

@@ -67,7 +67,7 @@ contains
           call exchange_heat(x%problem%bath, x%frame, x%member, x%t, x%h, y)
           call remove_opening(x%frame, x%joints%here, momenta)
           call drift_closed(x, time / 2, path, y)
-        else if (abs(time) > 0) then
+        else if (time /= 0) then
           call drift_closed(x, time, path, y)
         else
           call remove_opening(x%frame, x%joints%here, momenta)
@@ -84,7 +84,7 @@ contains
 
     associate (n => x%frame%linkage%before)
       if (x%joints%here%known) then
-        if (all(abs(x%joints%place - y(:n)) <= 0)) return
+        if (all(x%joints%place == y(:n))) return
       end if
       x%joints%place = y(:n)
       call constraints_at(x%frame, y, 1, x%joints%here, status)
@@ -129,7 +129,7 @@ contains
           lambda = lambda + change(:, i)
         end do
         impulse(:, 2) = impulse(:, 1)
-        if (.not. any(abs(impulse(:, 1)) > 0)) impulse(:, 2) = lambda
+        if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
         impulse(:, 1) = lambda
       end associate
       if (failed) then
@@ -143,8 +143,10 @@ contains
     end associate
   end subroutine drift_closed
 
-  ! Makes the last change that of Broyden's method from that by the first matrix, where changes
-  ! become smaller.
+  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose matrices
+  ! aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, 7.3): with
+  ! the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z / (1 - s.z / |s|^2).
+  ! The last factor is left out where it would more than double z.
   pure subroutine correct_change(i, change)
     integer, intent(in) :: i
     real(wp), intent(inout) :: change(:, :)
@@ -293,7 +295,7 @@ contains
     else
       if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%answer
       if (x%stage == x%method%final_stage .or. &
-          (x%problem%of_time .and. .not. abs(x%method%c(x%stage) - 1) > 0)) then
+          (x%problem%of_time .and. x%method%c(x%stage) == 1)) then
         x%end_slope(:) = x%f(:, x%stage)
         x%end_known = .true.
       end if

@@ -40,8 +40,9 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
-  ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
+  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point itself,
+  ! since loads from a copy that was just written would stall. x%request%y keeps the entries, which
+  ! are restored if the field has overwritten them.
   subroutine request(x, t, y, next, f, y_is_used)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -69,7 +70,7 @@ contains
       call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
     end if
     if (guarded) then
-      if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
+      if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
     end if
     if (x%frame%derivatives) call coefficients_of(x%frame, x%request%t, y, x%request%slope, f)
     call check_coefficients(x, y, f)
@@ -233,15 +234,15 @@ contains
     end associate
   end function recalls
 
-  ! The time at a fraction of the step, that of its start for zero alone: a jump there has a time of
-  ! its own, behind the point that a step before has reached
+  ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
+  ! whose time rounds to it gets the next number, so that times increase.
   pure real(wp) function time_at(x, theta)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: theta
 
     time_at = x%t_end
     if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
-    if (theta > 0 .and. .not. abs(time_at - x%t) > 0) time_at = nearest(x%t, x%t_end - x%t)
+    if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
   end function time_at
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
@@ -259,7 +260,7 @@ contains
     x%events%before = values
     where (x%events%came_from /= 0 .and. abs(values) <= max(small, smallest))
       x%events%before = 0.0_wp
-      x%events%value_after = values
+      x%events%residual = values
     elsewhere
       x%events%came_from = 0
     end where

@@ -24,7 +24,7 @@ contains
     reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
              x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, &
              x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, &
-             x%events%value_after, x%events%time, &
+             x%events%residual, x%events%time, &
              real(x%events%came_from, wp), real(x%events%count, wp)]
     integers = [transfer(x%counts, integers), merge(1_int64, 0_int64, &
                 [x%slope_known, x%events%known, x%control%after_rejection, &
@@ -43,7 +43,7 @@ contains
         rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
       else if (allocated(solver%lu)) then
         pivot = merge(0, solver%pivot, &
-                      spread(abs(solver%factored_h - x%h) > 0, 1, size(solver%pivot, 1)))
+                      spread(solver%factored_h /= x%h, 1, size(solver%pivot, 1)))
         rest = reshape([solver%lu, real(pivot, wp)], shape(rest))
       end if
     end associate
@@ -87,7 +87,7 @@ contains
     x%h_before = reals(14)
     associate (events => x%events, n => size(x%events%before), k => reals_of_state)
       events%before = reals(k + 1:k + n)
-      events%value_after = reals(k + n + 1:k + 2 * n)
+      events%residual = reals(k + n + 1:k + 2 * n)
       events%time = reals(k + 2 * n + 1:k + 3 * n)
       events%came_from = nint(reals(k + 3 * n + 1:k + 4 * n))
       events%count = nint(reals(k + 4 * n + 1:k + 5 * n), int64)

@@ -38,7 +38,7 @@ contains
       call request_implicit(x)
       return
     end select
-    if (x%stage == 1 .and. .not. abs(x%method%c(1)) > 0) call start_explicit(x)
+    if (x%stage == 1 .and. x%method%c(1) == 0) call start_explicit(x)
     if (x%stage > stages(x)) then
       x%phase = phase_finish_step
     else
@@ -118,7 +118,7 @@ contains
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
       if (x%method%kind == kind_collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
           .and. (x%control%after_rejection .or. x%newton%moved &
-                 .or. .not. abs(x%newton%last_h) > 0)) then
+                 .or. x%newton%last_h == 0)) then
         call request_error(x)
       else
         call share_error(x, x%error)
@@ -190,7 +190,7 @@ contains
             control%unshortened_size, abs(x%h), error, exponent))
         control%after_rejection = .false.
         control%suspicion = max(control%suspicion - 1, 0)
-        if (x%method%has_nodes) then
+        if (x%method%uses_last_nodes) then
           x%f_before(:, :) = x%f
           x%h_before = x%h
         end if

@@ -26,7 +26,9 @@ module step_events_m
   public :: crosses, find_zeros, rotates_far, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
-  integer, parameter :: max_iterations = 3600          ! bisection takes 53
+  ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
+  ! closer; interpolations that don't help are at most as many as these.
+  integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
@@ -37,7 +39,7 @@ module step_events_m
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
-  real(wp), parameter :: together = 32 * epsilon(1.0_wp), near = sqrt(epsilon(1.0_wp))
+  real(wp), parameter :: together = 32 * epsilon(1.0_wp), decided_by_rounding = sqrt(epsilon(1.0_wp))
 
 contains
 
@@ -70,7 +72,7 @@ contains
     b = low
     zero = high(1)
     part = 0.5_wp
-    do i = 1, max_iterations
+    do i = 1, max_root_iterations
       new(1) = a(1) + part * (b(1) - a(1))
       call values_at(x, event, new(1), new(2:))
       if (x%status /= finished) exit
@@ -83,7 +85,7 @@ contains
       a = new
       zero = merge(a(1), b(1), abs(a(2)) < abs(b(2)))
       least = tolerance * (abs(zero) + 1) / abs(b(1) - a(1)) / 2
-      if (least > 0.5_wp .or. .not. abs(a(2)) > 0) exit
+      if (least > 0.5_wp .or. a(2) == 0) exit
       ! where the inverse of a parabola through three points increases between them, its zero
       xi = (a(1) - b(1)) / (c(1) - b(1))
       phi = (a(2) - b(2)) / (c(2) - b(2))
@@ -153,6 +155,8 @@ contains
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
     x%events%zeros = [zero_t ::]
+    ! First every second inner point, of four parts the middle. If no function can reach zero by the
+    ! differences of these values, the other points aren't evaluated.
     do first = 2, 1, -1
       do k = first, n - 1, 2
         call values_at(x, 0, theta(k), values(:, k))
@@ -272,6 +276,7 @@ contains
             at = (theta(2) + theta(edge)) / 2
           end if
         end if
+        ! in detection the sign alone counts: any value of the other sign, without a call
         exists = detects .and. min(nearest, minval(v)) < near
         turning(2) = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
@@ -305,7 +310,7 @@ contains
       if (.not. crosses(low(2), high(2), events%direction(event), events%period(event))) return
     end associate
     zero = high(1)
-    if (abs(high(2)) > 0 .and. .not. detects) call find_root(x, event, low, high, zero)
+    if (high(2) /= 0 .and. .not. detects) call find_root(x, event, low, high, zero)
     x%events%zeros = [x%events%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
@@ -324,37 +329,41 @@ contains
     real(wp), contiguous, intent(in) :: theta(0:)
     real(wp), contiguous, intent(inout) :: values(0:)  ! there; first ones of rounding become zero
     integer, parameter :: halvings = 60
+    ! A line has the power 1, a body that lies on the floor falls by the power 2. `passes` ends the
+    ! search early, `rests` is halfway between them.
+    real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
     ! points ever nearer, the function there, and its rounding
     real(wp), allocatable :: at(:), near(:), rounding(:)
     real(wp) :: elapsed, point(2)
     integer :: first, k, last
 
-    associate (events => x%events, n => ubound(theta, 1), &
+    associate (state => x%events, n => ubound(theta, 1), &
                side => real(x%events%came_from(event), wp))
       do k = 1, n
         if (abs(values(k)) > rounding_at(x, event, theta(k), values(n))) exit
         values(k) = 0.0_wp
       end do
-      events%after(event) = values(n)
+      state%after(event) = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
-        if (abs(values(n)) > 0) events%came_from(event) = 0
+        if (values(n) /= 0) state%came_from(event) = 0
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
       at = theta(last:first:-1)
       near = values(last:first:-1)
       rounding = [(rounding_at(x, event, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((x%t - events%time(event)) / x%h)
+      elapsed = abs((x%t - state%time(event)) / x%h)
       do k = 1, halvings
         point(1) = theta(first) * 0.5_wp**k
-        if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
+        ! times much shorter than that since the event tell no more about powers of it
+        if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < passes) exit
         call values_at(x, event, point(1), point(2:))
         if (x%status /= finished) return
         if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
         if (point(2) * side > 0) then
           if (first == 1) call add_zero(x, event, detects, point, [theta(1), values(1)])
-          events%came_from(event) = 0
+          state%came_from(event) = 0
           return
         end if
         at = [at, point(1)]
@@ -363,8 +372,8 @@ contains
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.5_wp .or. .not. x%problem%events%jumps(event)) then
-          events%came_from(event) = 0
+        if (power < rests .or. .not. x%problem%events%jumps(event)) then
+          state%came_from(event) = 0
           return
         end if
       end associate
@@ -385,6 +394,7 @@ contains
     times = elapsed + at
     power_of = -1.0_wp
     do k = size(at), size(at) - powers + 1, -1
+      ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
       ratio = exp(rounding(k) / abs(4 * values(k)))
       j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
       if (j == 0) then
@@ -404,7 +414,7 @@ contains
 
     associate (n => x%problem%events%width)
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
-      rounding_at = max(8 * abs(x%events%value_after(event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+      rounding_at = max(8 * abs(x%events%residual(event)), 32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 
@@ -433,7 +443,7 @@ contains
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          x%events%value_after(pack(zeros%event, zeros%at < 2)) = 0.0_wp
+          x%events%residual(pack(zeros%event, zeros%at < 2)) = 0.0_wp
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
@@ -460,7 +470,8 @@ contains
 
     associate (zeros => x%events%zeros, t => time_at(x, until))
       do k = 1, size(happen)
-        if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
+        if (zeros(k)%at > until + decided_by_rounding) cycle
+        if (any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + together
         if (happen(k)) cycle
         call evaluate_events(x, zeros(k)%event, until, y, value)
@@ -468,7 +479,7 @@ contains
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         ! its zero is yet to come, and isn't another event
-        if (happen(k)) x%events%value_after(zeros(k)%event) = value(1)
+        if (happen(k)) x%events%residual(zeros(k)%event) = value(1)
       end do
     end associate
     call forget_values(x)

@@ -37,7 +37,7 @@ contains
   subroutine begin_segment(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. abs(x%problem%stops(x%segment) - x%t) > 0) then
+    if (x%problem%stops(x%segment) == x%t) then
       if (x%segment == size(x%problem%stops)) then
         x%phase = phase_ended
       else
@@ -46,14 +46,14 @@ contains
       return
     end if
     if (associated(x%problem%events) .and. .not. x%events%known) then
-      call evaluate_at_start(x, 8 * abs(x%events%value_after))
+      call evaluate_at_start(x, 8 * abs(x%events%residual))
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
       if (.not. (x%problem%adaptive .or. associated(x%problem%sizes)) .and. &
-          (abs(x%grid%stop - stop) > 0 &
-           .or. abs(x%grid%start + real(x%grid_done, wp) * x%grid%step - x%t) > 0)) then
+          (x%grid%stop /= stop &
+           .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
         call make_grid(x%t, stop, x%problem%h, x%grid)
         x%grid_done = 0
       end if
@@ -199,7 +199,7 @@ contains
           return
         end if
       end if
-      if (abs(x%h - x%weighted_by) > 0) then
+      if (x%h /= x%weighted_by) then
         x%weight(:) = x%h * x%method%flows%weight
         x%weighted_by = x%h
       end if
@@ -211,12 +211,13 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (x%method%kind == kind_splitting .and. abs(x%method%c(1)) > 0) return
+      if (x%method%kind == kind_splitting .and. x%method%c(1) /= 0) return
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
 
-  ! Chooses the size and the end of the next step. The size is that before if a stop cuts the step.
+  ! Chooses the size and the end of the next step. A step that a stop cuts leaves the size unchanged
+  ! with which the next one goes on.
   subroutine choose_reversibly(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
@@ -224,7 +225,7 @@ contains
     real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
-    associate (size => x%control%step_size)
+    associate (h_next => x%control%step_size)
       v = 0.0_wp
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
@@ -235,15 +236,15 @@ contains
       end do
       if (x%status == raised) return
       change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) / (2 * time)
-      if (size > 0) then
-        density = x%problem%h / size - change
+      if (h_next > 0) then
+        density = x%problem%h / h_next - change
       else
         density = 1 / values(0) - change / 2
       end if
-      if (density > 0) size = x%problem%h / density
-      x%h = sign(size, stop - x%t)
+      if (density > 0) h_next = x%problem%h / density
+      x%h = sign(h_next, stop - x%t)
       x%t_end = x%t + x%h
-      if (.not. (density > 0 .and. abs(x%t_end - x%t) > 0)) call fail(x, step_too_small, x%t)
+      if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
       if (abs(x%t_end - x%t) < (1 - epsilon(1.0_wp)) * abs(stop - x%t)) return
       x%t_end = stop
       x%h = stop - x%t

@@ -95,10 +95,11 @@ module trajectory_m
     real(wp), allocatable :: before(:), after(:)       ! (events) values at both ends of the step
     integer(int64), allocatable :: count(:)  ! (events) how often each happened
     real(wp), allocatable :: time(:)         ! (events) when each happened last
-    ! (events) sign of its function before an event at the start of the step, or just before it, 0
-    ! if there is none, and the function then
+    ! (events) the sign that the function had before an event at the start of the step, or just
+    ! before the start; 0 if there was no event
     integer, allocatable :: came_from(:)
-    real(wp), allocatable :: value_after(:)
+    ! (events) the function at the point of that event, which is its rounding error there
+    real(wp), allocatable :: residual(:)
     real(wp), allocatable :: small(:)        ! (events) values that count as zero after events
     type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
@@ -205,7 +206,7 @@ contains
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
                 x%weight(size(method%flows%weight)), stat=memory)
-      if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
+      if (memory == 0 .and. method%uses_last_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory == 0 .and. method%kind == kind_algebra .and. method%in_parts) &
         allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
       if (memory /= 0) return
@@ -227,7 +228,7 @@ contains
       k = 0
       if (associated(problem%events)) k = problem%events%count
       allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
-                x%events%after(k), x%events%count(k), x%events%time(k), x%events%value_after(k), &
+                x%events%after(k), x%events%count(k), x%events%time(k), x%events%residual(k), &
                 x%events%small(k), x%events%came_from(k), x%query(3 + frame%point_size + k, 0), &
                 stat=memory)
       if (memory /= 0) return
@@ -249,9 +250,9 @@ contains
     logical :: same                          ! whether it was there already
     logical :: near                          ! whether the last step led nearly there
 
-    same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
+    same = x%t == t .and. all(x%y(:, 0) == y)
     near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last%y) &
-           .and. .not. abs(x%t - t) > 0
+           .and. x%t == t
     if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
     x%t = t
     x%y(:, 0) = y

@@ -73,7 +73,7 @@ contains
 
     if (x%interpolate_only) then
       x%slope(:) = x%request%answer
-      x%slope_known = abs(x%t - x%request%t) <= 0
+      x%slope_known = x%t == x%request%t
     else
       x%end_slope(:) = x%request%answer
       x%end_known = .true.

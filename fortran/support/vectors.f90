@@ -105,14 +105,14 @@ contains
     if (m == 6) then
       six = 0.0_wp
       do j = 1, n
-        if (abs(weight(j)) > 0) six = six + weight(j) * k(1:6, j)
+        if (weight(j) /= 0) six = six + weight(j) * k(1:6, j)
       end do
       sum(1:6) = six
       return
     end if
     sum = 0.0_wp
     do j = 1, n
-      if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
+      if (weight(j) /= 0) sum = sum + weight(j) * k(:, j)
     end do
   end subroutine combine
 
