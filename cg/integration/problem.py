@@ -176,10 +176,7 @@ def _make_rhs(
         if inputs is not None:
             f = WithInput(f)
         first = 0 if many else None
-        rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
-        if of_time or inputs is not None:
-            rhs.check_call()
-        return rhs
+        return PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")

@@ -39,7 +39,7 @@ from cg.integration.output.results import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs, check_inputs
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, explain_failure
@@ -182,8 +182,6 @@ class Stepper:
         numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
-        if isinstance(problem.rhs, PythonRhs):
-            problem.rhs.check_call()
         self.f = f
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
@@ -460,8 +458,6 @@ class Stepper:
         if extra is rhs.args and numbers is rhs.parameters and curves is rhs.inputs:
             return
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
-        if isinstance(changed, PythonRhs) and len(extra) != len(rhs.args):
-            changed.check_call()
         refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
         if curves is not rhs.inputs and curves is not None:

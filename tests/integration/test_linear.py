@@ -141,12 +141,12 @@ def test_stiff_methods_that_need_brackets_are_no_better():
 
 
 @pytest.mark.parametrize(("change", "error", "message"), [
-    ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"^f must .* as f\(t\), .* of \(t, y\)"),
-    ({"args": (1.0,)}, TypeError, r"^f must be callable as f\(t, args\[0\]\), got a .* \(t\)"),
+    ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"f is given \(t\)$"),
+    ({"args": (1.0,)}, TypeError, r"f is given \(t, args\[0\]\)$"),
     ({"vectorized": 1}, TypeError, "vectorized"),
     ({"method": "CFM5"}, ValueError, "CFM5"),
     ({"f": lambda t: [1.0]}, ValueError, r"^f must return an array of shape \(3,\), got shape"),
-    ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers.*of two fields"),
+    ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers"),
     (
         {"f": lambda t: Qobj()},
         ValueError,

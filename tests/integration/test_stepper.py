@@ -153,11 +153,6 @@ def test_a_restart_reads_data_that_have_changed_in_place(method):
 class TestDataChecks:
     @pytest.mark.parametrize(("change", "message"), [
         ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
-        (
-            {"args": (1.0, 2.0)},
-            r"f must be callable as f\(t, y, u, args\[0\], args\[1\], parameters\) with inputs",
-        ),
-        ({"args": ()}, r"f must be callable as f\(t, y, u, parameters\) with inputs u, got"),
         ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
     ])  # fmt: skip
     def test_what_f_cannot_take_is_refused(self, change, message):
