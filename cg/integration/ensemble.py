@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from typing import Any, Never, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +48,7 @@ def solve_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -136,7 +136,7 @@ def solve_ensemble(
     >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
-    all_options = complete_options(solve_ensemble, rest, options)
+    all_options = complete_options(solve_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
@@ -145,7 +145,7 @@ def solve_linear_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -176,7 +176,7 @@ def solve_linear_ensemble(
     >>> abs(solution.y[-1, :, 1, 0]).round(6)
     array([1.     , 0.56264])
     """
-    all_options = complete_options(solve_linear_ensemble, rest, options)
+    all_options = complete_options(solve_linear_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
@@ -185,7 +185,7 @@ def solve_variational_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -212,7 +212,7 @@ def solve_variational_ensemble(
     >>> solution.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    all_options = complete_options(solve_variational_ensemble, rest, options)
+    all_options = complete_options(solve_variational_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 

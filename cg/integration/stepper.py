@@ -14,7 +14,7 @@ import pickle
 import warnings
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Never, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -156,12 +156,12 @@ class Stepper:
         t0: float,
         y0: ArrayLike,
         t_bound: float = math.inf,
-        *rest: Never,
+        *,
         frame: Frame,
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
-        all_options = complete_options(Stepper.__init__, rest, options)
+        all_options = complete_options(Stepper.__init__, options)
         start = check_real_time(t0, "t0", infinite=False)
         self.t_bound = bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0

@@ -97,23 +97,6 @@ def test_output_options_of_a_stepper():
         cg.Stepper(never, 0.0, np.eye(3), frame=SO3(), t_eval=[0.0])
 
 
-@pytest.mark.parametrize(("function", "arguments"), CALLS)
-def test_options_by_position_as_in_scipy(function, arguments):
-    given = [never, (0.0, 1.0), arguments["y0"]]
-    if function is cg.Stepper:
-        given = [never, 0.0, arguments["y0"], 1.0]
-    for options in ({}, {"frame": SO3()}):
-        with pytest.raises(TypeError, match=r"options by keyword, such as method='RK45', got 2"):
-            function(*given, "RK45", [0.5], **options)
-
-
-@pytest.mark.parametrize("function", [cg.solve_ensemble, cg.solve_variational_ensemble])
-def test_members_come_first(function):
-    message = r"y0 must have shape \(members, 3, 3\), got \(3, 3, 4\): members come first"
-    with pytest.raises(ValueError, match=message):
-        function(never, (0.0, 1.0), np.stack([np.eye(3)] * 4, axis=-1), frame=SO3())
-
-
 def test_signatures_show_all_options():
     options = inspect.signature(cg.solve_ivp).parameters
     assert options["max_step"].default == np.inf
