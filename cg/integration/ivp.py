@@ -224,11 +224,9 @@ def solve_ivp(
     -----
     UserWarning
         If ``rtol`` is too small to be attained, and is raised; or, during the integration, after
-        thousands of steps, if the equation is stiff or ``f`` is discontinuous near the solution; or
-        if most of thousands of steps are rejected, as happens where ``f`` has kinks that aren't
-        named as ``breakpoints``; or if the last point is off the manifold, as may happen with a
-        frame of your own; or if ``h`` is far too large: if ``h f`` changes by more than the radius
-        of dexp⁻¹, for rotations a full turn, between the stages of the last step.
+        thousands of steps, if the equation is stiff, or if many steps are rejected, as happens
+        where ``f`` has kinks or jumps that aren't named as ``breakpoints``; or if the last point is
+        off the manifold, as may happen with a frame of your own.
 
     Examples
     --------

@@ -22,7 +22,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
-from cg.support.shared_numbers import FieldFlag, JacobianKind, StatePlace, StateSize, Stop
+from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
@@ -375,15 +375,6 @@ class Run:
         slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
         self._core.loop_state(self.address, False, reals.T, integers.T, points.T, slopes.T)
         return reals, integers, points, slopes
-
-    def last_stages(self) -> Array:
-        """Return the coefficients at the stages of the last step of a single trajectory.
-
-        Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
-        """
-        reals, _, _, slopes = self.state()
-        rows = min(self.plan.table.kept, self.plan.table.stages)
-        return np.asarray(reals[0, StatePlace.H] * slopes[0, 2 : 2 + rows])
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
