@@ -64,7 +64,6 @@ for i in range(3):
     (lambda: fr.FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
     (lambda: fr.FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
     (lambda: fr.FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
-    (lambda: fr.FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
     (lambda: fr.Euclidean(0), ValueError, "n must be at least 1, got 0"),
     (fr.Product, ValueError, "at least one frame"),
     (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame.*; call it"),

@@ -16,7 +16,6 @@ CIRCLE = fr.FieldFrame(
     [lambda z: 1j * z], lambda v, z: z * np.exp(1j * v[0]), point_shape=(1,), dtype=complex,
     membership_error=lambda z: abs(abs(z[0]) - 1.0),
     restore=lambda z: z * (1.5 - 0.5 * abs(z) ** 2), project=lambda z: z / abs(z),
-    distance=lambda x, z: abs(np.angle(z[0] * x[0].conj())),
     exp_coordinates=lambda x, z: [np.angle(z[0] * x[0].conj())],
     random_point=lambda rng: np.exp([2j * np.pi * rng.random()]),
 )  # fmt: skip
