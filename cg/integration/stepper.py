@@ -2,17 +2,15 @@
 
 A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``:
 breakpoints, corners of inputs and the final time; ``advance`` replaces them by those up to its own
-time. What changes is in the attributes that `_KEPT` names, and in the trajectories of the run; all
-else is made of the problem.
+time. Points, the last steps and the events are in the run, which isn't copied: a copy opens another
+one of the same problem, and writes the saved state of the first into it.
 """
 
 from __future__ import annotations
 
-import copy
 import math
-import pickle
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, Unpack
 
@@ -49,17 +47,13 @@ from cg.support.arrays import Array, Points, apart, check_finite, real_array
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
-from cg.tables import MethodTable, made
+from cg.tables import made
 
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # ints, which are faster
 _NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), _TERMINAL
-_KEPT = (
-    "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
-    "_breakpoints", "_stops", "_failure", "_calls", "_past_events", "_cut_output",
-)  # fmt: skip
 
 
 class Stepper:
@@ -92,10 +86,8 @@ class Stepper:
     ----------
     t, y
         Present time and point; ``y`` is a read-only copy.
-    t_old
-        Start of the last step, None before the first one and after a restart.
-    step_size
-        Absolute size of the last step, None before the first one.
+    t_old, step_size
+        Start and absolute size of the last step, None before the first one and after a restart.
     next_step
         Absolute size that the next step tries, unless its end comes before; None if it isn't chosen
         yet. Of an ensemble those of the members, shape ``(members,)``, with NaN in place of None.
@@ -145,9 +137,7 @@ class Stepper:
     True
     """
 
-    t: float
-    t_old: float | None
-    step_size: float | None
+    _present_stops: Array | None = None  # those that compiled code uses, if known
 
     @expand_options()
     def __init__(
@@ -179,33 +169,51 @@ class Stepper:
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         check_resolution(problem.control.h, start)
-        numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
+        numbers = problem.rhs.parameters
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
-        self.f = f
+        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
-        self._problem = problem
-        self._stops = self._ends(inputs, start)
+        self._problem, self._many = problem, many
+        self._stops = self._ends(problem.rhs.inputs, start)
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
-        self.t, self.t_old, self.step_size = start, None, None
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
-        # the events of each call that had some, see `Run.events`
-        self._past_events: list[tuple[Any, Array, Points]] = []
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
-        self._run.restart(start, self._run.end, self._first_step, self._stopped)
-        self._stops_are_set = True  # whether compiled code uses `_stops`
+        self._begin(start, self._run.end, self._first_step, self._stopped)
+        self._present_stops = self._stops
 
     def _open(self) -> None:
-        problem = self._problem
-        self._run = Run(problem, keep_last=True, lanes=len(problem.points))
-        self._budget, self._target = StepBudget(), np.empty(1)
-        self._many, self._common = problem.many, problem.common
-        self.frame: Frame = problem.plan.frame
-        self.table: MethodTable = problem.plan.method
+        """Open the run in compiled code."""
+        self._run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
+        self._budget = StepBudget()
+        self._present_stops = None
+
+    def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
+        """Start trajectories anew from points as doubles, but for members that have stopped."""
+        self._run.restart(t, rows, first_step, stopped)
+        self.t, self._steps_before = t, self._steps
+
+    @property
+    def _steps(self) -> int:
+        """Number of steps so far, of all members."""
+        return int(self._run.counters[:, _STEPS].sum())
+
+    @property
+    def t_old(self) -> float | None:
+        """Start of the last step."""
+        if self._steps == self._steps_before:
+            return None
+        member = self._stopped.argmin()  # one that hasn't stopped
+        return float(self._run.state()[0][member, StatePlace.LAST_T])
+
+    @property
+    def step_size(self) -> float | None:
+        """Absolute size of the last step."""
+        return None if (t_old := self.t_old) is None else abs(self.t - t_old)
 
     @property
     def method(self) -> Any:
@@ -216,8 +224,7 @@ class Stepper:
     def y(self) -> Points:
         """The present point, a read-only copy."""
         run = self._run
-        lead = (run.members,) if self._many else ()
-        points = run.plan.points(run.end.copy(), lead)
+        points = run.plan.points(run.end.copy(), (run.members,) * self._many)
         points.flags.writeable = False
         return points
 
@@ -244,8 +251,7 @@ class Stepper:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
-        calls = [*self._past_events, self._run.events()]  # those of the run are none
-        places, t, y = (np.concatenate(arrays) for arrays in zip(*calls, strict=True))
+        places, t, y = self._run.events()
         lists = split_events(places, select(t, y), self._run.members, len(table))
         return lists if self._many else [members[0] for members in lists]
 
@@ -289,25 +295,22 @@ class Stepper:
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
-        if self._many and not self._common:
+        if self._many and not self._problem.common:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
+        stops = self._stops
         if limit is not None:
-            target = self._check_target(limit, "limit")
-            if target == self.t:
+            if (target := self._check_target(limit, "limit")) is None:
                 return None
-            self._continue(self._stops_up_to(target))
-            return self._drive(None)
-        if self.t == self._stops.item(-1):
+            stops = self._stops_up_to(target)
+        elif self.t == stops.item(-1):
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        if not self._stops_are_set:
-            self._continue(self._stops)
-            self._stops_are_set = True
-        return self._drive(None)
+        self._continue(stops)
+        return self._drive(self._take_step)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -329,18 +332,18 @@ class Stepper:
         RuntimeError
             If the integration has ended.
         """
-        if self.status == "finished" and t != self.t:
-            self._check_running()
-        target = self._check_target(t, "t")
+        if (target := self._check_target(t, "t")) is None:
+            return None
+        self._continue(self._stops_up_to(target))
+        message = self._drive(self._take_steps)
+        return TERMINAL_EVENT if message is None and self.t != target else message
+
+    def _check_target(self, t: float, name: str) -> float | None:
+        """Return a time after checking that steps may lead up to it, None if it is the present."""
+        target, sign = check_real_time(t, name, infinite=False), self.direction
         if target == self.t:
             return None
         self._check_running()
-        self._continue(self._stops_up_to(target))
-        return self._drive(target)
-
-    def _check_target(self, t: float, name: str) -> float:
-        """Return a time after checking that steps may lead up to it."""
-        target, sign = check_real_time(t, name, infinite=False), self.direction
         if sign * (target - self.t) < 0.0 or sign * (target - self.t_bound) > 0.0:
             low, high, got = apart(self.t, self.t_bound, target)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
@@ -352,8 +355,7 @@ class Stepper:
             inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
-            self._target[0] = target  # much faster than a new array
-            return self._target
+            return np.array([target])
         # a breakpoint at the target is repeated, so that the step up to it ends before it
         inner = self._stops[:-1]
         return np.append(inner[self.direction * (inner - target) <= 0.0], target)
@@ -409,11 +411,10 @@ class Stepper:
             same_f = args is None and parameters is None and inputs is None
             first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
-        self.t, self.t_old, self._cut_output = time, None, None
+        self._cut_output, self._present_stops = None, None
         if t is not None or inputs is not None:
             self._stops = self._ends(run.rhs.inputs, time)
-        run.restart(time, rows, first, self._stopped & (t is None and y is None))
-        self._stops_are_set = False
+        self._begin(time, rows, first, self._stopped & (t is None and y is None))
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._stopped.all():
             self.status = "event"
@@ -431,7 +432,8 @@ class Stepper:
         """
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
-        if self.t_old is None or (self._many and (not self._common or self._stopped.all())):
+        shared = not self._many or (self._problem.common and not self._stopped.all())
+        if self._steps == self._steps_before or not shared:
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
@@ -446,12 +448,17 @@ class Stepper:
         extra = rhs.args if args is None else check_args(args)
         numbers, curves = rhs.parameters, rhs.inputs
         if parameters is not None:
-            numbers = _read_parameters(parameters, numbers, self._many)
+            numbers = real_array(parameters, "parameters")
+            before = None if rhs.parameters is None else rhs.parameters.shape[not self._many :]
+            if numbers.shape != before:
+                expected = "be None, as before" if before is None else f"have shape {before}"
+                raise ValueError(f"parameters must {expected}, got {numbers.shape}")
+            check_finite(numbers, "parameters")
+            numbers.flags.writeable = False
+            numbers = numbers if self._many else numbers[None]
         if inputs is not None:
             if rhs.inputs is None:
-                raise ValueError(
-                    f"inputs must be None, since the constructor got none, got {inputs!r}"
-                )
+                raise ValueError(f"inputs must be None, as before, got {inputs!r}")
             curves = check_inputs(inputs, t, t, run.members if self._many else None, None)
             assert curves is not None
             curves.check_like(rhs.inputs)
@@ -488,25 +495,33 @@ class Stepper:
 
         An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
         """
-        if len(stops) > 1:
-            stops = stops[self.direction * (stops - self.t) >= 0.0]
-        self._run.resume(stops)
-        self._stops_are_set = False
+        if stops is not self._present_stops:
+            ahead = self.direction * (stops - self.t) >= 0.0
+            self._run.resume(stops[ahead])
+            self._present_stops = stops
 
-    def _drive(self, target: float | None) -> str | None:
-        """Take steps up to a time or, if it is None, one step; return a message if that failed."""
-        run, begin = self._run, self.t
+    def _drive(self, take: Callable[[], str | None]) -> str | None:
+        """Take steps; return a message if that failed.
+
+        Then an ensemble returns to where it was, as some members are ahead of others.
+        """
+        run = self._run
         self._cut_output, self.status = None, "running"
-        start = (run.end.copy(), self._stopped, len(self._past_events)) if self._many else None
-        steps = int(run.counters[0, _STEPS])
+        start, stopped, calls = run.end.copy(), self._stopped, len(run.events_of_calls)
         message: str | None = "interrupted"
         try:
-            message = self._take_step() if target is None else self._take_steps()
+            message = take()
         finally:
-            cut = run.problem.events is not None and self._collect_events()
             if message is not None:
-                self._end_early(start, steps)
-        return self._arrive(begin, target, cut) if message is None else message
+                self._present_stops = None
+                if self._many:
+                    del run.events_of_calls[calls:]
+                    self._begin(self.t, start, self._first_step, stopped)
+                else:
+                    self.t = run.reached.item(0)
+        if message is None:
+            self._arrive()
+        return message
 
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
@@ -533,27 +548,18 @@ class Stepper:
                 return self._check_failures()
         return None
 
-    def _arrive(self, begin: float, target: float | None, cut: bool) -> str | None:
-        """Set the time after complete steps; return a message at an event before the target.
-
-        ``cut`` tells whether an event ended the last step.
-        """
-        run = self._run
-        stopped = run.problem.events is not None and bool((run.status == _TERMINAL).all())
-        if target is not None and not stopped:
-            self.t = target
-        elif self._many:  # some may have stopped before
+    def _arrive(self) -> None:
+        """Set time and status after complete steps."""
+        run, table = self._run, self._problem.events
+        stopped = table is not None and bool((run.status == _TERMINAL).all())
+        self.t = run.reached.item(0)
+        if self._many:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
-        else:
-            self.t = run.reached.item(0)
-        if cut:
-            self._end_at_state()
-            self._cut_output = self._interpolate()
-        elif target is None:
-            self.t_old, self.step_size = begin, abs(self.t - begin)
-        else:
-            self.step_size = abs(run.record.step_size)
-            self.t_old = target - self.direction * self.step_size
+        elif table is not None and run.events_of_calls:
+            places, times, _ = run.events_of_calls[-1]
+            last = places[times == self.t, 1] - 1
+            if len(last) and (stopped or table.rows["jumps"][last].any()):
+                self._cut_output = self._interpolate()
         if self.t == self.t_bound:
             self.status = "finished"
         elif stopped:
@@ -564,44 +570,6 @@ class Stepper:
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
             points = run.plan.points(run.end, (1, run.members))
             refuse_friction(run.plan, run.rhs, [self.t], points)
-        before_target = target is not None and self.t != target
-        return TERMINAL_EVENT if stopped and before_target else None
-
-    def _collect_events(self) -> bool:
-        """Keep the events of the run; return whether the last one ended a step of one point."""
-        run = self._run
-        places, t, y = run.events()
-        if not len(t):
-            return False
-        self._past_events.append((places, t, y))
-        if self._many:
-            return False
-        table: Any = run.problem.events
-        ends = run.status[0] == _TERMINAL or table.rows["jumps"][places[:, 1]].any()
-        return bool(ends and t[-1] == run.reached[0])
-
-    def _end_at_state(self) -> None:
-        """Set the start of the last step to that in the state of the trajectory."""
-        self.t_old = float(self._run.state()[0][0, StatePlace.LAST_T])
-        self.step_size = abs(self.t - self.t_old)
-
-    def _end_early(self, start: Any, steps: int) -> None:
-        """Return an ensemble to its ``start``; set the time of the last step of one point.
-
-        Some members are ahead of others then. The start has the points, which members had stopped,
-        and the number of calls with events; ``steps`` is the count before the call.
-        """
-        run = self._run
-        self._stops_are_set = False
-        if start is not None:
-            points, stopped, calls = start
-            self.t_old = None
-            del self._past_events[calls:]
-            run.restart(self.t, points, self._first_step, stopped)
-            return
-        self.t = float(run.reached[0])
-        if run.counters[0, _STEPS] > steps:
-            self._end_at_state()
 
     def _interpolate(self) -> DenseOutput:
         """Return the solution within the last step."""
@@ -643,50 +611,11 @@ class Stepper:
     def __getstate__(self) -> dict[str, Any]:
         rhs = self._run.rhs  # with memory of its own for inputs, as copies may run in two threads
         rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
-        return {
-            **{name: getattr(self, name) for name in _KEPT},
-            "_past_events": list(self._past_events),
-            "_problem": replace(self._problem, rhs=rhs),
-            "run": self._run.saved(),
-        }
+        state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
+        return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        state = dict(state)
-        saved = state.pop("run")
+        saved = state.pop("saved")
         vars(self).update(state)
         self._open()
         self._run.restore(saved)
-        self._stops_are_set = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        try:
-            pickle.dumps(self.f)
-        except Exception as error:
-            raise TypeError(
-                "f must be such that it can be pickled, a function of a module or a compiled one "
-                f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
-            ) from error
-        return object.__new__, (type(self),), self.__getstate__()
-
-    def __copy__(self) -> Any:
-        return self.__deepcopy__(None)
-
-    def __deepcopy__(self, memo: dict[int, Any] | None) -> Any:
-        state, twin = self.__getstate__(), object.__new__(type(self))
-        twin.__setstate__(state if memo is None else copy.deepcopy(state, memo))
-        return twin
-
-
-def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
-    """Return new parameters, a row for each member, after checking their shape."""
-    if before is None:
-        raise ValueError(
-            f"parameters must be None, since the constructor got none, got {parameters!r}"
-        )
-    numbers = real_array(parameters, "parameters")
-    shape = before.shape if many else before.shape[1:]
-    if numbers.shape != shape:
-        raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
-    check_finite(numbers, "parameters")
-    numbers.flags.writeable = False
-    return numbers if many else numbers[None]

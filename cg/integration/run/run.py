@@ -85,7 +85,7 @@ class Run:
         self._buffers: dict[str, Any] = {}
         self._dense: list[list[Array]] = []
         self._steps: list[list[Array]] = []
-        self._events: list[list[Array]] = []
+        self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
         self._share_members(plan.doubles(problem.points))
         if problem.t_eval is not None or problem.observer is not None:
             self._share_output(y, observed)
@@ -268,7 +268,7 @@ class Run:
             names = ["dense_member", "dense_t", "dense_y", "dense_field"]
             self._collect(self._dense, record.interpolants, *names)
         if record.events:
-            self._collect(self._events, record.events, "event_of", "event_t", "event_y")
+            self._collect(self.events_of_calls, record.events, "event_of", "event_t", "event_y")
         if record.ended < self.members and (
             record.steps == record.step_capacity > 0
             or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
@@ -355,6 +355,7 @@ class Run:
             "states": self._buffers["states"].copy(),
             "counters": self.counters.copy(),
             "trajectories": self.state(),
+            "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
 
@@ -363,6 +364,7 @@ class Run:
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
         self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
+        self.events_of_calls[:] = saved["events"]
         self._buffers["states"][...] = saved["states"]
         self.counters[...] = saved["counters"]
 
@@ -384,16 +386,15 @@ class Run:
             self.callbacks.jacobian.kept.clear()
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events, and forget them: member and event ``(n, 2)``, times ``(n,)``, points.
+        """Return all events: member and event ``(n, 2)``, times ``(n,)``, points.
 
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        if not self._events:
+        if not self.events_of_calls:
             empty = plan.points(np.empty((0, plan.width)), (0, 2))
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        places, t, y = _joined(self._events)
-        self._events.clear()
+        places, t, y = _joined(self.events_of_calls)
         return places - 1, t, plan.points(y, (len(t), 2))
 
 
