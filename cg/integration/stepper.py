@@ -195,17 +195,12 @@ class Stepper:
     def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
         """Start trajectories anew from points as doubles, but for members that have stopped."""
         self._run.restart(t, rows, first_step, stopped)
-        self.t, self._steps_before = t, self._steps
-
-    @property
-    def _steps(self) -> int:
-        """Number of steps so far, of all members."""
-        return int(self._run.counters[:, _STEPS].sum())
+        self.t, self._has_step = t, False
 
     @property
     def t_old(self) -> float | None:
         """Start of the last step."""
-        if self._steps == self._steps_before:
+        if not self._has_step:
             return None
         member = self._stopped.argmin()  # one that hasn't stopped
         return float(self._run.state()[0][member, StatePlace.LAST_T])
@@ -433,7 +428,7 @@ class Stepper:
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
         shared = not self._many or (self._problem.common and not self._stopped.all())
-        if self._steps == self._steps_before or not shared:
+        if not (self._has_step and shared):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
@@ -496,8 +491,8 @@ class Stepper:
         An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
         """
         if stops is not self._present_stops:
-            ahead = self.direction * (stops - self.t) >= 0.0
-            self._run.resume(stops[ahead])
+            ahead = stops[self.direction * (stops - self.t) >= 0.0] if len(stops) > 1 else stops
+            self._run.resume(ahead)
             self._present_stops = stops
 
     def _drive(self, take: Callable[[], str | None]) -> str | None:
@@ -507,18 +502,20 @@ class Stepper:
         """
         run = self._run
         self._cut_output, self.status = None, "running"
-        start, stopped, calls = run.end.copy(), self._stopped, len(run.events_of_calls)
+        start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
+        calls = len(run.events_of_calls)
         message: str | None = "interrupted"
         try:
             message = take()
         finally:
             if message is not None:
                 self._present_stops = None
-                if self._many:
-                    del run.events_of_calls[calls:]
-                    self._begin(self.t, start, self._first_step, stopped)
-                else:
+                if start is None:
+                    self._has_step |= self.t != run.reached.item(0)
                     self.t = run.reached.item(0)
+                else:
+                    del run.events_of_calls[calls:]
+                    self._begin(self.t, *start)
         if message is None:
             self._arrive()
         return message
@@ -552,7 +549,7 @@ class Stepper:
         """Set time and status after complete steps."""
         run, table = self._run, self._problem.events
         stopped = table is not None and bool((run.status == _TERMINAL).all())
-        self.t = run.reached.item(0)
+        self.t, self._has_step = run.reached.item(0), True
         if self._many:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
         elif table is not None and run.events_of_calls:
