@@ -56,6 +56,7 @@ from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
+    Given,
     Inputs,
     WithInput,
     check_inputs,
@@ -133,7 +134,7 @@ class Problem:
             return self
         first, plan, events = members.start, self.plan, self.events
         stops, limits = self.stops, self.limits
-        numbers, inputs = self.rhs.parameters, self.rhs.inputs
+        _, numbers, inputs, _ = given = self.rhs.given
         inertia = self.inertia and self.inertia.part(members)
         if self.own_inputs:
             inputs = self.own_inputs[first]
@@ -141,7 +142,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(self.rhs.args, numbers, inputs, first)
+        rhs = self.rhs.with_data(Given(given.args, numbers, inputs, first))
         if inertia is not None and inertia.apart:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
@@ -166,7 +167,8 @@ def _make_rhs(
     many: bool,
 ) -> Rhs:
     """Return the right-hand side after checking ``f`` and args."""
-    args, of_time = check_args(options["args"]), options["linear"]
+    given = Given(check_args(options["args"]), parameters, inputs, 0 if many else None)
+    of_time = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
         if not callable(f):
@@ -175,12 +177,11 @@ def _make_rhs(
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
-        first = 0 if many else None
-        return PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
+        return PythonRhs(f, frame, given, options["vectorized"])
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, parameters, inputs, args)
+    return compiled.on(frame, given)
 
 
 def _make_control(
@@ -464,7 +465,7 @@ def make_problem(
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
-        has_data = rhs.inputs is not None, rhs.parameters is not None
+        has_data = rhs.given.inputs is not None, rhs.given.parameters is not None
         events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")

@@ -169,14 +169,14 @@ class Stepper:
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         check_resolution(problem.control.h, start)
-        numbers = problem.rhs.parameters
+        numbers = problem.rhs.given.parameters
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._problem, self._many = problem, many
-        self._stops = self._ends(problem.rhs.inputs, start)
+        self._stops = self._ends(problem.rhs.given.inputs, start)
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
         self.status = "running" if start != bound else "finished"
@@ -346,7 +346,7 @@ class Stepper:
 
     def _stops_up_to(self, target: float) -> Array:
         """Return the ends of segments up to a time."""
-        if (inputs := self._run.rhs.inputs) is not None:
+        if (inputs := self._run.rhs.given.inputs) is not None:
             inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
@@ -392,8 +392,8 @@ class Stepper:
                 bound, got = apart(self.t_bound, time)
                 raise ValueError(f"t must not be beyond t_bound = {bound}, got {got}")
             check_resolution(run.control.h, time)
-            if inputs is None and run.rhs.inputs is not None:
-                run.rhs.inputs.check_span(time, time, "t")
+            if inputs is None and run.rhs.given.inputs is not None:
+                run.rhs.given.inputs.check_span(time, time, "t")
         if y is not None:
             points = read_starts(run.plan, y, self._many, "y")
             if len(points) != run.members:
@@ -408,7 +408,7 @@ class Stepper:
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output, self._present_stops = None, None
         if t is not None or inputs is not None:
-            self._stops = self._ends(run.rhs.inputs, time)
+            self._stops = self._ends(run.rhs.given.inputs, time)
         self._begin(time, rows, first, self._stopped & (t is None and y is None))
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._stopped.all():
@@ -439,31 +439,31 @@ class Stepper:
 
         ``rows`` are the points there, as doubles.
         """
-        run, rhs = self._run, self._run.rhs
-        extra = rhs.args if args is None else check_args(args)
-        numbers, curves = rhs.parameters, rhs.inputs
+        run, before = self._run, self._run.rhs.given
+        given = before if args is None else before._replace(args=check_args(args))
         if parameters is not None:
             numbers = real_array(parameters, "parameters")
-            before = None if rhs.parameters is None else rhs.parameters.shape[not self._many :]
-            if numbers.shape != before:
-                expected = "be None, as before" if before is None else f"have shape {before}"
+            shape = None if before.parameters is None else before.parameters.shape[not self._many :]
+            if numbers.shape != shape:
+                expected = "be None, as before" if shape is None else f"have shape {shape}"
                 raise ValueError(f"parameters must {expected}, got {numbers.shape}")
             check_finite(numbers, "parameters")
             numbers.flags.writeable = False
-            numbers = numbers if self._many else numbers[None]
+            given = given._replace(parameters=numbers if self._many else numbers[None])
         if inputs is not None:
-            if rhs.inputs is None:
+            if before.inputs is None:
                 raise ValueError(f"inputs must be None, as before, got {inputs!r}")
             curves = check_inputs(inputs, t, t, run.members if self._many else None, None)
             assert curves is not None
-            curves.check_like(rhs.inputs)
-        if extra is rhs.args and numbers is rhs.parameters and curves is rhs.inputs:
+            curves.check_like(before.inputs)
+            given = given._replace(inputs=curves)
+        if given is before:
             return
-        changed = rhs.with_data(extra, numbers, curves, rhs.first)
+        changed = run.rhs.with_data(given)
         refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
-        if curves is not rhs.inputs and curves is not None:
-            limits = curves.limits(self._problem.control.tolerance)
+        if given.inputs is not None and given.inputs is not before.inputs:
+            limits = given.inputs.limits(self._problem.control.tolerance)
             if len(limits) or len(self._problem.limits):
                 self._problem = replace(self._problem, limits=limits)
                 run.share_limits(limits)
@@ -606,8 +606,8 @@ class Stepper:
         return failed_members(dict.fromkeys(bad, self._failure), run.members)
 
     def __getstate__(self) -> dict[str, Any]:
-        rhs = self._run.rhs  # with memory of its own for inputs, as copies may run in two threads
-        rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
+        # with memory of its own for inputs, as copies may run in two threads
+        rhs = self._run.rhs.with_data(self._run.rhs.given)
         state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
         return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}
 

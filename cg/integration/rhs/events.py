@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
-from cg.integration.rhs.inputs import WithInput, members_with_data
+from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
@@ -280,16 +280,15 @@ class Observer:
             data, stride = 0, 0
             if isinstance(rhs, CompiledRhs):
                 _, data, stride = rhs.addresses()
-            elif rhs.inputs is not None:
+            elif rhs.given.inputs is not None:
                 raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
-            elif rhs.parameters is not None:
-                data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
+            elif (numbers := rhs.given.parameters) is not None:
+                data, stride = numbers.ctypes.data, numbers.strides[0]
             table = EventTable(self.function, self.frame).rows
             entries = {"observers": len(table), "observer_table": table.ctypes.data}
             return entries | {"observer_data": data, "observer_stride": stride}, table
-        count = members_with_data(rhs.inputs, rhs.parameters)
         rest = self.frame, self.shape, self.check
-        contexts = Contexts(self.function, rhs.arguments, count, *rest)
+        contexts = Contexts(self.function, rhs.arguments, rhs.given.members, *rest)
         names = "observer", "observer_data", "observer_stride"
         return dict(zip(names, contexts.addresses(), strict=True)), contexts
 
@@ -319,7 +318,7 @@ def observer_of(
             "observe must be callable as observe(t, y), or a list of compiled functions, got "
             f"{observe!r}"
         )
-    if rhs.inputs is not None:
+    if rhs.given.inputs is not None:
         observe = WithInput(observe)
     shape = np.shape(observe(t, read_only(y.copy()), *rhs.arguments(0)))
     observer = Observer(observe, frame, shape, keeps_points)

@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_field, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of, members_with_data
+from cg.integration.rhs.inputs import NOTHING, Given, Inputs, WithInput
 from cg.support.arrays import (
     Array,
     Points,
@@ -142,10 +142,9 @@ class PythonRhs(Contexts):
 
     Compiled code calls it through a function in C, whose data are its contexts.
 
-    Parameters have the shape ``(members, k)``. A ``vectorized`` function takes times ``(n,)``,
-    points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
-    ``(n, dim)``; one of time alone may get several times for one point.
-    ``first`` is the place of the first member in the ensemble for error messages.
+    A ``vectorized`` function takes times ``(n,)``, points ``(n, *point_shape)`` and rows of
+    parameters of several members, and returns shape ``(n, dim)``; one of time alone may get several
+    times for one point.
     """
 
     failed_name = "f"  # in error messages
@@ -154,52 +153,40 @@ class PythonRhs(Contexts):
         self,
         f: Coefficients,
         frame: Frame,
-        args: tuple[Any, ...] = (),
-        parameters: Array | None = None,
+        given: Given = NOTHING,
         vectorized: bool = False,
-        first: int | None = None,
-        inputs: Inputs | None = None,
     ) -> None:
-        self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
-        self.vectorized, self.first, self.inputs = vectorized, first, inputs
+        self.f, self.frame, self.given, self.vectorized = f, frame, given, vectorized
         self.check = Check(f, frame, vectorized)
-        members = None if vectorized else members_with_data(inputs, parameters)
+        members = None if vectorized else given.members
         rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
         super().__init__(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
-        return PythonRhs, (self.f, self.frame, *data)
+        return PythonRhs, (self.f, self.frame, self.given, self.vectorized)
 
-    def with_data(
-        self,
-        args: tuple[Any, ...],
-        parameters: Array | None,
-        inputs: Inputs | None,
-        first: int | None = None,
-    ) -> PythonRhs:
+    def with_data(self, given: Given) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first, inputs)
+        return PythonRhs(self.f, self.frame, given, self.vectorized)
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
-        return PythonRhs(self.f, frame, *data)
+        return PythonRhs(self.f, frame, self.given, self.vectorized)
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
-        return arguments_of(self.inputs, self.args, self.parameters, member)
+        return self.given.arguments(member)
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
-        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.inputs is not None)
-        names += [f"args[{k}]" for k in range(len(self.args))]
-        names += ["parameters"] * (self.parameters is not None)
+        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.given.inputs is not None)
+        names += [f"args[{k}]" for k in range(len(self.given.args))]
+        names += ["parameters"] * (self.given.parameters is not None)
         where, shape = f"at t = {t:.17g}", str(self.frame.point_shape)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        elif self.first is not None:
-            where += f" in member {self.first + member}"
+        elif self.given.first is not None:
+            where += f" in member {self.given.first + member}"
         with_shape = f" with y of shape {shape}" * (not self.check.of_time)
         return f"{where}; f is given ({', '.join(names)}){with_shape}"
 

@@ -202,8 +202,9 @@ class Run:
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
-        if rhs.inputs is not None and isinstance(rhs, CompiledRhs):
-            self.record.curves = len(self._share("inputs", rhs.inputs.table(rhs.parameters)))
+        _, parameters, inputs, _ = rhs.given
+        if inputs is not None and isinstance(rhs, CompiledRhs):
+            self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
     def share_limits(self, limits: Array) -> None:
         """Share how long steps may be where; compiled code reads it when it opens or restarts."""
@@ -287,10 +288,8 @@ class Run:
             call = _FAILED[int(self.flag[k])], float(self.failed_at[k]), k
         if call is not None:
             name, t, member = call
-            u = "" if rhs.inputs is None else "u, "
-            which = (
-                "" if rhs.first is None or member is None else f" in member {rhs.first + member}"
-            )
+            u, first = "" if rhs.given.inputs is None else "u, ", rhs.given.first
+            which = "" if first is None or member is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
             error.add_note(rhs.note(float(self.failed_at[raised[0]]), raised[0]))
