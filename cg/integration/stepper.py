@@ -1,9 +1,9 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``:
-breakpoints, corners of inputs and the final time; ``advance`` replaces them by those up to its own
-time. Points, the last steps and the events are in the run, which isn't copied: a copy opens another
-one of the same problem, and writes the saved state of the first into it.
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_corners``,
+those of inputs and breakpoints, and at the time up to which the stepper goes on. Points, the last
+steps and the events are in the run, which isn't copied: a copy opens another one of the same
+problem, and writes the saved state of the first into it.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from cg.integration.output.member_results import split_events
 from cg.integration.output.results import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.inputs import Inputs, check_inputs
+from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, explain_failure
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, apart, check_finite, real_array
+from cg.support.arrays import Array, Points, apart, check_finite
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -137,7 +137,7 @@ class Stepper:
     True
     """
 
-    _present_stops: Array | None = None  # those that compiled code uses, if known
+    _target: float | None = None  # the time up to which compiled code goes on, if known
 
     @expand_options()
     def __init__(
@@ -175,27 +175,25 @@ class Stepper:
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
-        self._problem, self._many = problem, many
-        self._stops = self._ends(problem.rhs.given.inputs, start)
+        self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
+        self._problem = replace(problem, control=control, t_eval=None, every=0)
+        self._find_corners(problem.rhs.given.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._failure, self._calls = "", 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._begin(start, self._run.end, self._first_step, self._stopped)
-        self._present_stops = self._stops
 
     def _open(self) -> None:
         """Open the run in compiled code."""
         self._run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
-        self._budget = StepBudget()
-        self._present_stops = None
+        self._budget, self._target = StepBudget(), None
 
     def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
         """Start trajectories anew from points as doubles, but for members that have stopped."""
         self._run.restart(t, rows, first_step, stopped)
-        self.t, self._has_step = t, False
+        self.t, self._has_step, self._target = t, False, None
 
     @property
     def t_old(self) -> float | None:
@@ -295,17 +293,14 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
-        stops = self._stops
+        target = self._end
         if limit is not None:
-            if (target := self._check_target(limit, "limit")) is None:
-                return None
-            stops = self._stops_up_to(target)
-        elif self.t == stops.item(-1):
+            target = self._check_target(limit, "limit")
+        elif self.t == target:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        self._continue(stops)
-        return self._drive(self._take_step)
+        return None if target == self.t else self._drive(self._take_step, target)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -327,33 +322,21 @@ class Stepper:
         RuntimeError
             If the integration has ended.
         """
-        if (target := self._check_target(t, "t")) is None:
-            return None
-        self._continue(self._stops_up_to(target))
-        message = self._drive(self._take_steps)
-        return TERMINAL_EVENT if message is None and self.t != target else message
-
-    def _check_target(self, t: float, name: str) -> float | None:
-        """Return a time after checking that steps may lead up to it, None if it is the present."""
-        target, sign = check_real_time(t, name, infinite=False), self.direction
+        target = self._check_target(t, "t")
         if target == self.t:
             return None
-        self._check_running()
+        message = self._drive(self._take_steps, target)
+        return TERMINAL_EVENT if message is None and self.t != target else message
+
+    def _check_target(self, t: float, name: str) -> float:
+        """Return a time after checking that it is the present one, or steps may lead up to it."""
+        target, sign = check_real_time(t, name, infinite=False), self.direction
+        if target != self.t:
+            self._check_running()
         if sign * (target - self.t) < 0.0 or sign * (target - self.t_bound) > 0.0:
             low, high, got = apart(self.t, self.t_bound, target)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
         return target
-
-    def _stops_up_to(self, target: float) -> Array:
-        """Return the ends of segments up to a time."""
-        if (inputs := self._run.rhs.given.inputs) is not None:
-            inputs.check_span(self.t, target, "t")
-        check_resolution(self._run.control.h, target)
-        if len(self._stops) == 1:
-            return np.array([target])
-        # a breakpoint at the target is repeated, so that the step up to it ends before it
-        inner = self._stops[:-1]
-        return np.append(inner[self.direction * (inner - target) <= 0.0], target)
 
     def restart(
         self,
@@ -406,9 +389,9 @@ class Stepper:
             same_f = args is None and parameters is None and inputs is None
             first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
-        self._cut_output, self._present_stops = None, None
+        self._cut_output = None
         if t is not None or inputs is not None:
-            self._stops = self._ends(run.rhs.given.inputs, time)
+            self._find_corners(run.rhs.given.inputs, time)
         self._begin(time, rows, first, self._stopped & (t is None and y is None))
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._stopped.all():
@@ -440,23 +423,9 @@ class Stepper:
         ``rows`` are the points there, as doubles.
         """
         run, before = self._run, self._run.rhs.given
-        given = before if args is None else before._replace(args=check_args(args))
-        if parameters is not None:
-            numbers = real_array(parameters, "parameters")
-            shape = None if before.parameters is None else before.parameters.shape[not self._many :]
-            if numbers.shape != shape:
-                expected = "be None, as before" if shape is None else f"have shape {shape}"
-                raise ValueError(f"parameters must {expected}, got {numbers.shape}")
-            check_finite(numbers, "parameters")
-            numbers.flags.writeable = False
-            given = given._replace(parameters=numbers if self._many else numbers[None])
-        if inputs is not None:
-            if before.inputs is None:
-                raise ValueError(f"inputs must be None, as before, got {inputs!r}")
-            curves = check_inputs(inputs, t, t, run.members if self._many else None, None)
-            assert curves is not None
-            curves.check_like(before.inputs)
-            given = given._replace(inputs=curves)
+        given = before.replaced(t, parameters, inputs, run.members if self._many else None)
+        if args is not None:
+            given = given._replace(args=check_args(args))
         if given is before:
             return
         changed = run.rhs.with_data(given)
@@ -468,39 +437,47 @@ class Stepper:
                 self._problem = replace(self._problem, limits=limits)
                 run.share_limits(limits)
 
-    def _ends(self, inputs: Inputs | None, t: float) -> Array:
-        """Return the ends of segments from a time on: breakpoints, corners of inputs, and the end.
+    def _find_corners(self, inputs: Inputs | None, t: float) -> None:
+        """Set the ends of segments from a time on, and the last time of a step without a limit.
 
         That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
         """
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
-        stops = np.array([*self._breakpoints, end])
-        if inputs is None:
-            return stops
-        first, last = inputs.span
-        end = max(t, last) if sign > 0.0 else min(t, first)
-        if sign * end < sign * stops[-1]:
+        stops = np.append(self._breakpoints, end)
+        if inputs is not None:
+            first, last = inputs.span
+            end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
             stops = np.append(stops[sign * stops < sign * end], end)
-        return inputs.add_stops(stops, t, control.tolerance)
+            stops = inputs.add_stops(stops, t, control.tolerance)
+        self._corners, self._end = stops[:-1], end
 
-    def _continue(self, stops: Array) -> None:
-        """Continue all trajectories with new ends of segments, without those that have passed.
+    def _go_on(self, target: float) -> None:
+        """Let all trajectories continue up to a time, by the ends of segments before it.
 
-        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
+        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step. One at
+        the target is repeated, so that the step up to it ends before it.
         """
-        if stops is not self._present_stops:
-            ahead = stops[self.direction * (stops - self.t) >= 0.0] if len(stops) > 1 else stops
-            self._run.resume(ahead)
-            self._present_stops = stops
+        run, corners, sign = self._run, self._corners, self.direction
+        if (inputs := run.rhs.given.inputs) is not None:
+            inputs.check_span(self.t, target, "t")
+        check_resolution(run.control.h, target)
+        stops = np.array([target])
+        if len(corners):
+            ahead = (sign * (corners - self.t) >= 0.0) & (sign * (corners - target) <= 0.0)
+            stops = np.append(corners[ahead], target)
+        run.resume(stops)
+        self._target = target
 
-    def _drive(self, take: Callable[[], str | None]) -> str | None:
-        """Take steps; return a message if that failed.
+    def _drive(self, take: Callable[[], str | None], target: float) -> str | None:
+        """Take steps towards a time; return a message if that failed.
 
         Then an ensemble returns to where it was, as some members are ahead of others.
         """
         run = self._run
+        if target != self._target:
+            self._go_on(target)
         self._cut_output, self.status = None, "running"
         start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
         calls = len(run.events_of_calls)
@@ -509,7 +486,7 @@ class Stepper:
             message = take()
         finally:
             if message is not None:
-                self._present_stops = None
+                self._target = None
                 if start is None:
                     self._has_step |= self.t != run.reached.item(0)
                     self.t = run.reached.item(0)
@@ -571,10 +548,10 @@ class Stepper:
     def _interpolate(self) -> DenseOutput:
         """Return the solution within the last step."""
         run = self._run
-        # f is evaluated before a breakpoint at the end of the step
-        at_breakpoint = bool((self._stops[:-1] == self.t).any())
+        # f is evaluated before a corner at the end of the step
+        at_corner, self._target = bool((self._corners == self.t).any()), None
         beyond = self.t + self.direction
-        self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
+        run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
         steps = run.last_interpolants()
         begin = float(steps.t[0, 0])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.integration.rhs.samples import Samples
-from cg.support.arrays import Array
+from cg.support.arrays import Array, check_finite, real_array
 from cg.tables import MethodTable
 
 _ROUNDING = 1e-15  # error of abscissae
@@ -264,6 +264,31 @@ class Given(NamedTuple):
         lead = () if self.inputs is None else (Reader(self.inputs, member),)
         rows = () if self.parameters is None else (self.parameters[member],)
         return (*lead, *self.args, *rows)
+
+    def replaced(self, t: float, parameters: Any, inputs: Any, members: int | None) -> Given:
+        """Return other data from time t on, None for what remains, after checking their shapes.
+
+        ``members`` is None for a single point.
+        """
+        given = self
+        if parameters is not None:
+            numbers = real_array(parameters, "parameters")
+            old = self.parameters
+            shape = None if old is None else old.shape[members is None :]
+            if numbers.shape != shape:
+                expected = "be None, as before" if shape is None else f"have shape {shape}"
+                raise ValueError(f"parameters must {expected}, got {numbers.shape}")
+            check_finite(numbers, "parameters")
+            numbers.flags.writeable = False
+            given = given._replace(parameters=numbers[None] if members is None else numbers)
+        if inputs is not None:
+            if self.inputs is None:
+                raise ValueError(f"inputs must be None, as before, got {inputs!r}")
+            curves = check_inputs(inputs, t, t, members, None)
+            assert curves is not None
+            curves.check_like(self.inputs)
+            given = given._replace(inputs=curves)
+        return given
 
 
 NOTHING = Given()
