@@ -30,7 +30,7 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
-from cg.integration.run.failures import explain_failure, find_mistakes
+from cg.integration.run.failures import failures_of, find_mistakes
 from cg.integration.run.messages import TERMINAL_EVENT
 from cg.integration.run.run import Run
 from cg.support.checks import total_memory
@@ -40,7 +40,7 @@ from cg.support.shared_numbers import Stop
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
 _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
-_FINISHED = int(Stop.FINISHED)
+_TERMINAL = int(Stop.TERMINAL_EVENT)
 
 
 @expand_options()
@@ -317,15 +317,10 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         drive(run, None, texts.append)
     else:
         drive(run, watch.update)
-    messages, status = {}, np.zeros(members, dtype=np.int64)
-    for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
-        failure = explain_failure(run, member)
-        if isinstance(failure, Exception) and (
-            not problem.many or isinstance(failure, MemoryError)
-        ):
-            raise failure
-        messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
-        status[member] = 1 if run.status[member] == Stop.TERMINAL_EVENT else -1
+    messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)
+    status[list(messages)] = -1
+    for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
+        messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
         times, y, observed = run.steps()
     shape = len(times), members

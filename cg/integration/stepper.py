@@ -40,7 +40,7 @@ from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
-from cg.integration.run.failures import dropped_parts, explain_failure
+from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, apart, check_finite
@@ -53,7 +53,6 @@ _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # ints, which are faster
-_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), _TERMINAL
 
 
 class Stepper:
@@ -63,19 +62,15 @@ class Stepper:
     ----------
     f, frame
         As for `cg.solve_ivp`, as are all options that aren't listed here.
-    inputs
-        As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
-    t0
-        Initial time.
-    y0
-        Initial point, shape ``frame.point_shape``, or those of the members of an ensemble, which
-        have one leading axis.
+    t0, y0
+        Initial time and point, shape ``frame.point_shape``, or the points of the members of an
+        ensemble, which have one leading axis.
     t_bound
         Final time. By default there is none, and time increases.
-    parameters
+    inputs
+        As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
+    parameters, vectorized, common_steps
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
-    vectorized, common_steps
-        As for `cg.solve_ensemble`.
     events
         As for `cg.solve_ivp`. For a single point ``step`` and ``advance`` stop at a terminal
         event, behind its jump if it has one, and go on from there when they are called again; an
@@ -91,10 +86,8 @@ class Stepper:
     next_step
         Absolute size that the next step tries, unless its end comes before; None if it isn't chosen
         yet. Of an ensemble those of the members, shape ``(members,)``, with NaN in place of None.
-    direction
-        1.0 or -1.0.
-    n
-        Number of coefficients, ``frame.dim``.
+    direction, n
+        1.0 or -1.0, and the number of coefficients, ``frame.dim``.
     status
         ``"running"``, ``"event"`` at a terminal event, of an ensemble at those of all members,
         ``"finished"`` at ``t_bound``, or ``"failed"``.
@@ -180,7 +173,7 @@ class Stepper:
         self._problem = replace(problem, control=control, t_eval=None, every=0)
         self._find_corners(problem.rhs.given.inputs, start)
         self.status = "running" if start != bound else "finished"
-        self._failure, self._calls = "", 0
+        self._calls = 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._begin(start, self._run.end, self._first_step, self._stopped)
@@ -295,7 +288,7 @@ class Stepper:
         self._check_running()
         target = self._end
         if limit is not None:
-            target = self._check_target(limit, "limit")
+            target = self._check_time(limit, "limit", self.t)
         elif self.t == target:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
@@ -322,21 +315,20 @@ class Stepper:
         RuntimeError
             If the integration has ended.
         """
-        target = self._check_target(t, "t")
+        target = self._check_time(t, "t", self.t)
         if target == self.t:
             return None
+        self._check_running()
         message = self._drive(self._take_steps, target)
         return TERMINAL_EVENT if message is None and self.t != target else message
 
-    def _check_target(self, t: float, name: str) -> float:
-        """Return a time after checking that it is the present one, or steps may lead up to it."""
-        target, sign = check_real_time(t, name, infinite=False), self.direction
-        if target != self.t:
-            self._check_running()
-        if sign * (target - self.t) < 0.0 or sign * (target - self.t_bound) > 0.0:
-            low, high, got = apart(self.t, self.t_bound, target)
+    def _check_time(self, t: float, name: str, first: float) -> float:
+        """Return a time after checking that it lies between a first one and `t_bound`."""
+        time, sign = check_real_time(t, name, infinite=False), self.direction
+        if sign * (time - first) < 0.0 or sign * (time - self.t_bound) > 0.0:
+            low, high, got = apart(first, self.t_bound, time)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
-        return target
+        return time
 
     def restart(
         self,
@@ -370,10 +362,7 @@ class Stepper:
         """
         run, time, rows = self._run, self.t, self._run.end
         if t is not None:
-            time = check_real_time(t, "t", infinite=False)
-            if self.direction * (self.t_bound - time) < 0.0:
-                bound, got = apart(self.t_bound, time)
-                raise ValueError(f"t must not be beyond t_bound = {bound}, got {got}")
+            time = self._check_time(t, "t", -math.inf * self.direction)
             check_resolution(run.control.h, time)
             if inputs is None and run.rhs.given.inputs is not None:
                 run.rhs.given.inputs.check_span(time, time, "t")
@@ -507,7 +496,7 @@ class Stepper:
             record.budget = 0 if taken else run.members  # zero only to empty a buffer
             run.call()
             if record.failed:
-                return self._check_failures()
+                return self._fail()
             taken = counters.item(_STEPS) != steps
         return None
 
@@ -519,7 +508,7 @@ class Stepper:
             run.call()
             budget.stop(max(steps - record.budget, 1))
             if record.failed:
-                return self._check_failures()
+                return self._fail()
         return None
 
     def _arrive(self) -> None:
@@ -564,23 +553,16 @@ class Stepper:
     def _check_running(self) -> None:
         """Raise RuntimeError unless the integration goes on."""
         if self.status not in ("running", "event") or (self._many and self.status == "event"):
-            why = f": {self._failure}" if self.status == "failed" else ""
             what = "stopped" if self.status == "event" else self.status
-            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}{why}; restart it")
+            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}; restart it")
 
-    def _check_failures(self) -> str:
+    def _fail(self) -> str:
         """Return the message for failed steps; raise other errors."""
-        run = self._run
-        has_failed = ~np.isin(run.status, _NOT_FAILED) & (run.status < Stop.NEEDS_FIELD)
-        bad = np.flatnonzero(has_failed).tolist()
         self.status = "failed"
-        failure = explain_failure(run, bad[0])
-        self._failure = str(failure)
-        if isinstance(failure, Exception):
-            raise failure
-        if not self._many:
-            return f"Failure: {failure}."
-        return failed_members(dict.fromkeys(bad, self._failure), run.members)
+        failures = failures_of(self._run, raising=True)
+        if self._many:
+            return failed_members(failures, self._run.members)
+        return f"Failure: {failures[0]}."
 
     def __getstate__(self) -> dict[str, Any]:
         # with memory of its own for inputs, as copies may run in two threads

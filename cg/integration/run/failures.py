@@ -15,20 +15,35 @@ from cg.integration.run.run import Run
 from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
+_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
+_WAITING = int(Stop.NEEDS_FIELD)
 _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"
 
 
-def explain_failure(run: Run, member: int) -> Exception | str | None:
-    """Return why a member ended early: an exception, or a message.
+def failures_of(run: Run, raising: bool) -> dict[int, str]:
+    """Return why members failed, by their numbers; raise exceptions if ``raising``.
+
+    Those for memory are raised in any case.
+    """
+    messages = {}
+    for member, stop in enumerate(run.status.tolist()):
+        if stop not in _NOT_FAILED and stop < _WAITING:
+            failure = _explain_failure(run, member)
+            if isinstance(failure, Exception) and (raising or isinstance(failure, MemoryError)):
+                raise failure
+            messages[member] = str(failure).removesuffix(".")
+    return messages
+
+
+def _explain_failure(run: Run, member: int) -> Exception | str:
+    """Return why a member failed: an exception, or a message.
 
     There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
     """
     stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.flag[member])
     match stop:
-        case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
-            return None
         case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
         case Stop.TOO_MANY_STEPS:
