@@ -31,11 +31,6 @@ _MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # steps towards a mean, and the last one
 _DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
 _DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
-_ROTATION_HINTS = {
-    (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
-    (3, 3): "; rotation matrices are points of cg.frames.SO3()",
-}
-
 
 class FlowOverflowError(OverflowError):
     """The coefficients are too large for their flow to be computed in double precision.
@@ -374,9 +369,6 @@ class Frame(Manifold, FieldAlgebra):
         """Return the blocks of an instance of exactly this class; compiled frames define it."""
         return None
 
-    def _shape_hint(self, shape: tuple[int, ...]) -> str:
-        return _ROTATION_HINTS.get(shape, "") if self._rotation_sign else ""
-
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
@@ -418,15 +410,10 @@ class CompiledFlow(Frame):
 
 
 def check_frame(frame: Any, name: str = "frame") -> None:
-    """Raise TypeError, which says what is meant, unless ``frame`` is a frame."""
+    """Raise TypeError unless ``frame`` is a frame."""
     if isinstance(frame, Frame):
         return
-    hint = ""
-    if isinstance(frame, type) and issubclass(frame, Frame):
-        hint = f"; call it, {frame.__name__}(...)"
-    elif frame is None and name == "frame":
-        hint = "; for plain vectors it is Euclidean(n)"
-    raise TypeError(f"{name} must be a Frame such as SO3(), got {frame!r}{hint}")
+    raise TypeError(f"{name} must be a Frame such as SO3() or Euclidean(3), got {frame!r}")
 
 
 def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:

@@ -194,13 +194,8 @@ class MatrixGroup(Frame):
             raise ValueError(
                 f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
-                f"{self._explain_distance(matrices[wrong][0])}"
             )
         return v
-
-    def _explain_distance(self, matrix: Points) -> str:
-        """Return what is known about why a matrix is not in the algebra."""
-        return ""
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""

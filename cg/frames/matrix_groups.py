@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
 from cg.frames.compiled import Blocks, convention_option
-from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
     newton_corrected,
     singular_values,
@@ -177,9 +176,6 @@ class SL(NoncompactMatrixGroup):
         ones = np.ones(len(rows))
         return entries_of(self.n, (rows, columns, ones), (corner, corner, diagonal))
 
-    def _explain_distance(self, matrix: Points) -> str:
-        return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"
-
     def _correction(self, y: Points) -> Points:
         # To first order it is a multiple of the gradient, the matrix of cofactors. The singular
         # value decomposition gives it without cancellation or overflow.
@@ -318,17 +314,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         phase = np.full_like(diagonal, self.dim - 1), diagonal
         values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
         return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
-
-    def _explain_distance(self, matrix: Points) -> str:
-        off = MEMBERSHIP_TOLERANCE * np.abs(matrix).max()
-        if np.abs(matrix - matrix.conj().T).max() <= off:
-            return (
-                "; it is Hermitian, and the equation of a Hamiltonian H needs the factor: -1j * H"
-            )
-        trace = np.trace(matrix)
-        if self._special and np.abs(matrix + matrix.conj().T).max() <= off:
-            return f"; its trace {trace:.3g} must be zero; matrices with a trace need U({self.n})"
-        return ""
 
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.U, self.n, convention_option(self.convention)),)

@@ -66,7 +66,7 @@ for i in range(3):
     (lambda: fr.FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
     (lambda: fr.Euclidean(0), ValueError, "n must be at least 1, got 0"),
     (fr.Product, ValueError, "at least one frame"),
-    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame.*; call it"),
+    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame"),
     (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
     *(
         (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
@@ -89,7 +89,7 @@ for i in range(3):
     (lambda: fr.LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
     (lambda: fr.LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
     (lambda: fr.LinearAction(7), ValueError, "must be a sequence of matrices"),
-    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
+    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as .*, got 3"),
 ])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
     refuses(error, message, make)
