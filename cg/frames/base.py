@@ -163,8 +163,10 @@ class Frame(Manifold, FieldAlgebra):
         point, tangent = np.broadcast_arrays(y, dy)
         rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
         v = np.asarray(self._coefficients_at(rows, slopes))
-        axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
-        dropped, sizes = _lengths(slopes - self.field(v, rows), axes), _lengths(slopes, axes)
+        lead = point.shape[: point.ndim + 1 - rows.ndim]
+        entries = np.abs([slopes - self.field(v, rows), slopes])
+        # unlike sums of squares, np.hypot doesn't overflow
+        dropped, sizes = np.hypot.reduce(entries, axis=tuple(range(2, entries.ndim)))
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -365,10 +367,6 @@ class Frame(Manifold, FieldAlgebra):
         """
         return self._blocks() if "_blocks" in vars(type(self)) else None
 
-    def _blocks(self) -> Blocks | None:
-        """Return the blocks of an instance of exactly this class; compiled frames define it."""
-        return None
-
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
@@ -414,14 +412,6 @@ def check_frame(frame: Any, name: str = "frame") -> None:
     if isinstance(frame, Frame):
         return
     raise TypeError(f"{name} must be a Frame such as SO3() or Euclidean(3), got {frame!r}")
-
-
-def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:
-    """Return Euclidean norms of tangents, also where squares of entries overflow."""
-    sizes = np.abs(tangents)
-    largest = sizes.max(axis=axes, keepdims=True, initial=0.0)
-    scale = np.where((largest > 0.0) & np.isfinite(largest), largest, 1.0)
-    return np.asarray(scale.max(axis=axes) * np.sqrt(((sizes / scale) ** 2).sum(axis=axes)))
 
 
 @dataclass(frozen=True, repr=False)

@@ -67,14 +67,8 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
         one of Newton and Schulz with the group's involution, multiplies y by a matrix of norm
         :math:`\epsilon g^2`: at :math:`g = 10^8` no digit would be left.
         """
+        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            try:
-                restored = y + self._correction(y)
-                if np.isfinite(restored.sum()):
-                    return np.asarray(restored)
-            except np.linalg.LinAlgError:  # raised for matrices that are not finite
-                pass
-            finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
             restored = y + self._correction(np.where(finite, y, np.eye(self.n)))
         computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
         return np.where(finite & computed, restored, y)
@@ -393,10 +387,6 @@ class SU(U):
         with np.errstate(invalid="ignore"):
             excess = np.linalg.det(unitary) - 1.0
         return np.asarray(unitary * (1.0 - excess / self.n)[..., None, None])
-
-    @property
-    def _rotation_sign(self) -> float:
-        return self._side if self.n == 2 else 0.0
 
     def _blocks(self) -> Blocks | None:
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)

@@ -82,10 +82,6 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         fields = self.field(np.eye(3), y[:, None])
         return np.asarray(4.0 * np.vecdot(fields, tangent[:, None]) / np.vecdot(y, y)[:, None])
 
-    @property
-    def _rotation_sign(self) -> float:
-        return 1.0 if self.convention == "space" else -1.0
-
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`.
 

@@ -147,10 +147,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             return np.asarray(np.arctan2(sine, cosine)[..., None])
         return self._algebra_projection(rotation_log1p(difference))
 
-    @property
-    def _rotation_sign(self) -> float:
-        return self._side if self.n == 3 else 0.0
-
     def _blocks(self) -> Blocks | None:
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
         return ((kind, self.n, convention_option(self.convention)),)
