@@ -29,12 +29,6 @@ ELLIPSE = fr.MatrixFrame(
     random_point=lambda rng: np.array([1.0, 2.0]) * fr.Sphere(1).random_point(rng),
 )
 
-HEISENBERG_CONSTANTS = (
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
-    ((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-)
-
 ROTATIONS = [fr.SO3(), fr.SO3("space")]
 QUATERNIONS = [
     fr.UnitQuaternion(), fr.UnitQuaternion("space"), fr.UnitQuaternion(scalar_first=True),
@@ -58,7 +52,7 @@ SMALL_EXPONENTS = [
     fr.Semidirect(fr.SL(2)), fr.Semidirect(fr.SO(2, "space"), 2), fr.Semidirect(fr.SO3(), 2),
     fr.CoadjointOrbit(fr.SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
     fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
-    fr.CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space"), fr.SPD(1), fr.SPD(3),
+    fr.CoadjointOrbit(fr.Semidirect(fr.SO(2)), (0.5, 0.25, 1.5), "space"), fr.SPD(1), fr.SPD(3),
     fr.Hyperbolic(2), fr.Hyperbolic(4), HEISENBERG,
     fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
     fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, 1j]]], 2),
