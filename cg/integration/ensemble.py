@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
@@ -298,10 +297,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
     texts: list[str] = []
-    if watch is None:  # warnings are given at the end, those of workers by the caller's process
-        drive(run, None, texts.append)
-    else:
-        drive(run, watch.update)
+    drive(run, None if watch is None else watch.update, texts.append)
     messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)
     status[list(messages)] = -1
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
@@ -330,15 +326,6 @@ def _distribute(
     problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
-    if executor is not None:
-        try:
-            pickle.dumps((problem.part(slice(0, 1)), options))
-        except Exception as error:
-            raise TypeError(
-                "f, frame and all other arguments must be such that they can be pickled for other "
-                "processes; functions must be those of a module, a compiled one "
-                f"cg.CompiledFunction(path, symbol): {error}"
-            ) from error
     members, number = len(problem.points), count_workers(executor, workers)
     number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // number)))

@@ -213,7 +213,6 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),
     ({"executor": "fast"}, ValueError, "executor must be 'processes' or an executor"),
     ({"workers": 0}, ValueError, "workers must be at least 1"),
-    ({"executor": "processes", "f": lambda t, *y: [0, 0, 0]}, TypeError, "f, frame.*pickled"),
     ({**FORWARD, "out": np.zeros(4)}, ValueError, "out must be None with derivatives"),
     ({"derivatives": "adjoint"}, ValueError, "derivatives must be None.* for an ensemble"),
     ({**FORWARD, "P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have .*3\) or \(4, 3, 3\)"),

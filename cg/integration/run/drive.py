@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,11 +37,11 @@ class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or many are rejected.
 
     It looks after 10,000, 20,000, 40,000, ... steps of a member, and where it finds a reason once
-    more 1000 steps later. The warning goes to `warn` if that is given, in workers.
+    more 1000 steps later.
     """
 
-    def __init__(self, run: Run, warn: Callable[[str], None] | None = None) -> None:
-        self._run, self._warn = run, warn or partial(warnings.warn, stacklevel=6)
+    def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
+        self._run, self._warn = run, warn
         self._taken = 0  # steps of all members
         self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
@@ -110,11 +108,7 @@ _MAX_GROWTH = 8
 _MAX_STEPS = 2**30  # fits into 32 bits
 
 
-def drive(
-    run: Run,
-    watch: Callable[[float], None] | None = None,
-    warn: Callable[[str], None] | None = None,
-) -> None:
+def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
     budget, record, check = StepBudget(), run.record, None
     while True:
