@@ -249,22 +249,6 @@ class MatrixGroup(Frame):
         """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""
         return self._algebra_projection(real_log1p(difference))
 
-    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        r"""Return the upper blocks of the exponential of :math:`\binom{\Omega(v)\;\;U}{0\;\;0}`.
-
-        They are :math:`e^{\Omega}`, shape ``(..., size, size)``, and :math:`\int_0^1 e^{s\Omega}
-        ds\, U`, shape ``(..., size, k)`` as U, the ``columns``.
-        """
-        vector = self._vectors(v)
-        generator = self.algebra(vector)
-        n, k = columns.shape[-2:]
-        lead = np.broadcast_shapes(generator.shape[:-2], columns.shape[:-2])
-        bordered = np.zeros((*lead, n + k, n + k), dtype=self.dtype)
-        bordered[..., :n, :n] = generator
-        bordered[..., :n, n:] = columns
-        exponential = expm(bordered, vector)
-        return exponential[..., :n, :n], exponential[..., :n, n:]
-
     def inverse(self, x: ArrayLike) -> Points:
         """Return the inverses of group elements, shape ``(..., size, size)``."""
         return np.asarray(np.linalg.inv(self._points(x, "x")))
