@@ -141,10 +141,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
-        if self.n == 2:
-            sine = difference[..., 1, 0] - difference[..., 0, 1]
-            cosine = 2.0 + np.trace(difference, axis1=-2, axis2=-1)
-            return np.asarray(np.arctan2(sine, cosine)[..., None])
         return self._algebra_projection(rotation_log1p(difference))
 
     def _blocks(self) -> Blocks | None:
