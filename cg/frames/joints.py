@@ -17,7 +17,7 @@ from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
-from cg.support.checks import short
+from cg.support.checks import check_choice, short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
 Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
@@ -97,8 +97,7 @@ class Joint:
     length: float | None
 
     def __init__(self, kind: str, first: Any, second: Any, *, length: float | None = None) -> None:
-        if kind not in KINDS:
-            raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {kind!r}")
+        check_choice("kind", kind, KINDS)
         both = _attachment(first, "first", kind), _attachment(second, "second", kind)
         if both[0][0] == both[1][0]:
             raise ValueError(f"first and second must be different bodies, got {both[0][0]} twice")

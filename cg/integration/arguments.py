@@ -159,15 +159,14 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_algebra(frame: Frame, method: MethodTable, *, linear: bool = False) -> None:
+def check_algebra(frame: Frame, method: MethodTable) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError as error:
-        hint = "; the flows of the default method are exact, however stiff the equation" * linear
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{method!r}, which needs brackets: {error}{hint}"
+            f"{method!r}, which needs brackets: {error}"
         ) from None
 
 

@@ -65,7 +65,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, apart
-from cg.support.checks import check_flag, short
+from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
@@ -285,7 +285,7 @@ def _choose_method(
             )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
-        check_algebra(frame, chosen, linear=linear)
+        check_algebra(frame, chosen)
     return chosen
 
 
@@ -306,10 +306,9 @@ def _count_members(inputs: Any) -> int:
     return next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
 
 
-def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
+def _returns_derivatives(rhs: str, linear: bool, frame: Frame) -> bool:
     """Return whether ``f`` returns derivatives of points, after checking that it may."""
-    if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
-        raise ValueError(f"rhs must be 'coefficients' or 'derivative', got {rhs!r}")
+    check_choice("rhs", rhs, ("coefficients", "derivative"))
     if rhs == "derivative" and linear:
         raise ValueError("rhs must be 'coefficients' with linear=True, got 'derivative'")
     if rhs == "derivative" and isinstance(frame, PhaseSpace):
@@ -341,10 +340,8 @@ def _check_flags(options: Any, many: bool) -> None:
     for name in FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
-    solver, linear, derivatives = options["stage_solver"], options["linear"], options["derivatives"]
-    if not isinstance(solver, str) or solver not in STAGE_SOLVERS:
-        names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
-        raise ValueError(f"stage_solver must be {names}, got {solver!r}")
+    linear, derivatives = options["linear"], options["derivatives"]
+    check_choice("stage_solver", options["stage_solver"], STAGE_SOLVERS)
     if not many and options["common_steps"]:
         raise ValueError("common_steps must be False for a single point")
     if not many and options["vectorized"] and not linear:

@@ -134,12 +134,6 @@ def test_objects_of_qutip_are_named():
     refuses(ValueError, r"full\(\)", SU(2).vee, Qobj())
 
 
-def test_stiff_methods_that_need_brackets_are_no_better():
-    options = {"frame": LinearAction([np.diag([-1e6, -1.0])]), "method": "RadauIIA5"}
-    with pytest.raises(ValueError, match=r"has no bracket .* exact, however stiff the equation$"):
-        cg.solve_linear(lambda t: [1.0], (0, 1), [1.0, 1.0], **options)
-
-
 @pytest.mark.parametrize(("change", "error", "message"), [
     ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"f is given \(t\)$"),
     ({"args": (1.0,)}, TypeError, r"f is given \(t, args\[0\]\)$"),

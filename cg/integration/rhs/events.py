@@ -18,7 +18,7 @@ from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
-from cg.support.checks import check_flag
+from cg.support.checks import check_choice, check_flag
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -302,8 +302,7 @@ def observer_of(
     observe: Any, store: Any, frame: Frame, rhs: Rhs, t: float, y: Points
 ) -> Observer | None:
     """Return what is evaluated at output times, after calling it at the initial point."""
-    if not isinstance(store, str) or store not in ("all", "observed"):
-        raise ValueError(f"store must be 'all' or 'observed', got {store!r}")
+    check_choice("store", store, ("all", "observed"))
     keeps_points = store == "all"
     if observe is None:
         if not keeps_points:
