@@ -110,19 +110,15 @@ class Event:
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
             )
         direction, period = self.direction, self.period
-        if not (_is_real(direction) and (direction >= 0.0 or direction < 0.0)):
+        if not isinstance(direction, Real) or math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {direction!r}")
-        is_real = _is_real(period) and period is not True
+        is_real = isinstance(period, Real) and period is not True
         if period is not None and not (is_real and 0.0 < period < math.inf):
             raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
         flag = check_flag(f"{name}.vectorized", self.vectorized)
         if flag and compiled_event(self.function) is not None:
             raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")
         return limit, int(direction > 0.0) - int(direction < 0.0)
-
-
-def _is_real(value: object) -> bool:
-    return isinstance(value, Real)
 
 
 _DEFAULTS = {field.name: field.default for field in fields(Event)[1:]}
