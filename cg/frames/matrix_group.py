@@ -113,11 +113,6 @@ class MatrixGroup(Frame):
         if isinstance(basis, Entries):
             basis = basis.array(self.dim, self.size)
         basis = np.asarray(basis, dtype=self.dtype)
-        if basis.shape != (self.dim, *self.point_shape):
-            raise ValueError(
-                f"_make_basis of {type(self).__name__} must return matrices of shape "
-                f"{(self.dim, *self.point_shape)}, got {basis.shape}"
-            )
         basis.flags.writeable = False
         return basis
 

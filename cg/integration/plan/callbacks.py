@@ -53,8 +53,6 @@ class Jacobian:
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
-        if not hasattr(value, "tocsc"):
-            raise ValueError(f"jac must return a sparse matrix at all times, got {value!r}")
         matrix = value.tocsc()
         if matrix.dtype.kind not in "biuf":
             raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
