@@ -299,7 +299,8 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     texts: list[str] = []
     drive(run, None if watch is None else watch.update, texts.append)
     messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)
-    status[list(messages)] = -1
+    if messages:
+        status[list(messages)] = -1
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
         messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
