@@ -247,6 +247,13 @@ class Samples(ReadOnly):
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0)) if members else flat
         self._pieces.flags.writeable = False
 
+    def __getstate__(self) -> dict[str, Any]:
+        # without what is computed when asked for, since parts for some members are copies
+        state = super().__getstate__()
+        for name in ("_rows", "_resolution", "_rounding", "_kinks"):
+            state.pop(name, None)
+        return state
+
     @cached_property
     def _rows(self) -> tuple[list[float], list[float], list[list[Any]]]:
         """What a search needs, the starts of the pieces, and their polynomials."""
