@@ -33,7 +33,7 @@ pip() {
 
 if [ "${2-}" != rest ]; then
   pip "numba>=0.60" "loky>=3.4" "zarr>=3.0" "h5py>=3.11" "diffrax>=0.7" "jax>=0.5" jaxlie \
-    "xarray>=2024.1" "qutip>=5.3"
+    "qutip>=5.3"
   exit 0
 fi
 if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/null | grep -q libminpack; then

@@ -30,7 +30,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.compiled import dexpinv
+from cg.frames.compiled import Blocks, dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind, BlockOption
@@ -152,7 +152,14 @@ class FieldAlgebra(ABC):
     @property
     def _rotation_sign(self) -> float:
         """The sign s of a bracket that is s times the cross product, 0 for other brackets."""
+        match self._blocks():
+            case ((BlockKind.SO3 | BlockKind.SU2 | BlockKind.QUATERNION, _, options),):
+                return 1.0 if options & BlockOption.SPACE_AXES else -1.0
         return 0.0
+
+    def _blocks(self) -> Blocks | None:
+        """Return the blocks of an instance of exactly this class; compiled frames define it."""
+        return None
 
     def _bracket(self, u: Array, v: Array) -> Array:
         """Return the brackets of checked coefficients."""

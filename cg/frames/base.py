@@ -31,11 +31,6 @@ _MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # steps towards a mean, and the last one
 _DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
 _DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
-_ROTATION_HINTS = {
-    (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
-    (3, 3): "; rotation matrices are points of cg.frames.SO3()",
-}
-
 
 class FlowOverflowError(OverflowError):
     """The coefficients are too large for their flow to be computed in double precision.
@@ -168,8 +163,10 @@ class Frame(Manifold, FieldAlgebra):
         point, tangent = np.broadcast_arrays(y, dy)
         rows, slopes = (x.reshape(-1, *self.point_shape) for x in (point, tangent))
         v = np.asarray(self._coefficients_at(rows, slopes))
-        axes, lead = tuple(range(1, rows.ndim)), point.shape[: point.ndim + 1 - rows.ndim]
-        dropped, sizes = _lengths(slopes - self.field(v, rows), axes), _lengths(slopes, axes)
+        lead = point.shape[: point.ndim + 1 - rows.ndim]
+        entries = np.abs([slopes - self.field(v, rows), slopes])
+        # unlike sums of squares, np.hypot doesn't overflow
+        dropped, sizes = np.hypot.reduce(entries, axis=tuple(range(2, entries.ndim)))
         large = dropped > NORMAL_ROUNDING
         relative = np.divide(
             dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
@@ -370,13 +367,6 @@ class Frame(Manifold, FieldAlgebra):
         """
         return self._blocks() if "_blocks" in vars(type(self)) else None
 
-    def _blocks(self) -> Blocks | None:
-        """Return the blocks of an instance of exactly this class; compiled frames define it."""
-        return None
-
-    def _shape_hint(self, shape: tuple[int, ...]) -> str:
-        return _ROTATION_HINTS.get(shape, "") if self._rotation_sign else ""
-
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
@@ -418,23 +408,10 @@ class CompiledFlow(Frame):
 
 
 def check_frame(frame: Any, name: str = "frame") -> None:
-    """Raise TypeError, which says what is meant, unless ``frame`` is a frame."""
+    """Raise TypeError unless ``frame`` is a frame."""
     if isinstance(frame, Frame):
         return
-    hint = ""
-    if isinstance(frame, type) and issubclass(frame, Frame):
-        hint = f"; call it, {frame.__name__}(...)"
-    elif frame is None and name == "frame":
-        hint = "; for plain vectors it is Euclidean(n)"
-    raise TypeError(f"{name} must be a Frame such as SO3(), got {frame!r}{hint}")
-
-
-def _lengths(tangents: Points, axes: tuple[int, ...]) -> Array:
-    """Return Euclidean norms of tangents, also where squares of entries overflow."""
-    sizes = np.abs(tangents)
-    largest = sizes.max(axis=axes, keepdims=True, initial=0.0)
-    scale = np.where((largest > 0.0) & np.isfinite(largest), largest, 1.0)
-    return np.asarray(scale.max(axis=axes) * np.sqrt(((sizes / scale) ** 2).sum(axis=axes)))
+    raise TypeError(f"{name} must be a Frame such as SO3() or Euclidean(3), got {frame!r}")
 
 
 @dataclass(frozen=True, repr=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -89,27 +90,23 @@ def _find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator
     errors: dict[str, float] = {}
     for y in points:
         normal = rng.standard_normal((3, frame.dim))
-        u, v, w = (x * (_LENGTH / max(float(np.linalg.norm(x)), _LENGTH)) for x in normal)
-        for compare in _CHECKS:
-            for problem, size in compare(frame, y, u, v, w):
-                errors[problem] = max(size, errors.get(problem, 0.0))
+        vectors = (x * (_LENGTH / max(float(np.linalg.norm(x)), _LENGTH)) for x in normal)
+        for problem, actual, expected, tolerance, *scale in _identities(frame, y, *vectors):
+            bound = tolerance * _size(expected, *scale)
+            size = _difference(actual, expected)
+            if not size <= bound:
+                opposite = problem in _OPPOSITES and _difference(actual, -expected) <= bound
+                name = _OPPOSITES[problem] if opposite else problem
+                errors[name] = max(size, errors.get(name, 0.0))
     return [f"{problem} (by {size:.2g})" for problem, size in errors.items()]
 
 
-_Problems = Iterator[tuple[str, float]]
-
-
 def _size(*points: Any) -> float:
-    return max(1.0, *(float(np.abs(point).max()) for point in points))
+    return max(1.0, *(float(np.abs(point).max(initial=0.0)) for point in points))
 
 
-def _compare(
-    problem: str, actual: Any, expected: Any, tolerance: float, scale: float = 1.0
-) -> _Problems:
-    """Yield a problem and the size of the error unless two arrays agree."""
-    difference = float(np.abs(np.asarray(actual) - expected).max(initial=0.0))
-    if not difference <= tolerance * max(scale, _size(expected)):
-        yield problem, difference
+def _difference(actual: Any, expected: Any) -> float:
+    return float(np.abs(np.asarray(actual) - expected).max(initial=0.0))
 
 
 def _derivative(function: Callable[[float], Any]) -> Any:
@@ -118,111 +115,65 @@ def _derivative(function: Callable[[float], Any]) -> Any:
     return np.tensordot(_WEIGHTS, values, 1) / _STEP
 
 
-def _check_flow(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    flowed = frame.flow(v, y)
-    yield from _compare("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _IDENTITY)
-    yield from _compare(
-        "flow(a v, flow(b v, y)) isn't flow((a + b) v, y)",
-        frame.flow(0.3 * v, frame.flow(0.7 * v, y)), flowed, _IDENTITY,
-    )  # fmt: skip
+_SLOPE = "field(v, y) isn't the derivative of flow(s v, y) by s"
+_COMMUTATOR = "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields"
+_OPPOSITES = {  # problems where only the sign is wrong
+    _SLOPE: "flow has the wrong sign: its derivative is -field(v, y)",
+    _COMMUTATOR: "bracket has the wrong sign: it is the commutator DV U - DU V",
+}
+_Identities = Iterator[tuple[Any, ...]]
+
+
+def _identities(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Identities:
+    """Yield what should be equal: the problem if it isn't, both sides, and a relative tolerance.
+
+    It is relative to the second side, or to what follows it if that is larger.
+    """
+    moved, tangent = frame.flow(v, y), frame.field(v, y)
+    yield "flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _IDENTITY
+    composed = frame.flow(0.3 * v, frame.flow(0.7 * v, y))
+    yield "flow(a v, flow(b v, y)) isn't flow((a + b) v, y)", composed, moved, _IDENTITY
     batch = frame.flow(np.stack([v, u]), np.stack([y, y]))
-    yield from _compare("flow of a batch isn't the flow of each point", batch[0], flowed, _IDENTITY)
-
-
-def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    tangent = frame.field(v, y)
+    yield "flow of a batch isn't the flow of each point", batch[0], moved, _IDENTITY
     total = frame.field(u, y) + 2.0 * tangent
-    yield from _compare("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _IDENTITY)
+    yield "field isn't linear in v", frame.field(u + 2.0 * v, y), total, _IDENTITY
     slope = _derivative(lambda s: frame.flow(s * v, y))
-    yield from _compare_derivative(
-        "field(v, y) isn't the derivative of flow(s v, y) by s",
-        "flow has the wrong sign: its derivative is -field(v, y)",
-        slope, tangent, _size(y),
-    )  # fmt: skip
+    yield _SLOPE, slope, tangent, _DIFFERENCES, y
 
-
-def _compare_derivative(
-    problem: str, opposite: str, actual: Any, expected: Any, scale: float
-) -> _Problems:
-    """Yield a problem as `_compare`, or the opposite one if only the sign is wrong."""
-    if not any(True for _ in _compare("", actual, -expected, _DIFFERENCES, scale)):
-        problem = opposite
-    yield from _compare(problem, actual, expected, _DIFFERENCES, scale)
-
-
-def _check_coefficients(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     tangents = frame.field(np.stack([u, v]), y)
-    coefficients = frame.coefficients(y, tangents)
+    found = frame.coefficients(y, tangents)
     problem = "field(coefficients(y, dy), y) isn't dy"
-    yield from _compare(problem, frame.field(coefficients, y), tangents, _IDENTITY, _size(y))
-    shortest = frame.without_isotropy(coefficients, y)
-    yield from _compare(
-        "coefficients have isotropy", shortest, coefficients, _IDENTITY, _size(u, v)
-    )
+    yield problem, frame.field(found, y), tangents, _IDENTITY, y
+    yield "coefficients have isotropy", frame.without_isotropy(found, y), found, _IDENTITY, u, v
 
+    yield "points aren't on the manifold", frame.relative_error(y), 0.0, _IDENTITY
+    yield "flow leaves the manifold", frame.relative_error(moved), 0.0, _IDENTITY
+    with suppress(NotImplementedError):
+        yield "project moves points of the manifold", frame.project(y), y, _IDENTITY
 
-def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    yield from _compare("points aren't on the manifold", frame.relative_error(y), 0.0, _IDENTITY)
-    flowed = frame.flow(v, y)
-    yield from _compare("flow leaves the manifold", frame.relative_error(flowed), 0.0, _IDENTITY)
-    yield from _compare("distance(y, y) isn't 0", frame.distance(y, y), 0.0, 1e-6)
-    try:
-        nearest = frame.project(y)
-    except NotImplementedError:
-        return
-    yield from _compare("project moves points of the manifold", nearest, y, _IDENTITY)
-
-
-def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    flowed = frame.flow(v, y)
-    logarithm = frame.exp_coordinates(y, flowed)
-    if logarithm is not None and np.isfinite(logarithm).all():
-        problem = "flow(exp_coordinates(y0, y1), y0) isn't y1"
-        yield from _compare(problem, frame.flow(logarithm, y), flowed, _IDENTITY)
     near = frame.flow(0.01 * v, y)
-    coordinates = frame.local_coordinates(y, near)
-    if np.isfinite(coordinates).all():
-        problem = "flow(local_coordinates(y0, y1), y0) isn't y1"
-        yield from _compare(problem, frame.flow(coordinates, y), near, _IDENTITY)
+    for name, method, end in (
+        ("exp_coordinates", frame.exp_coordinates, moved),
+        ("local_coordinates", frame.local_coordinates, near),
+    ):
+        x = method(y, end)
+        if x is not None and np.isfinite(x).all():
+            yield f"flow({name}(y0, y1), y0) isn't y1", frame.flow(x, y), end, _IDENTITY
+    with suppress(NotImplementedError):
+        yield from _identities_of_brackets(frame, y, u, v, w)
 
 
-def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    try:
-        bracket = frame.bracket(u, v)
-    except NotImplementedError:
-        return
-    tangent = frame.field(bracket, y)
-    commutator = _derivative(lambda s: frame.field(u, frame.flow(s * v, y)))
-    commutator = commutator - _derivative(lambda s: frame.field(v, frame.flow(s * u, y)))
-    yield from _compare_derivative(
-        "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields",
-        "bracket has the wrong sign: it is the commutator DV U - DU V",
-        commutator, tangent, _size(y),
-    )  # fmt: skip
-    yield from _compare(
-        "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _IDENTITY
-    )
+def _identities_of_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Identities:
+    bracket = frame.bracket(u, v)
+    along_v = _derivative(lambda s: frame.field(u, frame.flow(s * v, y)))
+    along_u = _derivative(lambda s: frame.field(v, frame.flow(s * u, y)))
+    yield _COMMUTATOR, along_v - along_u, frame.field(bracket, y), _DIFFERENCES, y
+    yield "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _IDENTITY
     terms = [frame.bracket(a, frame.bracket(b, c)) for a, b, c in ((u, v, w), (v, w, u), (w, u, v))]
-    yield from _compare(
-        "bracket violates Jacobi's identity", sum(terms), 0.0 * bracket, _IDENTITY, _size(*terms)
-    )
+    yield "bracket violates Jacobi's identity", sum(terms), 0.0 * bracket, _IDENTITY, *terms
     small = 0.2 * u
     change = frame.dexpinv(small, v, order=20)
-    if not np.isfinite(change).all():
-        return
-    slope = _derivative(lambda s: frame.flow(small + s * change, y))
-    flowed = frame.flow(small, y)
-    yield from _compare(
-        "dexpinv(u, v) isn't the derivative of coordinates u of a point that moves with v",
-        slope, frame.field(v, flowed), _DIFFERENCES, _size(flowed),
-    )  # fmt: skip
-
-
-_CHECKS = (
-    _check_flow,
-    _check_field,
-    _check_coefficients,
-    _check_membership,
-    _check_coordinates,
-    _check_brackets,
-)
+    if np.isfinite(change).all():
+        slope, near = _derivative(lambda s: frame.flow(small + s * change, y)), frame.flow(small, y)
+        problem = "dexpinv(u, v) isn't the derivative of coordinates u of a point that moves with v"
+        yield problem, slope, frame.field(v, near), _DIFFERENCES, near

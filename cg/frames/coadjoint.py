@@ -12,9 +12,7 @@ from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import SO3, hat
-from cg.support.arrays import Array, Convention, Size, check_convention, check_finite, real_array
-
-Constants = tuple[tuple[tuple[float, ...], ...], ...]
+from cg.support.arrays import Array, Convention, Size, check_convention, real_array
 
 _ZERO = 1e-12  # relative to the largest one: errors of identities, and singular values
 
@@ -31,8 +29,7 @@ class CoadjointOrbit(Frame):
     Parameters
     ----------
     algebra
-        A matrix group, for the structure constants of its basis (its convention is ignored), or
-        constants, shape ``(m, m, m)``, antisymmetric and with the Jacobi identity.
+        A matrix group, for the structure constants of its basis; its convention is ignored.
     point
         A point of the orbit, shape ``(m,)``.
     convention
@@ -63,14 +60,14 @@ class CoadjointOrbit(Frame):
     array([ 0., -2.,  0.])
     """
 
-    algebra: MatrixGroup | Constants
+    algebra: MatrixGroup
     point: tuple[float, ...]
     convention: Convention = "body"
 
     def __post_init__(self) -> None:
         check_convention(self.convention)
         if not isinstance(self.algebra, MatrixGroup):
-            object.__setattr__(self, "algebra", _checked_constants(self.algebra))
+            raise TypeError(f"algebra must be a MatrixGroup, got {self.algebra!r}")
         point = real_array(self.point, "point")
         if point.shape != self.point_shape or not np.isfinite(point).all():
             raise ValueError(
@@ -81,7 +78,7 @@ class CoadjointOrbit(Frame):
 
     @property
     def dim(self) -> int:
-        return self.algebra.dim if isinstance(self.algebra, MatrixGroup) else len(self.algebra)
+        return self.algebra.dim
 
     @property
     def point_shape(self) -> tuple[int, ...]:
@@ -90,8 +87,7 @@ class CoadjointOrbit(Frame):
     @cached_property
     def _fields(self) -> Array:
         """The matrices of the fields, shape ``(dim, dim, dim)``."""
-        group = self.algebra
-        constants = group.structure_constants if isinstance(group, MatrixGroup) else np.array(group)
+        constants = self.algebra.structure_constants
         return constants if self.convention == "body" else -constants
 
     @cached_property
@@ -194,25 +190,6 @@ class CoadjointOrbit(Frame):
         """Return ``point`` after two flows with normal coefficients."""
         y = self.flow(self.random_vector(rng, size), np.array(self.point))
         return self.flow(self.random_vector(rng, size), y)
-
-
-def _checked_constants(value: ArrayLike) -> Constants:
-    constants = real_array(value, "algebra")
-    m = len(constants) if constants.ndim else 0
-    if m < 1 or constants.shape != (m, m, m):
-        raise ValueError(
-            "algebra must be a MatrixGroup or structure constants of shape (m, m, m), "
-            f"got shape {constants.shape}"
-        )
-    check_finite(constants, "algebra")
-    size = np.abs(constants).max()
-    if np.abs(constants + constants.swapaxes(0, 1)).max() > _ZERO * size:
-        raise ValueError("algebra must have constants antisymmetric in the first two indices")
-    nested = np.einsum("ijl,lkm->ijkm", constants, constants)
-    cyclic = nested + nested.transpose(1, 2, 0, 3) + nested.transpose(2, 0, 1, 3)
-    if np.abs(cyclic).max() > _ZERO * m * size**2:
-        raise ValueError("algebra must satisfy the Jacobi identity")
-    return tuple(tuple(tuple(row) for row in block) for block in constants.tolist())
 
 
 def _null_space(matrices: Array) -> Array:

@@ -210,11 +210,8 @@ def _check_frame(frame: Frame) -> None:
         if frame.compiled_blocks() is not None:
             return
         raise ValueError(f"frame must be compiled, {_KNOWN}, n at most 12; {frame!r} is not")
-    hint = ""
-    if type(frame).__name__ == "SE3":
-        hint = "; Product(Euclidean(3), SO3()) is a rigid body by centre of mass and attitude"
     raise ValueError(
-        f"frame must be one whose free motion is known exactly, {_KNOWN}, got {frame!r}{hint}"
+        f"frame must be one whose free motion is known exactly, {_KNOWN}, got {frame!r}"
     )
 
 

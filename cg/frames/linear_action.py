@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks
-from cg.frames.user import Function, UserFrame
+from cg.frames.user import UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer
 from cg.support.shared_numbers import BlockKind
@@ -66,8 +66,6 @@ class LinearAction(CompiledFlow, UserFrame):
         Number of columns of a point, a matrix whose columns move alike: a propagator, or many
         initial vectors. By default points are vectors. The norm that is restored is that of the
         whole matrix.
-    membership_error, project, random_point
-        As for `FieldFrame`.
 
     References
     ----------
@@ -96,9 +94,6 @@ class LinearAction(CompiledFlow, UserFrame):
         *,
         unitary: bool = False,
         columns: int | None = None,
-        membership_error: Function | None = None,
-        project: Function | None = None,
-        random_point: Function | None = None,
     ) -> None:
         matrices = _read(generators)
         if check_flag("unitary", unitary):
@@ -106,20 +101,17 @@ class LinearAction(CompiledFlow, UserFrame):
         if columns is not None:
             columns = check_integer("columns", columns, 1)
         self._store(*on_one_pattern(matrices), columns)
-        self._store_functions(
-            membership_error=membership_error, project=project, random_point=random_point
-        )
 
     def _store(self, pattern: Pattern, values: Points, columns: int | None) -> None:
         values.flags.writeable = False
         vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+        self._store_functions()
 
     @classmethod
     def from_pattern(cls, pattern: Pattern, values: Points, columns: int | None) -> LinearAction:
         """Return the frame of generators that are known to be right, by their values."""
         frame = cls.__new__(cls)
         frame._store(pattern, values, columns)
-        frame._store_functions(membership_error=None, project=None, random_point=None)
         return frame
 
     def __repr__(self) -> str:
@@ -246,10 +238,9 @@ def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
     size = abs(matrix).max()
     if abs(matrix + adjoint).max() <= _HERMITIAN_PART * size:
         return sparse.csr_array(0.5 * (matrix - adjoint))
-    hint = "; that of a Hamiltonian H is -1j * H"
-    if (abs(matrix) + abs(adjoint)).nnz > matrix.nnz:
-        hint += ", with both of its triangles"
-    raise ValueError(f"generators[{i}] must be skew-Hermitian if unitary is True{hint}")
+    raise ValueError(
+        f"generators[{i}] must be skew-Hermitian if unitary is True, as -1j * H of a Hamiltonian H"
+    )
 
 
 class Pattern(NamedTuple):

@@ -125,10 +125,7 @@ class Manifold(ABC):
             raise ValueError(f"tolerance must be a non-negative number, got {tolerance!r}")
         point = self.read_points(y, name)
         if point.shape != self.point_shape:
-            raise ValueError(
-                f"{name} must have shape {self.point_shape}, got {point.shape}"
-                f"{self._shape_hint(point.shape)}"
-            )
+            raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
         if not np.isfinite(point).all():
             raise ValueError(f"{name} must be finite, got {point}")
         error = float(self.state_error(point))
@@ -142,10 +139,6 @@ class Manifold(ABC):
                 f"{error:.3g}, more than {tolerance:.3g}{why}"
             )
         return point
-
-    def _shape_hint(self, shape: tuple[int, ...]) -> str:
-        """Return a hint for the message about a point of another shape."""
-        return ""
 
     def _reason(self, point: Points) -> str:
         """Return what is known about why a point is off the manifold, for a message."""

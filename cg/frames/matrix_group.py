@@ -17,7 +17,6 @@ from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
-from cg.support.checks import total_memory
 
 MAX_DENSE = 16
 """Largest number of rows for which products with all matrices of the fields, of n^4 operations,
@@ -109,29 +108,13 @@ class MatrixGroup(Frame):
 
     @cached_property
     def basis(self) -> Points:
-        """The matrices of the fields, shape ``(dim, size, size)``, read-only.
-
-        MemoryError if they need more memory than the machine has.
-        """
-        self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
+        """The matrices of the fields, shape ``(dim, size, size)``, read-only."""
         basis = self._make_basis()
         if isinstance(basis, Entries):
             basis = basis.array(self.dim, self.size)
         basis = np.asarray(basis, dtype=self.dtype)
-        if basis.shape != (self.dim, *self.point_shape):
-            raise ValueError(
-                f"_make_basis of {type(self).__name__} must return matrices of shape "
-                f"{(self.dim, *self.point_shape)}, got {basis.shape}"
-            )
         basis.flags.writeable = False
         return basis
-
-    def _check_memory(self, needed: int) -> None:
-        if needed > total_memory():
-            raise MemoryError(
-                f"{self!r} is too large: the matrices of its {self.dim} fields need "
-                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
-            )
 
     @cached_property
     def _sparse_basis(self) -> scipy.sparse.csr_array:
@@ -144,7 +127,6 @@ class MatrixGroup(Frame):
         return dual_of(self._sparse_basis).conj()
 
     def _entries(self) -> Entries:
-        self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
         basis = self._make_basis()
         if isinstance(basis, Entries):
             return basis
@@ -194,13 +176,8 @@ class MatrixGroup(Frame):
             raise ValueError(
                 f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
-                f"{self._explain_distance(matrices[wrong][0])}"
             )
         return v
-
-    def _explain_distance(self, matrix: Points) -> str:
-        """Return what is known about why a matrix is not in the algebra."""
-        return ""
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
@@ -266,22 +243,6 @@ class MatrixGroup(Frame):
     def _log1p(self, difference: Points) -> Array:
         """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""
         return self._algebra_projection(real_log1p(difference))
-
-    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        r"""Return the upper blocks of the exponential of :math:`\binom{\Omega(v)\;\;U}{0\;\;0}`.
-
-        They are :math:`e^{\Omega}`, shape ``(..., size, size)``, and :math:`\int_0^1 e^{s\Omega}
-        ds\, U`, shape ``(..., size, k)`` as U, the ``columns``.
-        """
-        vector = self._vectors(v)
-        generator = self.algebra(vector)
-        n, k = columns.shape[-2:]
-        lead = np.broadcast_shapes(generator.shape[:-2], columns.shape[:-2])
-        bordered = np.zeros((*lead, n + k, n + k), dtype=self.dtype)
-        bordered[..., :n, :n] = generator
-        bordered[..., :n, n:] = columns
-        exponential = expm(bordered, vector)
-        return exponential[..., :n, :n], exponential[..., :n, n:]
 
     def inverse(self, x: ArrayLike) -> Points:
         """Return the inverses of group elements, shape ``(..., size, size)``."""

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
 from cg.frames.compiled import Blocks, convention_option
-from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
     newton_corrected,
     singular_values,
@@ -68,14 +67,8 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
         one of Newton and Schulz with the group's involution, multiplies y by a matrix of norm
         :math:`\epsilon g^2`: at :math:`g = 10^8` no digit would be left.
         """
+        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            try:
-                restored = y + self._correction(y)
-                if np.isfinite(restored.sum()):
-                    return np.asarray(restored)
-            except np.linalg.LinAlgError:  # raised for matrices that are not finite
-                pass
-            finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
             restored = y + self._correction(np.where(finite, y, np.eye(self.n)))
         computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
         return np.where(finite & computed, restored, y)
@@ -176,9 +169,6 @@ class SL(NoncompactMatrixGroup):
         diagonal = np.where(rows == columns, -1.0, 0.0)
         ones = np.ones(len(rows))
         return entries_of(self.n, (rows, columns, ones), (corner, corner, diagonal))
-
-    def _explain_distance(self, matrix: Points) -> str:
-        return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"
 
     def _correction(self, y: Points) -> Points:
         # To first order it is a multiple of the gradient, the matrix of cofactors. The singular
@@ -319,17 +309,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
         return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
 
-    def _explain_distance(self, matrix: Points) -> str:
-        off = MEMBERSHIP_TOLERANCE * np.abs(matrix).max()
-        if np.abs(matrix - matrix.conj().T).max() <= off:
-            return (
-                "; it is Hermitian, and the equation of a Hamiltonian H needs the factor: -1j * H"
-            )
-        trace = np.trace(matrix)
-        if self._special and np.abs(matrix + matrix.conj().T).max() <= off:
-            return f"; its trace {trace:.3g} must be zero; matrices with a trace need U({self.n})"
-        return ""
-
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.U, self.n, convention_option(self.convention)),)
 
@@ -408,10 +387,6 @@ class SU(U):
         with np.errstate(invalid="ignore"):
             excess = np.linalg.det(unitary) - 1.0
         return np.asarray(unitary * (1.0 - excess / self.n)[..., None, None])
-
-    @property
-    def _rotation_sign(self) -> float:
-        return self._side if self.n == 2 else 0.0
 
     def _blocks(self) -> Blocks | None:
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)

@@ -47,11 +47,6 @@ class OrthonormalColumns(Frame):
         """Return the 2-norm distance to the nearest point, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=self._special)
 
-    def _reason(self, point: Points) -> str:
-        if self._special and self.dtype.kind == "f" and np.linalg.det(point) < 0.0:
-            return f"; its determinant is {np.linalg.det(point):.3g}, as of left-handed axes"
-        return ""
-
     def _project(self, y: Points) -> Points:
         if self._special and self.dtype.kind == "f":
             self._check_handedness(y)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame, check_frame
 from cg.frames.compiled import Blocks, compared_by_entries
 from cg.support.arrays import Array, Points, Size, check_random, is_array
-from cg.support.checks import check_integer, short
+from cg.support.checks import check_integer
 
 
 class Composite(Frame):
@@ -163,17 +163,6 @@ class Product(Composite):
         if is_array(y, np.float64) and y.shape == self._point_shape:
             return self._split(y)
         return self._split(self._points(y))
-
-    def read_points(self, value: Any, name: str = "y") -> Points:
-        """Return arrays of numbers; where points of the factors are given, an error says how."""
-        try:
-            return super().read_points(value, name)
-        except ValueError as error:
-            if isinstance(value, list | tuple) and len(value) == len(self.factors):
-                raise ValueError(
-                    f"{error}; the method join of {short(self)} makes one array of them"
-                ) from error
-            raise
 
     def join(self, *parts: ArrayLike) -> Array:
         """Return the flat point, shape ``(..., n)``, of one point of every factor."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks, convention_option, coordinates_between
-from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention
@@ -74,17 +72,18 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
-        generator = combine(vector, _generators(self.convention, self.scalar_first))
-        return np.asarray((generator @ point[..., None])[..., 0])
+        x, w = point[..., :3], point[..., 3:]
+        if self.scalar_first:
+            w, x = point[..., :1], point[..., 1:]
+        real = -np.vecdot(vector, x)[..., None]
+        imaginary = w * vector + self._rotation_sign * np.cross(vector, x)
+        parts = [real, imaginary] if self.scalar_first else [imaginary, real]
+        return 0.5 * np.concatenate(parts, axis=-1)
 
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
         # The fields are orthogonal, with half the length of the point.
         fields = self.field(np.eye(3), y[:, None])
         return np.asarray(4.0 * np.vecdot(fields, tangent[:, None]) / np.vecdot(y, y)[:, None])
-
-    @property
-    def _rotation_sign(self) -> float:
-        return 1.0 if self.convention == "space" else -1.0
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`.
@@ -136,20 +135,3 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self._points(y), scalar_first=self.scalar_first)
-
-
-@lru_cache
-def _generators(convention: Convention, scalar_first: bool) -> Array:
-    """Return the three matrices G of ``field``, shape ``(3, 4, 4)``."""
-    generators = np.zeros((3, 4, 4))
-    sign = 1.0 if convention == "space" else -1.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        # v (x, w) has the vector part w v + v cross x and the scalar part -v x.
-        generators[i, i, 3], generators[i, 3, i] = 1.0, -1.0
-        generators[i, k, j], generators[i, j, k] = sign, -sign
-    if scalar_first:
-        generators = np.roll(generators, 1, axis=(1, 2))
-    generators *= 0.5
-    generators.flags.writeable = False
-    return generators

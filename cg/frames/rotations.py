@@ -141,15 +141,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
-        if self.n == 2:
-            sine = difference[..., 1, 0] - difference[..., 0, 1]
-            cosine = 2.0 + np.trace(difference, axis1=-2, axis2=-1)
-            return np.asarray(np.arctan2(sine, cosine)[..., None])
         return self._algebra_projection(rotation_log1p(difference))
-
-    @property
-    def _rotation_sign(self) -> float:
-        return self._side if self.n == 3 else 0.0
 
     def _blocks(self) -> Blocks | None:
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
@@ -278,24 +270,12 @@ class SE3(Semidirect):
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""
-        # The first condition avoids the import of SciPy for plain arrays.
-        if hasattr(value, "as_exp_coords") and isinstance(value, _rigid_transform()):
+        if hasattr(value, "as_exp_coords"):
             return np.array(value.as_matrix(), dtype=np.float64, order="C")
         return super().read_points(value, name)
 
     def as_rigid_transform(self, y: ArrayLike) -> RigidTransform:
-        """Return a point or a stack as ``scipy.spatial.transform.RigidTransform``.
+        """Return a point or a stack as SciPy's ``RigidTransform``, which SciPy 1.16 brought."""
+        from scipy.spatial.transform import RigidTransform
 
-        NotImplementedError if SciPy is older than version 1.16.
-        """
-        transform: RigidTransform = _rigid_transform().from_matrix(self._points(y))
-        return transform
-
-
-def _rigid_transform() -> Any:
-    from scipy.spatial import transform
-
-    try:
-        return transform.RigidTransform
-    except AttributeError:
-        raise NotImplementedError("RigidTransform needs SciPy 1.16 or newer") from None
+        return RigidTransform.from_matrix(self._points(y))

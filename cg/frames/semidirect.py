@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.compiled import Blocks, convention_option, dexpinv
+from cg.frames.matrix_functions import expm
 from cg.frames.matrix_group import Entries, MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random
 from cg.support.checks import check_integer
@@ -110,7 +111,11 @@ class Semidirect(MatrixGroup):
         n = self.group.size
         vector = self.group._log1p(difference[..., :n, :n])
         finite = np.isfinite(vector).all(axis=-1, keepdims=True)
-        _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
+        regular = np.where(finite, vector, 0.0)
+        # the upper right block of the exponential is the mean of exp(s Omega) over s
+        bordered = np.zeros((*vector.shape[:-1], 2 * n, 2 * n))
+        bordered[..., :n, :n], bordered[..., :n, n:] = self.group.algebra(regular), np.eye(n)
+        average = expm(bordered, regular)[..., :n, n:]
         columns = np.linalg.solve(average, difference[..., :n, n:])
         flat = columns.mT.reshape(*difference.shape[:-2], n * self.copies)
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)

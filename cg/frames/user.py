@@ -14,8 +14,6 @@ from cg.support.checks import check_integer
 
 Function = Callable[..., Any]
 
-_BRACKET_IDENTITY = 1e-9  # tolerance of identities, relative to the largest term
-
 
 class UserFrame(Frame):
     """A frame with members that are functions of the user.
@@ -100,11 +98,6 @@ class UserFrame(Frame):
             np.zeros(point.shape[: point.ndim - len(self.point_shape)]) if error is None else error
         )
 
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the user's distances, by default the Euclidean ones."""
-        distance = self._evaluate("distance", (), self._points(x, "x"), self._points(y))
-        return super().distance(x, y) if distance is None else distance
-
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the user's coordinates, by default None."""
         points = self._points(y0, "y0"), self._points(y1, "y1")
@@ -150,8 +143,6 @@ class FieldFrame(UserFrame):
         each flow.
     project
         Function of an array near the manifold that returns the nearest point.
-    distance
-        Function of two points. The default is the Euclidean distance.
     exp_coordinates
         Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
     random_point
@@ -194,7 +185,6 @@ class FieldFrame(UserFrame):
         membership_error: Function | None = None,
         restore: Function | None = None,
         project: Function | None = None,
-        distance: Function | None = None,
         exp_coordinates: Function | None = None,
         random_point: Function | None = None,
         bracket: Function | None = None,
@@ -220,31 +210,10 @@ class FieldFrame(UserFrame):
             membership_error=membership_error,
             restore=restore,
             project=project,
-            distance=distance,
             exp_coordinates=exp_coordinates,
             random_point=random_point,
             bracket=bracket,
         )
-        if bracket is not None:
-            self._check_bracket()
-
-    def _check_bracket(self) -> None:
-        """Raise ValueError if the bracket of random vectors violates a Lie algebra's identities."""
-        u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
-        b = self.bracket
-        forward, backward = b(u, v), b(v, u)
-        size = float(np.abs([forward, backward]).max())
-        if not np.abs(forward + backward).max() <= _BRACKET_IDENTITY * size:
-            raise ValueError(
-                "bracket must change its sign when its arguments are exchanged, got "
-                f"{forward.tolist()} and {backward.tolist()} for {u.tolist()} and {v.tolist()}"
-            )
-        terms = np.array([b(u, b(v, w)), b(v, b(w, u)), b(w, b(u, v))])
-        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_IDENTITY * np.abs(terms).max():
-            raise ValueError(
-                "bracket must satisfy Jacobi's identity, [u, [v, w]] + [v, [w, u]] + [w, [u, v]] = "
-                f"0; got {terms.sum(axis=0).tolist()} for {u.tolist()}, {v.tolist()}, {w.tolist()}"
-            )
 
     def __repr__(self) -> str:
         names = ", ".join(getattr(f, "__name__", repr(f)) for f in self._fields)

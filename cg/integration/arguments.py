@@ -30,7 +30,6 @@ DEFAULT_MAX_STEPS = 10**6
 DEFAULT_RTOL, DEFAULT_ATOL = np.array(1e-3), np.array(1e-6)
 _NUMBERS = {float, int}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
-_POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
 
@@ -160,15 +159,14 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_algebra(frame: Frame, method: MethodTable, *, linear: bool = False) -> None:
+def check_algebra(frame: Frame, method: MethodTable) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError as error:
-        hint = "; the flows of the default method are exact, however stiff the equation" * linear
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{method!r}, which needs brackets: {error}{hint}"
+            f"{method!r}, which needs brackets: {error}"
         ) from None
 
 
@@ -218,32 +216,13 @@ def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Poin
             raise ValueError(f"{name} must have one axis before shape {shape}, got {points.shape}")
         if points.size == 0:
             raise ValueError(f"{name} must hold at least one point, got shape {points.shape}")
-        # only the worst point gets the full check, whose message says what is wrong
+        # only the worst point, or the first that isn't finite, gets the full check
         if not plan.surely_on_manifold(points):
-            worst = _worst(frame, points)
+            worst = int(np.argmax(frame.state_error(points)))
             frame.check_point(points[worst], name=f"{name}[{worst}]")
         return points
-    if many and rank and points.ndim == rank + 1 and points.shape[:rank] == shape:
-        axes = ", ".join(map(str, shape))
-        raise ValueError(
-            f"{name} must have shape (members, {axes}), got {points.shape}: members come first, "
-            f"as in np.moveaxis({name}, -1, 0)"
-        )
     frame.check_point(points, name=name)
     return points[None]
-
-
-def _worst(frame: Frame, points: Points) -> int:
-    """Return the index of the point farthest from the manifold, or of the first that isn't finite.
-
-    Points are checked in chunks to limit memory.
-    """
-    finite = np.isfinite(points).all(axis=tuple(range(1, points.ndim)))
-    if not finite.all():
-        return int(np.argmin(finite))
-    starts = range(0, len(points), _POINTS_AT_A_TIME)
-    errors = [frame.state_error(points[k : k + _POINTS_AT_A_TIME]) for k in starts]
-    return int(np.argmax(np.concatenate(errors)))
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
@@ -355,24 +334,15 @@ _DEFAULTS: dict[str, Any] = {
 }
 
 
-def complete_options(
-    function: Any, positional: tuple[Any, ...], options: StepOptions
-) -> EnsembleOptions:
+def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
     """Return the options of a call of ``function`` with the defaults of those that aren't given.
 
-    TypeError is raised for other names, and for more positional arguments than it takes.
+    TypeError is raised for other names.
     """
-    if positional or not options.keys() <= function.options.keys():
+    if not options.keys() <= function.options.keys():
         caller = function.__qualname__.removesuffix(".__init__")
-        if positional:
-            key = "method" if isinstance(positional[0], str) else "frame"
-            raise TypeError(
-                f"{caller}() takes {key} and all options by keyword, such as "
-                f"{key}={positional[0]!r}, got {len(positional)} too many positional arguments"
-            )
         wrong = next(iter(options.keys() - function.options.keys()))
-        parameters = inspect.signature(function).parameters.items()
-        names = [name for name, parameter in parameters if parameter.kind == parameter.KEYWORD_ONLY]
+        names = [*function.__kwdefaults__, *function.options]
         hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
     return {**_DEFAULTS, **function.options, **options}  # type: ignore[typeddict-item]
@@ -389,7 +359,6 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         *parameters, unpacked = signature.parameters.values()
         kind = next(kind for kind in _KINDS if unpacked.annotation == f"Unpack[{kind.__name__}]")
         options = {name: _DEFAULTS[name] for name in kind.__annotations__} | defaults
-        parameters = [x for x in parameters if x.kind != x.VAR_POSITIONAL]
         place = [parameter.name for parameter in parameters].index("frame") + 1
         parameters[place:place] = [
             inspect.Parameter(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import pickle
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from typing import Any, Never, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,17 +29,16 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
-from cg.integration.run.failures import explain_failure, find_mistakes
+from cg.integration.run.failures import failures_of, find_mistakes
 from cg.integration.run.messages import TERMINAL_EVENT
 from cg.integration.run.run import Run
-from cg.support.checks import total_memory
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
 _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
-_FINISHED = int(Stop.FINISHED)
+_TERMINAL = int(Stop.TERMINAL_EVENT)
 
 
 @expand_options()
@@ -48,7 +46,7 @@ def solve_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -136,7 +134,7 @@ def solve_ensemble(
     >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
-    all_options = complete_options(solve_ensemble, rest, options)
+    all_options = complete_options(solve_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
@@ -145,7 +143,7 @@ def solve_linear_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -176,7 +174,7 @@ def solve_linear_ensemble(
     >>> abs(solution.y[-1, :, 1, 0]).round(6)
     array([1.     , 0.56264])
     """
-    all_options = complete_options(solve_linear_ensemble, rest, options)
+    all_options = complete_options(solve_linear_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
@@ -185,7 +183,7 @@ def solve_variational_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:
@@ -212,7 +210,7 @@ def solve_variational_ensemble(
     >>> solution.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    all_options = complete_options(solve_variational_ensemble, rest, options)
+    all_options = complete_options(solve_variational_ensemble, options)
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
@@ -239,25 +237,11 @@ def solve_one(problem: Problem, options: Options) -> Solution:
 
 
 def _count_steps(problem: Problem) -> int:
-    """Return the number of equal steps, 0 for adaptive ones.
-
-    ValueError is raised if their output needs more memory than the machine has.
-    """
-    plan, h = problem.plan, problem.control.h
+    """Return the number of equal steps, 0 for adaptive ones; ValueError if they are too many."""
+    h = problem.control.h
     if h is None or problem.sizes is not None:
         return 0
-    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-    total, needed = steps * len(problem.points), 0
-    if problem.every and problem.keeps_points:
-        needed = (total // problem.every + 2) * (8 * plan.width + 8)
-    if problem.dense:
-        needed += total * 8 * (2 * plan.width + plan.columns * plan.dim + 5)
-    if needed > total_memory():
-        raise ValueError(
-            f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
-            f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
-        )
-    return steps
+    return equal_steps(h, [problem.t0, *problem.stops.tolist()])
 
 
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
@@ -313,19 +297,12 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
     texts: list[str] = []
-    if watch is None:  # warnings are given at the end, those of workers by the caller's process
-        drive(run, None, texts.append)
-    else:
-        drive(run, watch.update)
-    messages, status = {}, np.zeros(members, dtype=np.int64)
-    for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
-        failure = explain_failure(run, member)
-        if isinstance(failure, Exception) and (
-            not problem.many or isinstance(failure, MemoryError)
-        ):
-            raise failure
-        messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
-        status[member] = 1 if run.status[member] == Stop.TERMINAL_EVENT else -1
+    drive(run, None if watch is None else watch.update, texts.append)
+    messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)
+    if messages:
+        status[list(messages)] = -1
+    for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
+        messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
         times, y, observed = run.steps()
     shape = len(times), members
@@ -350,15 +327,6 @@ def _distribute(
     problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
-    if executor is not None:
-        try:
-            pickle.dumps((problem.part(slice(0, 1)), options))
-        except Exception as error:
-            raise TypeError(
-                "f, frame and all other arguments must be such that they can be pickled for other "
-                "processes; functions must be those of a module, a compiled one "
-                f"cg.CompiledFunction(path, symbol): {error}"
-            ) from error
     members, number = len(problem.points), count_workers(executor, workers)
     number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // number)))

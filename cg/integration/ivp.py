@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Never, Unpack
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
@@ -22,7 +22,7 @@ def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[Options],
 ) -> Solution:
@@ -224,11 +224,9 @@ def solve_ivp(
     -----
     UserWarning
         If ``rtol`` is too small to be attained, and is raised; or, during the integration, after
-        thousands of steps, if the equation is stiff or ``f`` is discontinuous near the solution; or
-        if most of thousands of steps are rejected, as happens where ``f`` has kinks that aren't
-        named as ``breakpoints``; or if the last point is off the manifold, as may happen with a
-        frame of your own; or if ``h`` is far too large: if ``h f`` changes by more than the radius
-        of dexp⁻¹, for rotations a full turn, between the stages of the last step.
+        thousands of steps, if the equation is stiff, or if many steps are rejected, as happens
+        where ``f`` has kinks or jumps that aren't named as ``breakpoints``; or if the last point is
+        off the manifold, as may happen with a frame of your own.
 
     Examples
     --------
@@ -246,7 +244,7 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    all_options = complete_options(solve_ivp, rest, options)
+    all_options = complete_options(solve_ivp, options)
     return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
@@ -255,7 +253,7 @@ def solve_linear(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[Options],
 ) -> Solution:
@@ -287,7 +285,7 @@ def solve_linear(
     >>> solution.success, abs(solution.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
-    all_options = complete_options(solve_linear, rest, options)
+    all_options = complete_options(solve_linear, options)
     return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
@@ -296,7 +294,7 @@ def solve_variational(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     **options: Unpack[Options],
 ) -> Solution:
@@ -352,7 +350,7 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
-    all_options = complete_options(solve_variational, rest, options)
+    all_options = complete_options(solve_variational, options)
     return solve_one(make_problem(f, t_span, y0, frame, all_options), all_options)
 
 
@@ -361,7 +359,7 @@ def integrate(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *rest: Never,
+    *,
     frame: Frame,
     save_every: int = 1,
     **options: Unpack[Options],
@@ -405,7 +403,7 @@ def integrate(
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
-    all_options = complete_options(integrate, rest, options)
+    all_options = complete_options(integrate, options)
     if all_options["h"] is None:
         raise TypeError("h must be a real number, got None")
     every = check_count("save_every", save_every)

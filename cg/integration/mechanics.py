@@ -57,7 +57,7 @@ def refuse_friction(
     differ &= ~(np.isnan(forces) & np.isnan(others))
     if differ.any():
         i = int(np.flatnonzero(differ.any(axis=-1))[0])
-        which = "" if rhs.first is None else f" in member {rhs.first + members[i]}"
+        which = "" if rhs.given.first is None else f" in member {rhs.given.first + members[i]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t[i]:.17g}{which}; "

@@ -56,6 +56,7 @@ from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
+    Given,
     Inputs,
     WithInput,
     check_inputs,
@@ -64,7 +65,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, apart
-from cg.support.checks import check_flag, short
+from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
@@ -133,7 +134,7 @@ class Problem:
             return self
         first, plan, events = members.start, self.plan, self.events
         stops, limits = self.stops, self.limits
-        numbers, inputs = self.rhs.parameters, self.rhs.inputs
+        _, numbers, inputs, _ = given = self.rhs.given
         inertia = self.inertia and self.inertia.part(members)
         if self.own_inputs:
             inputs = self.own_inputs[first]
@@ -141,7 +142,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(self.rhs.args, numbers, inputs, first)
+        rhs = self.rhs.with_data(Given(given.args, numbers, inputs, first))
         if inertia is not None and inertia.apart:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
@@ -166,7 +167,8 @@ def _make_rhs(
     many: bool,
 ) -> Rhs:
     """Return the right-hand side after checking ``f`` and args."""
-    args, of_time = check_args(options["args"]), options["linear"]
+    given = Given(check_args(options["args"]), parameters, inputs, 0 if many else None)
+    of_time = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
         if not callable(f):
@@ -175,15 +177,11 @@ def _make_rhs(
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
-        first = 0 if many else None
-        rhs = PythonRhs(f, frame, args, parameters, options["vectorized"], first, inputs)
-        if of_time or inputs is not None:
-            rhs.check_call()
-        return rhs
+        return PythonRhs(f, frame, given, options["vectorized"])
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, parameters, inputs, args)
+    return compiled.on(frame, given)
 
 
 def _make_control(
@@ -287,7 +285,7 @@ def _choose_method(
             )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
-        check_algebra(frame, chosen, linear=linear)
+        check_algebra(frame, chosen)
     return chosen
 
 
@@ -308,10 +306,9 @@ def _count_members(inputs: Any) -> int:
     return next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
 
 
-def _returns_derivatives(rhs: Any, linear: bool, frame: Frame) -> bool:
+def _returns_derivatives(rhs: str, linear: bool, frame: Frame) -> bool:
     """Return whether ``f`` returns derivatives of points, after checking that it may."""
-    if not isinstance(rhs, str) or rhs not in ("coefficients", "derivative"):
-        raise ValueError(f"rhs must be 'coefficients' or 'derivative', got {rhs!r}")
+    check_choice("rhs", rhs, ("coefficients", "derivative"))
     if rhs == "derivative" and linear:
         raise ValueError("rhs must be 'coefficients' with linear=True, got 'derivative'")
     if rhs == "derivative" and isinstance(frame, PhaseSpace):
@@ -343,10 +340,8 @@ def _check_flags(options: Any, many: bool) -> None:
     for name in FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
-    solver, linear, derivatives = options["stage_solver"], options["linear"], options["derivatives"]
-    if not isinstance(solver, str) or solver not in STAGE_SOLVERS:
-        names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
-        raise ValueError(f"stage_solver must be {names}, got {solver!r}")
+    linear, derivatives = options["linear"], options["derivatives"]
+    check_choice("stage_solver", options["stage_solver"], STAGE_SOLVERS)
     if not many and options["common_steps"]:
         raise ValueError("common_steps must be False for a single point")
     if not many and options["vectorized"] and not linear:
@@ -467,7 +462,7 @@ def make_problem(
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
-        has_data = rhs.inputs is not None, rhs.parameters is not None
+        has_data = rhs.given.inputs is not None, rhs.given.parameters is not None
         events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")

@@ -1,20 +1,18 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``:
-breakpoints, corners of inputs and the final time; ``advance`` replaces them by those up to its own
-time. What changes is in the attributes that `_KEPT` names, and in the trajectories of the run; all
-else is made of the problem.
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_corners``,
+those of inputs and breakpoints, and at the time up to which the stepper goes on. Points, the last
+steps and the events are in the run, which isn't copied: a copy opens another one of the same
+problem, and writes the saved state of the first into it.
 """
 
 from __future__ import annotations
 
-import copy
 import math
-import pickle
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, Never, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,28 +36,23 @@ from cg.integration.output.member_results import split_events
 from cg.integration.output.results import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.inputs import Inputs, check_inputs
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.inputs import Inputs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
-from cg.integration.run.failures import dropped_parts, explain_failure
+from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, apart, check_finite, real_array
+from cg.support.arrays import Array, Points, apart, check_finite
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
-from cg.tables import MethodTable, made
+from cg.tables import made
 
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # ints, which are faster
-_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), _TERMINAL
-_KEPT = (
-    "f", "t", "t_bound", "t_old", "step_size", "direction", "status", "_first_step",
-    "_breakpoints", "_stops", "_failure", "_calls", "_past_events", "_cut_output",
-)  # fmt: skip
 
 
 class Stepper:
@@ -69,19 +62,15 @@ class Stepper:
     ----------
     f, frame
         As for `cg.solve_ivp`, as are all options that aren't listed here.
-    inputs
-        As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
-    t0
-        Initial time.
-    y0
-        Initial point, shape ``frame.point_shape``, or those of the members of an ensemble, which
-        have one leading axis.
+    t0, y0
+        Initial time and point, shape ``frame.point_shape``, or the points of the members of an
+        ensemble, which have one leading axis.
     t_bound
         Final time. By default there is none, and time increases.
-    parameters
+    inputs
+        As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
+    parameters, vectorized, common_steps
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
-    vectorized, common_steps
-        As for `cg.solve_ensemble`.
     events
         As for `cg.solve_ivp`. For a single point ``step`` and ``advance`` stop at a terminal
         event, behind its jump if it has one, and go on from there when they are called again; an
@@ -92,17 +81,13 @@ class Stepper:
     ----------
     t, y
         Present time and point; ``y`` is a read-only copy.
-    t_old
-        Start of the last step, None before the first one and after a restart.
-    step_size
-        Absolute size of the last step, None before the first one.
+    t_old, step_size
+        Start and absolute size of the last step, None before the first one and after a restart.
     next_step
         Absolute size that the next step tries, unless its end comes before; None if it isn't chosen
         yet. Of an ensemble those of the members, shape ``(members,)``, with NaN in place of None.
-    direction
-        1.0 or -1.0.
-    n
-        Number of coefficients, ``frame.dim``.
+    direction, n
+        1.0 or -1.0, and the number of coefficients, ``frame.dim``.
     status
         ``"running"``, ``"event"`` at a terminal event, of an ensemble at those of all members,
         ``"finished"`` at ``t_bound``, or ``"failed"``.
@@ -145,9 +130,7 @@ class Stepper:
     True
     """
 
-    t: float
-    t_old: float | None
-    step_size: float | None
+    _target: float | None = None  # the time up to which compiled code goes on, if known
 
     @expand_options()
     def __init__(
@@ -156,12 +139,12 @@ class Stepper:
         t0: float,
         y0: ArrayLike,
         t_bound: float = math.inf,
-        *rest: Never,
+        *,
         frame: Frame,
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
-        all_options = complete_options(Stepper.__init__, rest, options)
+        all_options = complete_options(Stepper.__init__, options)
         start = check_real_time(t0, "t0", infinite=False)
         self.t_bound = bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
@@ -179,35 +162,44 @@ class Stepper:
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         check_resolution(problem.control.h, start)
-        numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
+        numbers = problem.rhs.given.parameters
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
-        if isinstance(problem.rhs, PythonRhs):
-            problem.rhs.check_call()
-        self.f = f
+        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
-        self._problem = problem
-        self._stops = self._ends(inputs, start)
+        self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
-        self.t, self.t_old, self.step_size = start, None, None
+        self._problem = replace(problem, control=control, t_eval=None, every=0)
+        self._find_corners(problem.rhs.given.inputs, start)
         self.status = "running" if start != bound else "finished"
-        self._failure, self._calls = "", 0
-        # the events of each call that had some, see `Run.events`
-        self._past_events: list[tuple[Any, Array, Points]] = []
+        self._calls = 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
-        self._run.restart(start, self._run.end, self._first_step, self._stopped)
-        self._stops_are_set = True  # whether compiled code uses `_stops`
+        self._begin(start, self._run.end, self._first_step, self._stopped)
 
     def _open(self) -> None:
-        problem = self._problem
-        self._run = Run(problem, keep_last=True, lanes=len(problem.points))
-        self._budget, self._target = StepBudget(), np.empty(1)
-        self._many, self._common = problem.many, problem.common
-        self.frame: Frame = problem.plan.frame
-        self.table: MethodTable = problem.plan.method
+        """Open the run in compiled code."""
+        self._run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
+        self._budget, self._target = StepBudget(), None
+
+    def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
+        """Start trajectories anew from points as doubles, but for members that have stopped."""
+        self._run.restart(t, rows, first_step, stopped)
+        self.t, self._has_step, self._target = t, False, None
+
+    @property
+    def t_old(self) -> float | None:
+        """Start of the last step."""
+        if not self._has_step:
+            return None
+        member = self._stopped.argmin()  # one that hasn't stopped
+        return float(self._run.state()[0][member, StatePlace.LAST_T])
+
+    @property
+    def step_size(self) -> float | None:
+        """Absolute size of the last step."""
+        return None if (t_old := self.t_old) is None else abs(self.t - t_old)
 
     @property
     def method(self) -> Any:
@@ -218,8 +210,7 @@ class Stepper:
     def y(self) -> Points:
         """The present point, a read-only copy."""
         run = self._run
-        lead = (run.members,) if self._many else ()
-        points = run.plan.points(run.end.copy(), lead)
+        points = run.plan.points(run.end.copy(), (run.members,) * self._many)
         points.flags.writeable = False
         return points
 
@@ -246,8 +237,7 @@ class Stepper:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
-        calls = [*self._past_events, self._run.events()]  # those of the run are none
-        places, t, y = (np.concatenate(arrays) for arrays in zip(*calls, strict=True))
+        places, t, y = self._run.events()
         lists = split_events(places, select(t, y), self._run.members, len(table))
         return lists if self._many else [members[0] for members in lists]
 
@@ -291,25 +281,19 @@ class Stepper:
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
-        if self._many and not self._common:
+        if self._many and not self._problem.common:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
+        target = self._end
         if limit is not None:
-            target = self._check_target(limit, "limit")
-            if target == self.t:
-                return None
-            self._continue(self._stops_up_to(target))
-            return self._drive(None)
-        if self.t == self._stops.item(-1):
+            target = self._check_time(limit, "limit", self.t)
+        elif self.t == target:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        if not self._stops_are_set:
-            self._continue(self._stops)
-            self._stops_are_set = True
-        return self._drive(None)
+        return None if target == self.t else self._drive(self._take_step, target)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -331,34 +315,20 @@ class Stepper:
         RuntimeError
             If the integration has ended.
         """
-        if self.status == "finished" and t != self.t:
-            self._check_running()
-        target = self._check_target(t, "t")
+        target = self._check_time(t, "t", self.t)
         if target == self.t:
             return None
         self._check_running()
-        self._continue(self._stops_up_to(target))
-        return self._drive(target)
+        message = self._drive(self._take_steps, target)
+        return TERMINAL_EVENT if message is None and self.t != target else message
 
-    def _check_target(self, t: float, name: str) -> float:
-        """Return a time after checking that steps may lead up to it."""
-        target, sign = check_real_time(t, name, infinite=False), self.direction
-        if sign * (target - self.t) < 0.0 or sign * (target - self.t_bound) > 0.0:
-            low, high, got = apart(self.t, self.t_bound, target)
+    def _check_time(self, t: float, name: str, first: float) -> float:
+        """Return a time after checking that it lies between a first one and `t_bound`."""
+        time, sign = check_real_time(t, name, infinite=False), self.direction
+        if sign * (time - first) < 0.0 or sign * (time - self.t_bound) > 0.0:
+            low, high, got = apart(first, self.t_bound, time)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
-        return target
-
-    def _stops_up_to(self, target: float) -> Array:
-        """Return the ends of segments up to a time."""
-        if (inputs := self._run.rhs.inputs) is not None:
-            inputs.check_span(self.t, target, "t")
-        check_resolution(self._run.control.h, target)
-        if len(self._stops) == 1:
-            self._target[0] = target  # much faster than a new array
-            return self._target
-        # a breakpoint at the target is repeated, so that the step up to it ends before it
-        inner = self._stops[:-1]
-        return np.append(inner[self.direction * (inner - target) <= 0.0], target)
+        return time
 
     def restart(
         self,
@@ -392,13 +362,10 @@ class Stepper:
         """
         run, time, rows = self._run, self.t, self._run.end
         if t is not None:
-            time = check_real_time(t, "t", infinite=False)
-            if self.direction * (self.t_bound - time) < 0.0:
-                bound, got = apart(self.t_bound, time)
-                raise ValueError(f"t must not be beyond t_bound = {bound}, got {got}")
+            time = self._check_time(t, "t", -math.inf * self.direction)
             check_resolution(run.control.h, time)
-            if inputs is None and run.rhs.inputs is not None:
-                run.rhs.inputs.check_span(time, time, "t")
+            if inputs is None and run.rhs.given.inputs is not None:
+                run.rhs.given.inputs.check_span(time, time, "t")
         if y is not None:
             points = read_starts(run.plan, y, self._many, "y")
             if len(points) != run.members:
@@ -411,11 +378,10 @@ class Stepper:
             same_f = args is None and parameters is None and inputs is None
             first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
-        self.t, self.t_old, self._cut_output = time, None, None
+        self._cut_output = None
         if t is not None or inputs is not None:
-            self._stops = self._ends(run.rhs.inputs, time)
-        run.restart(time, rows, first, self._stopped & (t is None and y is None))
-        self._stops_are_set = False
+            self._find_corners(run.rhs.given.inputs, time)
+        self._begin(time, rows, first, self._stopped & (t is None and y is None))
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._stopped.all():
             self.status = "event"
@@ -433,7 +399,8 @@ class Stepper:
         """
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
-        if self.t_old is None or (self._many and (not self._common or self._stopped.all())):
+        shared = not self._many or (self._problem.common and not self._stopped.all())
+        if not (self._has_step and shared):
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
@@ -444,73 +411,80 @@ class Stepper:
 
         ``rows`` are the points there, as doubles.
         """
-        run, rhs = self._run, self._run.rhs
-        extra = rhs.args if args is None else check_args(args)
-        numbers, curves = rhs.parameters, rhs.inputs
-        if parameters is not None:
-            numbers = _read_parameters(parameters, numbers, self._many)
-        if inputs is not None:
-            if rhs.inputs is None:
-                raise ValueError(
-                    f"inputs must be None, since the constructor got none, got {inputs!r}"
-                )
-            curves = check_inputs(inputs, t, t, run.members if self._many else None, None)
-            assert curves is not None
-            curves.check_like(rhs.inputs)
-        if extra is rhs.args and numbers is rhs.parameters and curves is rhs.inputs:
+        run, before = self._run, self._run.rhs.given
+        given = before.replaced(t, parameters, inputs, run.members if self._many else None)
+        if args is not None:
+            given = given._replace(args=check_args(args))
+        if given is before:
             return
-        changed = rhs.with_data(extra, numbers, curves, rhs.first)
-        if isinstance(changed, PythonRhs) and len(extra) != len(rhs.args):
-            changed.check_call()
+        changed = run.rhs.with_data(given)
         refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
-        if curves is not rhs.inputs and curves is not None:
-            limits = curves.limits(self._problem.control.tolerance)
+        if given.inputs is not None and given.inputs is not before.inputs:
+            limits = given.inputs.limits(self._problem.control.tolerance)
             if len(limits) or len(self._problem.limits):
                 self._problem = replace(self._problem, limits=limits)
                 run.share_limits(limits)
 
-    def _ends(self, inputs: Inputs | None, t: float) -> Array:
-        """Return the ends of segments from a time on: breakpoints, corners of inputs, and the end.
+    def _find_corners(self, inputs: Inputs | None, t: float) -> None:
+        """Set the ends of segments from a time on, and the last time of a step without a limit.
 
         That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
         """
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
-        stops = np.array([*self._breakpoints, end])
-        if inputs is None:
-            return stops
-        first, last = inputs.span
-        end = max(t, last) if sign > 0.0 else min(t, first)
-        if sign * end < sign * stops[-1]:
+        stops = np.append(self._breakpoints, end)
+        if inputs is not None:
+            first, last = inputs.span
+            end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
             stops = np.append(stops[sign * stops < sign * end], end)
-        return inputs.add_stops(stops, t, control.tolerance)
+            stops = inputs.add_stops(stops, t, control.tolerance)
+        self._corners, self._end = stops[:-1], end
 
-    def _continue(self, stops: Array) -> None:
-        """Continue all trajectories with new ends of segments, without those that have passed.
+    def _go_on(self, target: float) -> None:
+        """Let all trajectories continue up to a time, by the ends of segments before it.
 
-        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
+        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step. One at
+        the target is repeated, so that the step up to it ends before it.
         """
-        if len(stops) > 1:
-            stops = stops[self.direction * (stops - self.t) >= 0.0]
-        self._run.resume(stops)
-        self._stops_are_set = False
+        run, corners, sign = self._run, self._corners, self.direction
+        if (inputs := run.rhs.given.inputs) is not None:
+            inputs.check_span(self.t, target, "t")
+        check_resolution(run.control.h, target)
+        stops = np.array([target])
+        if len(corners):
+            ahead = (sign * (corners - self.t) >= 0.0) & (sign * (corners - target) <= 0.0)
+            stops = np.append(corners[ahead], target)
+        run.resume(stops)
+        self._target = target
 
-    def _drive(self, target: float | None) -> str | None:
-        """Take steps up to a time or, if it is None, one step; return a message if that failed."""
-        run, begin = self._run, self.t
+    def _drive(self, take: Callable[[], str | None], target: float) -> str | None:
+        """Take steps towards a time; return a message if that failed.
+
+        Then an ensemble returns to where it was, as some members are ahead of others.
+        """
+        run = self._run
+        if target != self._target:
+            self._go_on(target)
         self._cut_output, self.status = None, "running"
-        start = (run.end.copy(), self._stopped, len(self._past_events)) if self._many else None
-        steps = int(run.counters[0, _STEPS])
+        start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
+        calls = len(run.events_of_calls)
         message: str | None = "interrupted"
         try:
-            message = self._take_step() if target is None else self._take_steps()
+            message = take()
         finally:
-            cut = run.problem.events is not None and self._collect_events()
             if message is not None:
-                self._end_early(start, steps)
-        return self._arrive(begin, target, cut) if message is None else message
+                self._target = None
+                if start is None:
+                    self._has_step |= self.t != run.reached.item(0)
+                    self.t = run.reached.item(0)
+                else:
+                    del run.events_of_calls[calls:]
+                    self._begin(self.t, *start)
+        if message is None:
+            self._arrive()
+        return message
 
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
@@ -522,7 +496,7 @@ class Stepper:
             record.budget = 0 if taken else run.members  # zero only to empty a buffer
             run.call()
             if record.failed:
-                return self._check_failures()
+                return self._fail()
             taken = counters.item(_STEPS) != steps
         return None
 
@@ -534,30 +508,21 @@ class Stepper:
             run.call()
             budget.stop(max(steps - record.budget, 1))
             if record.failed:
-                return self._check_failures()
+                return self._fail()
         return None
 
-    def _arrive(self, begin: float, target: float | None, cut: bool) -> str | None:
-        """Set the time after complete steps; return a message at an event before the target.
-
-        ``cut`` tells whether an event ended the last step.
-        """
-        run = self._run
-        stopped = run.problem.events is not None and bool((run.status == _TERMINAL).all())
-        if target is not None and not stopped:
-            self.t = target
-        elif self._many:  # some may have stopped before
+    def _arrive(self) -> None:
+        """Set time and status after complete steps."""
+        run, table = self._run, self._problem.events
+        stopped = table is not None and bool((run.status == _TERMINAL).all())
+        self.t, self._has_step = run.reached.item(0), True
+        if self._many:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
-        else:
-            self.t = run.reached.item(0)
-        if cut:
-            self._end_at_state()
-            self._cut_output = self._interpolate()
-        elif target is None:
-            self.t_old, self.step_size = begin, abs(self.t - begin)
-        else:
-            self.step_size = abs(run.record.step_size)
-            self.t_old = target - self.direction * self.step_size
+        elif table is not None and run.events_of_calls:
+            places, times, _ = run.events_of_calls[-1]
+            last = places[times == self.t, 1] - 1
+            if len(last) and (stopped or table.rows["jumps"][last].any()):
+                self._cut_output = self._interpolate()
         if self.t == self.t_bound:
             self.status = "finished"
         elif stopped:
@@ -568,52 +533,14 @@ class Stepper:
         if self._calls & (self._calls - 1) == 0:  # ever more rarely
             points = run.plan.points(run.end, (1, run.members))
             refuse_friction(run.plan, run.rhs, [self.t], points)
-        before_target = target is not None and self.t != target
-        return TERMINAL_EVENT if stopped and before_target else None
-
-    def _collect_events(self) -> bool:
-        """Keep the events of the run; return whether the last one ended a step of one point."""
-        run = self._run
-        places, t, y = run.events()
-        if not len(t):
-            return False
-        self._past_events.append((places, t, y))
-        if self._many:
-            return False
-        table: Any = run.problem.events
-        ends = run.status[0] == _TERMINAL or table.rows["jumps"][places[:, 1]].any()
-        return bool(ends and t[-1] == run.reached[0])
-
-    def _end_at_state(self) -> None:
-        """Set the start of the last step to that in the state of the trajectory."""
-        self.t_old = float(self._run.state()[0][0, StatePlace.LAST_T])
-        self.step_size = abs(self.t - self.t_old)
-
-    def _end_early(self, start: Any, steps: int) -> None:
-        """Return an ensemble to its ``start``; set the time of the last step of one point.
-
-        Some members are ahead of others then. The start has the points, which members had stopped,
-        and the number of calls with events; ``steps`` is the count before the call.
-        """
-        run = self._run
-        self._stops_are_set = False
-        if start is not None:
-            points, stopped, calls = start
-            self.t_old = None
-            del self._past_events[calls:]
-            run.restart(self.t, points, self._first_step, stopped)
-            return
-        self.t = float(run.reached[0])
-        if run.counters[0, _STEPS] > steps:
-            self._end_at_state()
 
     def _interpolate(self) -> DenseOutput:
         """Return the solution within the last step."""
         run = self._run
-        # f is evaluated before a breakpoint at the end of the step
-        at_breakpoint = bool((self._stops[:-1] == self.t).any())
+        # f is evaluated before a corner at the end of the step
+        at_corner, self._target = bool((self._corners == self.t).any()), None
         beyond = self.t + self.direction
-        self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
+        run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
         steps = run.last_interpolants()
         begin = float(steps.t[0, 0])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
@@ -626,71 +553,25 @@ class Stepper:
     def _check_running(self) -> None:
         """Raise RuntimeError unless the integration goes on."""
         if self.status not in ("running", "event") or (self._many and self.status == "event"):
-            why = f": {self._failure}" if self.status == "failed" else ""
             what = "stopped" if self.status == "event" else self.status
-            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}{why}; restart it")
+            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}; restart it")
 
-    def _check_failures(self) -> str:
+    def _fail(self) -> str:
         """Return the message for failed steps; raise other errors."""
-        run = self._run
-        has_failed = ~np.isin(run.status, _NOT_FAILED) & (run.status < Stop.NEEDS_FIELD)
-        bad = np.flatnonzero(has_failed).tolist()
         self.status = "failed"
-        failure = explain_failure(run, bad[0])
-        self._failure = str(failure)
-        if isinstance(failure, Exception):
-            raise failure
-        if not self._many:
-            return f"Failure: {failure}."
-        return failed_members(dict.fromkeys(bad, self._failure), run.members)
+        failures = failures_of(self._run, raising=True)
+        if self._many:
+            return failed_members(failures, self._run.members)
+        return f"Failure: {failures[0]}."
 
     def __getstate__(self) -> dict[str, Any]:
-        rhs = self._run.rhs  # with memory of its own for inputs, as copies may run in two threads
-        rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
-        return {
-            **{name: getattr(self, name) for name in _KEPT},
-            "_past_events": list(self._past_events),
-            "_problem": replace(self._problem, rhs=rhs),
-            "run": self._run.saved(),
-        }
+        # with memory of its own for inputs, as copies may run in two threads
+        rhs = self._run.rhs.with_data(self._run.rhs.given)
+        state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
+        return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        state = dict(state)
-        saved = state.pop("run")
+        saved = state.pop("saved")
         vars(self).update(state)
         self._open()
         self._run.restore(saved)
-        self._stops_are_set = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        try:
-            pickle.dumps(self.f)
-        except Exception as error:
-            raise TypeError(
-                "f must be such that it can be pickled, a function of a module or a compiled one "
-                f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
-            ) from error
-        return object.__new__, (type(self),), self.__getstate__()
-
-    def __copy__(self) -> Any:
-        return self.__deepcopy__(None)
-
-    def __deepcopy__(self, memo: dict[int, Any] | None) -> Any:
-        state, twin = self.__getstate__(), object.__new__(type(self))
-        twin.__setstate__(state if memo is None else copy.deepcopy(state, memo))
-        return twin
-
-
-def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
-    """Return new parameters, a row for each member, after checking their shape."""
-    if before is None:
-        raise ValueError(
-            f"parameters must be None, since the constructor got none, got {parameters!r}"
-        )
-    numbers = real_array(parameters, "parameters")
-    shape = before.shape if many else before.shape[1:]
-    if numbers.shape != shape:
-        raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
-    check_finite(numbers, "parameters")
-    numbers.flags.writeable = False
-    return numbers if many else numbers[None]

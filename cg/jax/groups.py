@@ -25,11 +25,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
 from cg.frames.algebra import COMMUTE, POWERS, RADIUS, series_terms
 from cg.frames.matrix_functions import newton_schulz, symplectic_correction
-from cg.frames.quaternion import _generators
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
 from cg.jax.rules import (
@@ -198,7 +198,7 @@ def semidirect_rules(frame: Semidirect) -> Rules:
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:
     """Return the rules of unit quaternions."""
-    generators = _generators(frame.convention, frame.scalar_first)
+    generators = frame.field(np.eye(3)[:, None], np.eye(4)).mT
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
         # `turned` rounds alike in steps that an adjoint repeats, unlike the scalars of `sines`.

@@ -36,12 +36,6 @@ def field_frame(**changes):
     return fr.FieldFrame(**given | changes)
 
 
-# e1 e2 = e1, e2 e3 = e2, e3 e1 = e3 breaks the Jacobi identity.
-NO_ALGEBRA = np.zeros((3, 3, 3))
-for i in range(3):
-    NO_ALGEBRA[i, (i + 1) % 3, i], NO_ALGEBRA[(i + 1) % 3, i, i] = 1.0, -1.0
-
-
 @pytest.mark.parametrize(("make", "error", "message"), [
     (lambda: fr.SO(1), ValueError, "n must be at least 2, got 1"),
     (lambda: fr.SO(3, "left"), ValueError, "convention must be"),
@@ -54,9 +48,7 @@ for i in range(3):
     (lambda: fr.IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
     (lambda: fr.IsospectralOrbit((1, 2), hermitian=2), TypeError, "hermitian must be True or"),
     (lambda: fr.CoadjointOrbit(fr.SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
-    (lambda: fr.CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
-    (lambda: fr.CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
-    (lambda: fr.CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
+    (lambda: fr.CoadjointOrbit(np.eye(3), (1.0,)), TypeError, "algebra must be a MatrixGroup"),
     (lambda: fr.MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
     (lambda: fr.MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
     (lambda: fr.MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
@@ -64,18 +56,15 @@ for i in range(3):
     (lambda: fr.FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
     (lambda: fr.FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
     (lambda: fr.FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
-    (lambda: fr.FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
     (lambda: fr.Euclidean(0), ValueError, "n must be at least 1, got 0"),
     (fr.Product, ValueError, "at least one frame"),
-    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame.*; call it"),
+    (lambda: fr.Product(fr.SO3(), fr.SO3), TypeError, r"factors\[1\] must be a Frame"),
     (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
     *(
         (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
         for n in (None, 1.0, np.nan)
     ),
     (lambda: fr.UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
-    (lambda: fr.CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)), ValueError,
-     "algebra must be finite"),
     (lambda: fr.CoadjointOrbit(fr.SO3(), MASKED), ValueError, "point must be an array of real"),
     (lambda: TWO.join(np.eye(3)), ValueError, "parts must be 2 points, got"),
     (lambda: TWO.join(np.eye(3), [1, 2]), ValueError, "must have shape"),
@@ -90,7 +79,7 @@ for i in range(3):
     (lambda: fr.LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
     (lambda: fr.LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
     (lambda: fr.LinearAction(7), ValueError, "must be a sequence of matrices"),
-    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
+    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as .*, got 3"),
 ])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
     refuses(error, message, make)
@@ -123,7 +112,7 @@ def test_basis_larger_than_memory_raises(frame, dim):
     assert frame.dim == dim
     assert repr(frame)
     group = frame if isinstance(frame, MatrixGroup) else frame.group
-    with pytest.raises(MemoryError, match=r"is too large: the matrices of its .* fields need"):
+    with pytest.raises(MemoryError):
         group.basis  # noqa: B018
 
 

@@ -65,7 +65,7 @@ def test_inertia_of_equal_and_of_different_factors():
     (fr.SU(3), np.arange(1.0, 9.0), "invariant on both sides"),
     (fr.SO(4), [1.0] * 5 + [2.0], "invariant on both sides"),
     (fr.Sphere(2), INERTIA, "must be a multiple of the identity"),
-    (fr.SE3(), None, r"frame must be one whose free motion .* Product\(Euclidean\(3\), SO3\(\)\)"),
+    (fr.SE3(), None, r"frame must be one whose free motion is known"),
     (fr.Stiefel(3, 2), None, "frame must be one whose free motion is known"),
     (fr.PhaseSpace(fr.SO3()), None, "frame must be one whose free motion is known"),
     (fr.Sphere(3), None, "frame must be compiled"),

@@ -134,8 +134,3 @@ class TestRigidTransforms:
         )
         run = cg.solve_ivp(lambda t, y: np.ones(6), (0, 1), given[0], frame=frame)
         assert isinstance(frame.as_rigid_transform(run.y), transform)
-
-    def test_without_it(self, monkeypatch):
-        module = pytest.importorskip("scipy.spatial.transform")
-        monkeypatch.delattr(module, "RigidTransform", raising=False)
-        refuses(NotImplementedError, r"SciPy 1\.16 or newer", SE3().as_rigid_transform, np.eye(4))

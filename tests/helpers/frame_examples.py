@@ -16,7 +16,6 @@ CIRCLE = fr.FieldFrame(
     [lambda z: 1j * z], lambda v, z: z * np.exp(1j * v[0]), point_shape=(1,), dtype=complex,
     membership_error=lambda z: abs(abs(z[0]) - 1.0),
     restore=lambda z: z * (1.5 - 0.5 * abs(z) ** 2), project=lambda z: z / abs(z),
-    distance=lambda x, z: abs(np.angle(z[0] * x[0].conj())),
     exp_coordinates=lambda x, z: [np.angle(z[0] * x[0].conj())],
     random_point=lambda rng: np.exp([2j * np.pi * rng.random()]),
 )  # fmt: skip
@@ -28,12 +27,6 @@ ELLIPSE = fr.MatrixFrame(
     restore=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
     project=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
     random_point=lambda rng: np.array([1.0, 2.0]) * fr.Sphere(1).random_point(rng),
-)
-
-HEISENBERG_CONSTANTS = (
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
-    ((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 )
 
 ROTATIONS = [fr.SO3(), fr.SO3("space")]
@@ -59,7 +52,7 @@ SMALL_EXPONENTS = [
     fr.Semidirect(fr.SL(2)), fr.Semidirect(fr.SO(2, "space"), 2), fr.Semidirect(fr.SO3(), 2),
     fr.CoadjointOrbit(fr.SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
     fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
-    fr.CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space"), fr.SPD(1), fr.SPD(3),
+    fr.CoadjointOrbit(fr.Semidirect(fr.SO(2)), (0.5, 0.25, 1.5), "space"), fr.SPD(1), fr.SPD(3),
     fr.Hyperbolic(2), fr.Hyperbolic(4), HEISENBERG,
     fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
     fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, 1j]]], 2),

@@ -97,23 +97,6 @@ def test_output_options_of_a_stepper():
         cg.Stepper(never, 0.0, np.eye(3), frame=SO3(), t_eval=[0.0])
 
 
-@pytest.mark.parametrize(("function", "arguments"), CALLS)
-def test_options_by_position_as_in_scipy(function, arguments):
-    given = [never, (0.0, 1.0), arguments["y0"]]
-    if function is cg.Stepper:
-        given = [never, 0.0, arguments["y0"], 1.0]
-    for options in ({}, {"frame": SO3()}):
-        with pytest.raises(TypeError, match=r"options by keyword, such as method='RK45', got 2"):
-            function(*given, "RK45", [0.5], **options)
-
-
-@pytest.mark.parametrize("function", [cg.solve_ensemble, cg.solve_variational_ensemble])
-def test_members_come_first(function):
-    message = r"y0 must have shape \(members, 3, 3\), got \(3, 3, 4\): members come first"
-    with pytest.raises(ValueError, match=message):
-        function(never, (0.0, 1.0), np.stack([np.eye(3)] * 4, axis=-1), frame=SO3())
-
-
 def test_signatures_show_all_options():
     options = inspect.signature(cg.solve_ivp).parameters
     assert options["max_step"].default == np.inf
@@ -151,7 +134,6 @@ def test_signatures_show_all_options():
     ({"h": Fraction(1, HUGE)}, ValueError, "h must be positive and finite, got"),
     ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
     ({"t_span": (0, 1), "h": 1e-300}, ValueError, "h is too small"),
-    ({"h": 1e-9, "t_eval": [0.5], "dense_output": True}, ValueError, ".* need .* got 1e-09"),
     ({**FIXED, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
     ({**FIXED, "atol": 1e-3}, ValueError, "atol must not be given together with h"),
     ({**FIXED, "first_step": 0.1}, ValueError, "first_step must not be given together"),
@@ -199,12 +181,11 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     ({"y0": np.eye(2)}, ValueError, r"y0 must have shape \(3, 3\), got \(2, 2\)"),
     ({"y0": np.full((3, 3), np.nan)}, ValueError, "y0 must be finite"),
     ({"y0": np.diag([1, 1, 1.001])}, ValueError, "y0 must be a point of SO3.* is 0.001, more"),
-    ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "is 2, .* its determinant is -1, as"),
-    ({"y0": np.diag([-0.9, 1.0, 1.1])}, ValueError, "determinant is -0.99, as of left-handed"),
+    ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "is 2, .* determinant .* got -1, of a left"),
+    ({"y0": np.diag([-0.9, 1.0, 1.1])}, ValueError, "determinant .* got -0.99, of a left"),
     ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
     ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
     ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
-    ({"h": 1e-9, "dense_output": False}, ValueError, "too small for t_span: 1000000000 steps"),
     ({"parameters": [[1.0]]}, ValueError, r"parameters must have shape \(k,\)"),
     ({**FORWARD, "df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
     ({**FORWARD, "P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
@@ -232,7 +213,6 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),
     ({"executor": "fast"}, ValueError, "executor must be 'processes' or an executor"),
     ({"workers": 0}, ValueError, "workers must be at least 1"),
-    ({"executor": "processes", "f": lambda t, *y: [0, 0, 0]}, TypeError, "f, frame.*pickled"),
     ({**FORWARD, "out": np.zeros(4)}, ValueError, "out must be None with derivatives"),
     ({"derivatives": "adjoint"}, ValueError, "derivatives must be None.* for an ensemble"),
     ({**FORWARD, "P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have .*3\) or \(4, 3, 3\)"),
@@ -245,7 +225,6 @@ def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
     ({"y0": [1.0, 2.0]}, "y0 must have shape"),
     ({"y0": [np.nan]}, "y0 must be finite"),
     ({"h": -0.1}, "h must be positive"),
-    ({"h": 1e-15}, "h is too small for t_span: 1000000000000000 steps need"),
     ({"args": (1,)}, "args must be None for a compiled f"),
     ({"vectorized": True, "y0": [[1.0]]}, "vectorized must be False for a compiled f"),
 ])  # fmt: skip

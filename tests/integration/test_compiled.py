@@ -88,11 +88,11 @@ def test_ensembles_and_complex_points_from_python(function):
     assert growth.values(Euclidean(1), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    actual = growth.on(SU(2), None).at_member(0, 0.0, y)
+    actual = growth.on(SU(2)).at_member(0, 0.0, y)
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
-        compiled_rhs(function("stops")).on(Euclidean(1), None).at_member(0, 1.0, np.zeros(1))
+        compiled_rhs(function("stops")).on(Euclidean(1)).at_member(0, 1.0, np.zeros(1))
 
 
 @pytest.mark.parametrize(("method", "message"), [

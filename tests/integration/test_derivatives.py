@@ -174,7 +174,7 @@ def test_what_it_refuses():
         cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame)
     with pytest.raises(OverflowError, match="can't be computed in double precision"):
         LowRankStiefel(4, 2).flow(np.full(8, 1e4), y0)
-    with pytest.raises(ValueError, match="rhs must be 'coefficients' or 'derivative', got None"):
+    with pytest.raises(ValueError, match="rhs must be one of coefficients, derivative, got None"):
         cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame, rhs=None)
     space = cg.frames.PhaseSpace(cg.frames.SO3())
     with pytest.raises(ValueError, match="rhs must be 'coefficients' on a phase space"):

@@ -1,6 +1,4 @@
-"""Spans without an end, tolerances of each coordinate, constant Jacobians, warnings of steps."""
-
-import warnings
+"""Spans without an end, tolerances of each coordinate, constant Jacobians."""
 
 import numpy as np
 import pytest
@@ -8,7 +6,7 @@ from refusals import refuses
 from scipy.sparse import csc_array
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, Sphere, UnitQuaternion
 
 GROWS = {"rtol": 1e-9, "atol": 1e-9, "frame": Euclidean(1)}
 
@@ -146,54 +144,6 @@ class TestConstantJacobian:
 
     def test_another_shape_is_refused(self):
         refuses(ValueError, r"jac must return an array of shape \(2, 2\)", self.solve, np.eye(3))
-
-
-FRAMES = [SO3(), UnitQuaternion(), SE3(), Sphere(2), SU(3), Product(Euclidean(2), SO3("space"))]
-MESSAGE = "h = 50 is far too long a step: between the stages of the last step h f changes by"
-
-
-def wild(dim, size=3.0):
-    """Return a function whose coefficients change fast, and the list of its calls."""
-    frequencies, calls = np.arange(1.0, 1.0 + dim), []
-
-    def f(t, y):
-        calls.append(t)
-        return size * np.cos(frequencies * (t + np.abs(y).sum()))
-
-    return f, calls
-
-
-def integrate(f, frame, method="CF4", h=50.0):
-    y0 = frame.random_point(np.random.default_rng(1))
-    return cg.integrate(f, (0, 2 * h), y0, frame=frame, method=method, h=h)
-
-
-@pytest.mark.parametrize("method", ["CF4", "CG4a", "CF5(4)", "DP5(4)"])
-def test_methods(method):
-    f, calls = wild(3)
-    with pytest.warns(UserWarning, match=MESSAGE):
-        run = integrate(f, SO3(), method)
-    assert run.success
-    assert len(calls) == run.nfev
-    with pytest.raises(cg.StepTooLongError):
-        integrate(f, SO3(), "RKMK4")
-    integrate(f, SO3(), method, h=0.05)  # without a warning, which would be an error
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_frames(frame):
-    f, _ = wild(frame.dim)
-    with pytest.warns(UserWarning, match=MESSAGE):
-        integrate(f, frame)
-    integrate(f, frame, h=0.02)
-
-
-def test_the_caller_is_named():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        cg.integrate(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
-        cg.solve_ivp(wild(3)[0], (0, 100), np.eye(3), frame=SO3(), method="CF4", h=50)
-    assert [warning.filename for warning in caught] == [__file__, __file__]
 
 
 @pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)", "CG5(4)"])

@@ -87,7 +87,7 @@ def test_pointers_do_not_travel(path):
     doubles = ctypes.POINTER(ctypes.c_double)
     pointer.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
     pointer.restype = ctypes.c_int
-    with pytest.raises(TypeError, match=r"a compiled one cg\.CompiledFunction\(path, symbol\)"):
+    with pytest.raises(ValueError, match="pointers cannot be pickled"):
         cg.solve_ensemble(
             pointer, (0, 1), POINTS, frame=FRAME, parameters=RATES, executor="processes"
         )
@@ -154,10 +154,7 @@ class TestCompiledFunction:
     def test_it_travels(self, path):
         f = cg.CompiledFunction(path, "limited", [1.0, math.pi])
         again = pickle.loads(pickle.dumps(f))
-        assert again == f
-        assert hash(again) == hash(f)
-        assert f != cg.CompiledFunction(path, "limited")
-        assert repr(f) == f"CompiledFunction({path!r}, 'limited', [1.0, {math.pi}])"
+        assert repr(again) == repr(f) == f"CompiledFunction({path!r}, 'limited', [1.0, {math.pi}])"
         one, two = (cg.solve_ivp(g, (0, 1), np.eye(3), frame=FRAME).y[-1] for g in (f, again))
         np.testing.assert_array_equal(one, two)
 

@@ -134,19 +134,13 @@ def test_objects_of_qutip_are_named():
     refuses(ValueError, r"full\(\)", SU(2).vee, Qobj())
 
 
-def test_stiff_methods_that_need_brackets_are_no_better():
-    options = {"frame": LinearAction([np.diag([-1e6, -1.0])]), "method": "RadauIIA5"}
-    with pytest.raises(ValueError, match=r"has no bracket .* exact, however stiff the equation$"):
-        cg.solve_linear(lambda t: [1.0], (0, 1), [1.0, 1.0], **options)
-
-
 @pytest.mark.parametrize(("change", "error", "message"), [
-    ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"^f must .* as f\(t\), .* of \(t, y\)"),
-    ({"args": (1.0,)}, TypeError, r"^f must be callable as f\(t, args\[0\]\), got a .* \(t\)"),
+    ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"f is given \(t\)$"),
+    ({"args": (1.0,)}, TypeError, r"f is given \(t, args\[0\]\)$"),
     ({"vectorized": 1}, TypeError, "vectorized"),
     ({"method": "CFM5"}, ValueError, "CFM5"),
     ({"f": lambda t: [1.0]}, ValueError, r"^f must return an array of shape \(3,\), got shape"),
-    ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers.*of two fields"),
+    ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers"),
     (
         {"f": lambda t: Qobj()},
         ValueError,

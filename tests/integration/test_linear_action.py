@@ -88,11 +88,10 @@ class TestLinearAction:
         exact, frame = (LinearAction([-1j * h], unitary=True) for h in (hamiltonian, rounded))
         assert (exact.is_skew, frame.is_skew) == (True, True)
         assert exact == LinearAction([-1j * hamiltonian])
-        message = r"generators\[1\] must be skew-Hermitian if unitary is True; that of a Ham"
+        message = r"generators\[1\] must be skew-Hermitian if unitary is True"
         for wrong in (hamiltonian, -1j * np.triu(hamiltonian), np.triu(hamiltonian)):
-            with pytest.raises(ValueError, match=message) as error:
+            with pytest.raises(ValueError, match=message):
                 LinearAction([-1j * hamiltonian, wrong], unitary=True)
-            assert ("both of its triangles" in str(error.value)) == (wrong[-1, 0] == 0)
 
     def test_it_passes_the_checks_of_frames(self):
         check(LinearAction([sparse.csr_array(g) for g in self.DENSE]))

@@ -118,18 +118,6 @@ def test_changes_of_the_point_by_f_have_no_effect(frame):
     assert set(points) == {(frame.point_shape, frame.dtype, False)}
 
 
-@pytest.mark.parametrize(("frame", "y0", "value", "hint"), [
-    (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.vee\(matrix\)"),
-    (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
-    (
-        Product(SO3(), Euclidean(1)), [*np.eye(3).ravel(), 0], (np.zeros(3), [0.0]),
-        "concatenate",
-    ),
-])  # fmt: skip
-def test_hints(frame, y0, value, hint):
-    refuses(ValueError, hint, cg.solve_ivp, lambda t, y: value, (0, 1), y0, frame=frame)
-
-
 @pytest.mark.parametrize("batch", [(), (2,)])
 @pytest.mark.parametrize(
     "frame", [UnitQuaternion(), Product(UnitQuaternion(), Euclidean(3))], ids=repr
@@ -145,9 +133,6 @@ def test_the_derivative_of_the_point_is_recognised(frame, batch):
 
     with pytest.raises(ValueError, match='rhs="derivative" takes derivatives of y'):
         solve(lambda t, y: np.zeros_like(y))
-    shape = "2, 2" if batch else "2,"
-    with pytest.raises(ValueError, match=rf"got shape \({shape}\) at t = 0(\n|$)"):
-        solve(lambda t, y: np.zeros((*batch, 2)))
 
 
 NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}
@@ -156,16 +141,12 @@ NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}
 class TestNotes:
     """Notes to exceptions of f say when they happened, and how f is called."""
 
-    @pytest.mark.parametrize(("f", "hint"), [
-        (lambda t: 0, "; for an f of time alone see cg.solve_linear"),
-        (lambda y, t: [y[0], 0, 0], ""),
-        (lambda t, y=None: [t[0], 0, 0], ""),
-    ])  # fmt: skip
-    def test_how_it_is_called(self, f, hint):
+    @pytest.mark.parametrize("f", [lambda t: 0, lambda y, t: [y[0], 0, 0]])
+    def test_how_it_is_called(self, f):
         with pytest.raises(TypeError) as caught:
             cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3())
-        note = "at t = 0; f is given (t, y, ...) with y of shape (3, 3)"
-        assert caught.value.__notes__ == [note + hint]
+        note = "at t = 0; f is given (t, y) with y of shape (3, 3)"
+        assert caught.value.__notes__ == [note]
 
     @pytest.mark.parametrize("name", ["events[0]", "events[0].jump"])
     @pytest.mark.parametrize("vectorized", [False, True])
@@ -194,7 +175,7 @@ class TestNotes:
                 lambda t, y: y[:2] * np.ones(7), (0, 1), [np.eye(3)] * 4, frame=SO3(),
                 vectorized=True,
             )  # fmt: skip
-        note = "at t = 0; f is given (t, y, ...) with y of shape (k, 3, 3), and t of shape (k,)"
+        note = "at t = 0; f is given (t, y) with y of shape (k, 3, 3), and t of shape (k,)"
         assert caught.value.__notes__ == [note]
 
     @pytest.mark.parametrize("workers", [None, 2])

@@ -247,7 +247,7 @@ def test_tolerances_of_entries_and_what_is_dropped():
     ended = theirs(lambda t, y: np.full(7, np.nan) if t > 1 else body(t, y), (0, 2), Y0, SOLVER)
     assert ended.status == -1
     assert "f must return finite numbers" in ended.message
-    refuses(TypeError, r"frame must be a Frame such as SO3\(\), got 3", cg.scipy.Solver, 3)
+    refuses(TypeError, r"frame must be a Frame such as .*, got 3", cg.scipy.Solver, 3)
     refuses(ValueError, "method must be the name", cg.scipy.Solver, FRAME, "RK45")
     spin = cg.frames.Product(cg.frames.SU(2), cg.frames.Euclidean(1))
     turn = lambda t, y: spin.field([np.cos(t), y[8], 0.3, -y[8]], y)

@@ -2,7 +2,6 @@
 
 import copy
 import ctypes
-import pickle
 
 import numpy as np
 import pytest
@@ -13,12 +12,6 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, Euclidean
-
-
-def test_a_function_that_cannot_be_pickled_is_named():
-    stepper = cg.Stepper(lambda t, y: [1.0], 0, [0.0], 1.0, frame=Euclidean(1), method="CF4", h=0.1)
-    with pytest.raises(TypeError, match=r"f must be such that it can be pickled.*CompiledFunction"):
-        pickle.dumps(stepper)
 
 
 def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
@@ -123,7 +116,7 @@ def test_a_refused_restart_changes_nothing():
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(np.exp(2.0), rel=5e-9)
     without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
-    with pytest.raises(ValueError, match="parameters must be None, since the constructor got none"):
+    with pytest.raises(ValueError, match="parameters must be None, as before"):
         without.restart(parameters=[1.0])
     refuses(ValueError, "y must be a point", without.restart, y=2 * np.eye(3))
 
@@ -153,11 +146,6 @@ def test_a_restart_reads_data_that_have_changed_in_place(method):
 class TestDataChecks:
     @pytest.mark.parametrize(("change", "message"), [
         ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
-        (
-            {"args": (1.0, 2.0)},
-            r"f must be callable as f\(t, y, u, args\[0\], args\[1\], parameters\) with inputs",
-        ),
-        ({"args": ()}, r"f must be callable as f\(t, y, u, parameters\) with inputs u, got"),
         ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
     ])  # fmt: skip
     def test_what_f_cannot_take_is_refused(self, change, message):

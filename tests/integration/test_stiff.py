@@ -211,9 +211,9 @@ def test_no_warning_if_it_is_not_stiff(rtol, recwarn):
 @pytest.mark.parametrize("force", [0.5, 0.2])
 def test_a_discontinuity_that_the_solution_stays_at(force):
     friction = lambda t, y: [y[1], force * np.sin(t) - np.sign(y[1])]
-    with pytest.warns(UserWarning, match="many steps, since f is discontinuous"):
+    with pytest.warns(UserWarning, match="many steps, since many are rejected"):
         run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=12_000)
-    assert f"{run.nrejected} of them were rejected; f is discontinuous" in run.message
+    assert "many are rejected, as where f jumps" in run.message
     assert "event" in run.message
     assert "stiff" not in run.message
 
@@ -286,7 +286,6 @@ def test_brackets_are_added(frame, kind, rate, spin):
     (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
     (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
     (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
-    (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
     (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
     (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
     (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),

@@ -268,14 +268,13 @@ def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     shape = frame.dim, count_parameters(rhs, df_dp, True)[0]
     if callable(df_dp):
         df_dp = TimeFunction(df_dp)
-    derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.inputs)
+    derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.given.inputs)
     return with_adjoint(problem, partial(_equation, problem, derivative))
 
 
 def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> Equation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
-    numbers, inputs = problem.rhs.parameters, problem.rhs.inputs
-    count = None if numbers is None else numbers.shape[-1]
+    count, inputs = problem.rhs.given.parameter_count, problem.rhs.given.inputs
     linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
@@ -294,7 +293,7 @@ def _linearisation(
     a = _coefficients(rhs, times, point)
     if not np.isfinite(a).all():
         raise ValueError(f"f must return finite numbers, got others from {when(times)} on")
-    fixed = rhs.parameters is None and rhs.inputs is None
+    fixed = rhs.given.parameters is None and rhs.given.inputs is None
     b = None if fixed else _derivative(rhs, df_dp, times, point)
     return np.tensordot(a, generators, 1), b
 
@@ -314,29 +313,31 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     arguments = rhs.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
     if df_dp.vectorized:
         return df_dp(times, point[None], arguments)
-    function, inputs, frame, shape = df_dp.function, rhs.inputs, df_dp.frame, df_dp.shape
+    function, frame, shape = df_dp.function, df_dp.frame, df_dp.shape
+    _, parameters, inputs, _ = rhs.given
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
         context = context_of(function, arguments, frame, shape, df_dp.check)
         address = core.function_addresses()[0]
         return call_field(rhs, address, id(context), frame, times, points, shape)
-    data = rhs.parameters if inputs is None else inputs.data_with(rhs.parameters)
+    data = parameters if inputs is None else inputs.data_with(parameters)
     own = function.user_data
-    table = () if inputs is None or own else inputs.table(rhs.parameters)
+    table = () if inputs is None or own else inputs.table(parameters)
     values = function.values(frame, own or data.ctypes.data, times, points, shape, table)
     return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 
 def _differences(rhs: Any, times: Array, point: Points) -> Array:
     """Return central differences of the coefficients by the parameters and the inputs."""
-    inputs = rhs.inputs
-    row = np.zeros(0) if rhs.parameters is None else rhs.parameters[0]
+    inputs, parameters = rhs.given.inputs, rhs.given.parameters
+    row = np.zeros(0) if parameters is None else parameters[0]
     count, width = len(row), 0 if inputs is None else inputs.width
 
     def coefficients(numbers: Array) -> Array:
         own = numbers[None, :count] if count else None
         curves = inputs.shifted(numbers[count:]) if width else None
-        return _coefficients(rhs.with_data(rhs.args, own, curves), times, point)
+        shifted = rhs.with_data(rhs.given._replace(parameters=own, inputs=curves))
+        return _coefficients(shifted, times, point)
 
     scales = np.concatenate([np.zeros(count), inputs.scales]) if width else np.zeros(count)
     return parameter_differences(coefficients, np.append(row, np.zeros(width)), scales)

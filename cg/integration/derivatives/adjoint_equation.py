@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +28,6 @@ _INTEGRALS = (
     np.stack([1 - _NODES ** (k + 1) for k in range(_COUNT)], axis=1) / np.arange(1, _COUNT + 1)
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _BISECTIONS = 20  # most bisections of an interval
-_MIXED = 8  # combinations of parameters, from which errors of integrals are estimated
 _LARGEST = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
 _MANY = 8  # most intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
@@ -208,20 +206,11 @@ def _solve_once(
     if b is None:
         return Intervals(start, size, maps, points, points), errors
     b = b.reshape(*times.shape, *b.shape[1:])
-    mixed = b @ _mixture(b.shape[-1])
-    largest = max(np.abs(mixed).max(), np.finfo(float).tiny)
-    errors = np.maximum(errors, (_unresolved(mixed) / largest) ** 2)
+    largest = max(np.abs(b).max(), np.finfo(float).tiny)
+    errors = np.maximum(errors, (_unresolved(b) / largest) ** 2)
     if (output := equation.output) is not None:
         # y' = A y from the end of each interval; a covector satisfies it too if A is skew
         flows = maps if equation.skew else _collocate(-matrix.conj().mT, size)[0]
         ends = output(np.clip(start + size, output.t_min, output.t_max))
         points = flows[:, 1:] @ ends.reshape(len(start), 1, matrix.shape[-1], -1)
     return Intervals(start, size, maps, b, points), errors
-
-
-@cache
-def _mixture(count: int) -> Array:
-    """Return random combinations of the parameters, whose errors stand for those of all."""
-    if count <= _MIXED:
-        return np.eye(count)
-    return np.random.default_rng(0).standard_normal((count, _MIXED))

@@ -18,11 +18,9 @@ from cg.integration.plan.plan import Plan, is_compiled
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import (
     DataReader,
-    Inputs,
+    Given,
     Reader,
-    arguments_of,
     data_at,
-    members_with_data,
 )
 from cg.integration.rhs.python import Check, Derivative, context_of, read_only, when
 from cg.integration.run.messages import DERIVATIVES
@@ -276,7 +274,7 @@ def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """
-    numbers, inputs = rhs.parameters, rhs.inputs
+    _, numbers, inputs, _ = rhs.given
     width = inputs.width if by_inputs and inputs is not None else 0
     if df_dp is not None and numbers is None and not width:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
@@ -314,7 +312,6 @@ class CompiledVariation(CompiledRhs):
 
     variational: Any = None  # the `VariationalField`
     plan: Any = None  # plan of the frame without derivatives
-    args: tuple[Any, ...] = ()  # type: ignore[misc]
     records: Any = None  # one for each member, or one for all
     kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
 
@@ -322,18 +319,11 @@ class CompiledVariation(CompiledRhs):
         return f"CompiledVariation({self.variational!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        data = self.args, self.parameters, self.inputs
-        return compiled_variation, (self.variational, self.plan, *data)
+        return compiled_variation, (self.variational, self.plan, self.given)
 
-    def with_data(
-        self,
-        args: tuple[Any, ...],
-        parameters: Array | None,
-        inputs: Inputs | None,
-        _: int | None = None,
-    ) -> CompiledVariation:
+    def with_data(self, given: Given) -> CompiledVariation:
         """Return the right-hand side of other members."""
-        return compiled_variation(self.variational, self.plan, args, parameters, inputs)
+        return compiled_variation(self.variational, self.plan, given)
 
     @property
     def failed_name(self) -> str:
@@ -353,21 +343,16 @@ class CompiledVariation(CompiledRhs):
 
 
 def compiled_variation(
-    variational: VariationalField,
-    plan: Plan,
-    args: tuple[Any, ...],
-    parameters: Array | None,
-    inputs: Inputs | None,
+    variational: VariationalField, plan: Plan, given: Given
 ) -> CompiledVariation:
     """Return the right-hand side for functions of one point.
 
-    The plan is that of the frame without derivatives; ``args`` are further arguments of functions
-    in Python.
+    The plan is that of the frame without derivatives.
     """
     import cg._core_r64 as core
 
     first, in_python, *arrays = _first_record(variational, plan)
-    members = members_with_data(inputs, parameters) or 1
+    inputs, members = given.inputs, given.members or 1
     first.inputs = 0 if inputs is None else inputs.width
     own = variational.count - variational.inputs
     scales = np.zeros(own + first.inputs)
@@ -375,14 +360,15 @@ def compiled_variation(
         scales[own:] = inputs.scales
     first.scales = scales.ctypes.data
     rows = np.zeros((members, 1 + own + first.inputs))
-    numbers = None if parameters is None else rows[:, 1 : 1 + own]
-    if numbers is not None:
-        numbers[...] = parameters
-        numbers = numbers.view()
+    numbers = None
+    if given.parameters is not None:
+        rows[:, 1 : 1 + own] = given.parameters
+        numbers = rows[:, 1 : 1 + own]
         numbers.flags.writeable = False
+    seen = given._replace(parameters=numbers)
     count = members if in_python else 1
     records = (_Record * count)(*[first] * count)
-    arguments = [arguments_of(inputs, args, numbers, member) for member in range(count)]
+    arguments = [seen.arguments(member) for member in range(count)]
     if inputs is not None and variational.inputs and variational.df_dp is None:
         # compiled code changes these numbers for differences
         arguments = [(DataReader(inputs, rows[0, 1 + own :]), *arguments[0][1:])]
@@ -398,9 +384,8 @@ def compiled_variation(
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
-        inputs=inputs, variational=variational, plan=plan, args=args, data=rows, records=records,
-        kept=(arrays, contexts, scales),
+        None, core.function_addresses()[2], 0, frame=variational.product, given=given, data=rows,
+        variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 
 

@@ -129,12 +129,11 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         field = replace(field, chosen=_directions(options, field))
     joint: Rhs
     if rhs.vectorized:
-        data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
-        joint = PythonRhs(field, field.product, *data)
+        joint = PythonRhs(field, field.product, rhs.given, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
         own = plan if plan.compiled else plan_of(plan.user_frame, plan.method)
-        joint = compiled_variation(field, own, rhs.args, rhs.parameters, rhs.inputs)
+        joint = compiled_variation(field, own, rhs.given)
     if control.h is None:
         controlled = options["control_derivatives"]
         absolute = _tolerances(problem, field, controlled, "atol")
@@ -186,7 +185,7 @@ def _make_field(problem: Problem, options: Options) -> VariationalField:
     """Return the coefficients of points with derivatives, after checking functions."""
     frame, rhs, df_dp = problem.plan.frame, problem.rhs, options["df_dp"]
     noise = noise_of(options["noise"], problem)
-    n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.inputs
+    n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.given.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
     return VariationalField(
         frame,
@@ -257,9 +256,8 @@ def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
     if tolerance_of(joint) >= _ONE_SIDED * far:
         for record in rhs.records:
             record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
-    count = None if rhs.parameters is None else rhs.parameters.shape[-1]
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
-    return Equation(along, shape, tolerance_of(joint), count, rhs.inputs)
+    return Equation(along, shape, tolerance_of(joint), rhs.given.parameter_count, rhs.given.inputs)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:

@@ -194,11 +194,5 @@ def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         raise ValueError(f"out must have shape {shape}, got {actual}")
     if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
         raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
-    flags = getattr(out, "flags", None)
-    file = getattr(out, "file", None)
-    if (
-        not getattr(flags, "writeable", True)
-        or getattr(out, "read_only", False)
-        or getattr(file, "mode", "") == "r"
-    ):
+    if not getattr(getattr(out, "flags", None), "writeable", True):
         raise ValueError(f"out must be writable, got {type(out).__name__} that is read-only")

@@ -220,12 +220,7 @@ class EnsembleOutput(DenseOutput):
 
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after", "dt_events"
-_DERIVATIVES = {  # with their last axes
-    "transition": "initial_coordinate",
-    "sensitivity": "parameter",
-    "covariance": "other_coordinate",
-}
-_NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
+_DERIVATIVES = "transition", "sensitivity", "covariance"
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,39 +255,6 @@ class _Results(ReadOnly):
     def method(self) -> Any:
         """The method, a `cg.Method`."""
         return made(self.table)
-
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
-
-        Of an ensemble ``member`` is second; the last are ``component`` of vectors, ``row`` and
-        ``column`` of matrices. Derivatives of solutions are the variables ``transition``,
-        ``sensitivity`` and ``covariance`` with the axes ``coordinate`` and ``initial_coordinate``,
-        ``parameter`` or ``other_coordinate``. Attributes are the name of the method, the frame,
-        and what the integration took; of an ensemble these numbers are variables.
-        """
-        import xarray
-
-        axes = len(self.frame.point_shape)
-        members = ["member"] if np.ndim(self.status) else []
-        points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
-            axes, [f"axis_{k}" for k in range(axes)]
-        )
-        attributes = {"method": self.table.name, "frame": repr(self.frame)}
-        variables = {} if self.y is None else {"y": (["t", *members, *points], self.y)}
-        if self.observed is not None:
-            last = [f"observable_{k}" for k in range(np.ndim(self.observed) - 1 - len(members))]
-            variables["observed"] = (["t", *members, *last], self.observed)
-        for name, axis in _DERIVATIVES.items():
-            value = getattr(self, name)
-            if value is not None:
-                variables[name] = (["t", *members, "coordinate", axis], value)
-        for name in _NUMBERS:
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray):
-                variables[name] = (members, value)
-            elif value is not None:
-                attributes[name] = value
-        return xarray.Dataset(variables, {"t": self.t}, attributes)
 
 
 @dataclass(frozen=True, eq=False)

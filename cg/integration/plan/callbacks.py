@@ -47,14 +47,12 @@ class Jacobian:
             return row[0]
         arguments = rhs.arguments(member)
         if not self.sparse:
-            data = data_at(t, arguments, rhs.parameters is not None)
+            data = data_at(t, arguments, rhs.given.parameters is not None)
             own = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
             return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
-        if not hasattr(value, "tocsc"):
-            raise ValueError(f"jac must return a sparse matrix at all times, got {value!r}")
         matrix = value.tocsc()
         if matrix.dtype.kind not in "biuf":
             raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
@@ -113,7 +111,7 @@ def jacobian_of(
         matrix = jac.toarray() if is_sparse and rhs.vectorized else jac
         jac = partial(_constant, matrix if hasattr(matrix, "tocsc") else np.asarray(matrix))
     shape = frame.dim, frame.dim
-    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.inputs)
+    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.given.inputs)
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):

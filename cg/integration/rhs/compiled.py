@@ -13,7 +13,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.integration.rhs.inputs import Inputs, address, arguments_of
+from cg.integration.rhs.inputs import NOTHING, Given, address
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.capsules import address_in, context_of
@@ -37,70 +37,60 @@ class CompiledRhs:
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
     frame: Frame | None = None  # the frame of its points
-    # a row for each member, shape (members, k); their address is passed in place of ``user_data``
-    parameters: Array | None = None
+    given: Given = NOTHING  # without args
     source: Any = None  # the pointer made of ``function``, kept alive as well
-    inputs: Inputs | None = None
-    data: Any = None  # the parameters of each member with room for the inputs
+    # the parameters of each member with room for the inputs, passed in place of ``user_data``
+    data: Any = None
 
-    args: ClassVar[tuple[Any, ...]] = ()
     vectorized: ClassVar[bool] = False
-    first: ClassVar[int | None] = None  # as that of `PythonRhs`
 
     def on_frame(self, frame: Frame) -> CompiledRhs:
         """Return the function on another frame of the same points."""
         return replace(self, frame=frame)
 
-    def on(
-        self, frame: Frame, parameters: Array | None, inputs: Inputs | None = None, args: Any = ()
-    ) -> CompiledRhs:
-        """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
+    def on(self, frame: Frame, given: Given = NOTHING) -> CompiledRhs:
+        """Return the right-hand side on a frame, with parameters and inputs.
 
         ValueError is raised if there are parameters or inputs and user's data, or if there are none
         and the function's last argument is a pointer to doubles.
         """
-        if inputs is not None and self.user_data:
+        if given.inputs is not None and self.user_data:
             raise ValueError(
                 f"inputs must be None for a compiled {self.name} that has user_data; as parameters "
                 "these numbers come before the inputs"
             )
-        if parameters is None and inputs is None and self.requires_data and not self.user_data:
+        has_none = given.parameters is None and given.inputs is None
+        if has_none and self.requires_data and not self.user_data:
             raise ValueError(
                 f"parameters must be given for a compiled {self.name} without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
             )
-        if parameters is not None and self.user_data:
+        if given.parameters is not None and self.user_data:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return replace(self, frame=frame).with_data(args, parameters, inputs)
+        return replace(self, frame=frame).with_data(given)
 
-    def with_data(
-        self,
-        args: tuple[Any, ...],
-        parameters: Array | None,
-        inputs: Inputs | None,
-        first: int | None = None,
-    ) -> CompiledRhs:
+    def with_data(self, given: Given) -> CompiledRhs:
         """Return the right-hand side with the parameters and inputs of other members."""
-        if args:
-            raise ValueError(f"args must be None for a compiled {self.name}, got {args!r}")
-        if inputs is None and parameters is self.parameters:
-            return self
-        data = parameters if inputs is None else inputs.data_with(parameters)
-        changes = {"parameters": parameters, "inputs": inputs, "data": data}
-        return filled(type(self), vars(self) | changes)  # much faster than replace
+        if given.args:
+            raise ValueError(f"args must be None for a compiled {self.name}, got {given.args!r}")
+        data = given.parameters
+        if given.inputs is not None:
+            data = given.inputs.data_with(data)
+        # much faster than replace
+        return filled(type(self), vars(self) | {"given": given, "data": data})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.function, self.name, self.frame, self.parameters, self.inputs)
+        return _restored, (self.function, self.name, self.frame, self.given)
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments that events of a member receive."""
-        return arguments_of(self.inputs, self.args, self.parameters, member)
+        return self.given.arguments(member)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = 0 if self.parameters is None else self.data.strides[0]
+        distance = 0 if self.given.parameters is None else self.data.strides[0]
         return self.address, self.data_address, distance
 
     @property
@@ -122,9 +112,9 @@ class CompiledRhs:
         """Return what the function writes for a member."""
         assert self.frame is not None
         _, data, distance = self.addresses()
-        if self.inputs is not None:
+        if (inputs := self.given.inputs) is not None:
             own = self.data[member if distance else 0]
-            own[-self.inputs.width :] = self.arguments(member)[0].numbers(t)
+            own[-inputs.width :] = self.arguments(member)[0].numbers(t)
         row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return row
 
@@ -132,7 +122,8 @@ class CompiledRhs:
         """Return what the function writes for a single member at times and points."""
         assert self.frame is not None
         shape = (self.frame.dim,)
-        table = () if self.inputs is None else self.inputs.table(self.parameters)
+        inputs = self.given.inputs
+        table = () if inputs is None else inputs.table(self.given.parameters)
         return self.values(self.frame, self.data_address, times, y, shape, table)
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:
@@ -165,12 +156,10 @@ def call_field(
     return values.view(dtype).reshape(len(y), *shape)
 
 
-def _restored(
-    function: Any, name: str, frame: Frame | None, parameters: Array | None, inputs: Any
-) -> CompiledRhs:
+def _restored(function: Any, name: str, frame: Frame | None, given: Given) -> CompiledRhs:
     rhs = compiled_rhs(function, name)
     assert rhs is not None
-    return rhs if frame is None else rhs.on(frame, parameters, inputs)
+    return rhs if frame is None else rhs.on(frame, given)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
-from cg.integration.rhs.inputs import WithInput, members_with_data
+from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
-from cg.support.checks import check_flag
+from cg.support.checks import check_choice, check_flag
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -110,19 +110,15 @@ class Event:
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
             )
         direction, period = self.direction, self.period
-        if not (_is_real(direction) and (direction >= 0.0 or direction < 0.0)):
+        if not isinstance(direction, Real) or math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {direction!r}")
-        is_real = _is_real(period) and period is not True
+        is_real = isinstance(period, Real) and period is not True
         if period is not None and not (is_real and 0.0 < period < math.inf):
             raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
         flag = check_flag(f"{name}.vectorized", self.vectorized)
         if flag and compiled_event(self.function) is not None:
             raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")
         return limit, int(direction > 0.0) - int(direction < 0.0)
-
-
-def _is_real(value: object) -> bool:
-    return isinstance(value, Real)
 
 
 _DEFAULTS = {field.name: field.default for field in fields(Event)[1:]}
@@ -280,16 +276,15 @@ class Observer:
             data, stride = 0, 0
             if isinstance(rhs, CompiledRhs):
                 _, data, stride = rhs.addresses()
-            elif rhs.inputs is not None:
+            elif rhs.given.inputs is not None:
                 raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
-            elif rhs.parameters is not None:
-                data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
+            elif (numbers := rhs.given.parameters) is not None:
+                data, stride = numbers.ctypes.data, numbers.strides[0]
             table = EventTable(self.function, self.frame).rows
             entries = {"observers": len(table), "observer_table": table.ctypes.data}
             return entries | {"observer_data": data, "observer_stride": stride}, table
-        count = members_with_data(rhs.inputs, rhs.parameters)
         rest = self.frame, self.shape, self.check
-        contexts = Contexts(self.function, rhs.arguments, count, *rest)
+        contexts = Contexts(self.function, rhs.arguments, rhs.given.members, *rest)
         names = "observer", "observer_data", "observer_stride"
         return dict(zip(names, contexts.addresses(), strict=True)), contexts
 
@@ -303,8 +298,7 @@ def observer_of(
     observe: Any, store: Any, frame: Frame, rhs: Rhs, t: float, y: Points
 ) -> Observer | None:
     """Return what is evaluated at output times, after calling it at the initial point."""
-    if not isinstance(store, str) or store not in ("all", "observed"):
-        raise ValueError(f"store must be 'all' or 'observed', got {store!r}")
+    check_choice("store", store, ("all", "observed"))
     keeps_points = store == "all"
     if observe is None:
         if not keeps_points:
@@ -319,7 +313,7 @@ def observer_of(
             "observe must be callable as observe(t, y), or a list of compiled functions, got "
             f"{observe!r}"
         )
-    if rhs.inputs is not None:
+    if rhs.given.inputs is not None:
         observe = WithInput(observe)
     shape = np.shape(observe(t, read_only(y.copy()), *rhs.arguments(0)))
     observer = Observer(observe, frame, shape, keeps_points)

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
@@ -72,17 +71,6 @@ class CompiledFunction:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CompiledFunction, (self.path, self.symbol, self.user_data)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, CompiledFunction):
-            return NotImplemented
-        same = (self.path, self.symbol) == (other.path, other.symbol)
-        if self.user_data is None or other.user_data is None:
-            return same and self.user_data is other.user_data
-        return same and np.array_equal(self.user_data, other.user_data)
-
-    def __hash__(self) -> int:
-        return hash((self.path, self.symbol))
 
     def __repr__(self) -> str:
         data = "" if self.user_data is None else f", {self.user_data.tolist()}"

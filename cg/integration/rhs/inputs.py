@@ -6,13 +6,13 @@ import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.integration.rhs.samples import Samples
-from cg.support.arrays import Array
+from cg.support.arrays import Array, check_finite, real_array
 from cg.tables import MethodTable
 
 _ROUNDING = 1e-15  # error of abscissae
@@ -239,19 +239,59 @@ class WithInput:
         return self.function(t, y, reader(t), *rest)
 
 
-def members_with_data(inputs: Inputs | None, parameters: Array | None) -> int | None:
-    """Return how many members have data of their own, None if all share theirs."""
-    if parameters is not None:
-        return len(parameters)
-    return None if inputs is None else inputs.members
+class Given(NamedTuple):
+    """What functions get besides time and point."""
+
+    args: tuple[Any, ...] = ()
+    parameters: Array | None = None  # a row for each member, shape (members, k)
+    inputs: Inputs | None = None
+    first: int | None = None  # place of the first member in the ensemble, for messages
+
+    @property
+    def members(self) -> int | None:
+        """How many members have data of their own, None if all share theirs."""
+        if self.parameters is not None:
+            return len(self.parameters)
+        return None if self.inputs is None else self.inputs.members
+
+    @property
+    def parameter_count(self) -> int | None:
+        """Number of parameters, None without any."""
+        return None if self.parameters is None else self.parameters.shape[-1]
+
+    def arguments(self, member: Any) -> tuple[Any, ...]:
+        """Return what functions of a member, or of an array of members, get."""
+        lead = () if self.inputs is None else (Reader(self.inputs, member),)
+        rows = () if self.parameters is None else (self.parameters[member],)
+        return (*lead, *self.args, *rows)
+
+    def replaced(self, t: float, parameters: Any, inputs: Any, members: int | None) -> Given:
+        """Return other data from time t on, None for what remains, after checking their shapes.
+
+        ``members`` is None for a single point.
+        """
+        given = self
+        if parameters is not None:
+            numbers = real_array(parameters, "parameters")
+            old = self.parameters
+            shape = None if old is None else old.shape[members is None :]
+            if numbers.shape != shape:
+                expected = "be None, as before" if shape is None else f"have shape {shape}"
+                raise ValueError(f"parameters must {expected}, got {numbers.shape}")
+            check_finite(numbers, "parameters")
+            numbers.flags.writeable = False
+            given = given._replace(parameters=numbers[None] if members is None else numbers)
+        if inputs is not None:
+            if self.inputs is None:
+                raise ValueError(f"inputs must be None, as before, got {inputs!r}")
+            curves = check_inputs(inputs, t, t, members, None)
+            assert curves is not None
+            curves.check_like(self.inputs)
+            given = given._replace(inputs=curves)
+        return given
 
 
-def arguments_of(
-    inputs: Inputs | None, args: tuple[Any, ...], parameters: Array | None, member: Any
-) -> tuple[Any, ...]:
-    """Return what functions of a member, or of an array of members, get after time and point."""
-    lead = () if inputs is None else (Reader(inputs, member),)
-    return (*lead, *args, *(() if parameters is None else (parameters[member],)))
+NOTHING = Given()
 
 
 def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array | None:

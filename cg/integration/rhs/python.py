@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,24 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_group import MatrixGroup
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_field, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of, members_with_data
+from cg.integration.rhs.inputs import NOTHING, Given, Inputs, WithInput
 from cg.support.arrays import (
     Array,
     Points,
     complex_array,
     conversion_hint,
-    is_complex_array,
     real_array,
 )
 from cg.support.checks import short
-
-_JOIN = "; join parts by np.concatenate"
-_COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
 
 
 def when(t: Any) -> str:
@@ -43,14 +36,14 @@ def read_value(
     shape: tuple[int, ...],
     t: Any,
     rows: str = "",
-    hint: Callable[[tuple[int, ...]], str] | None = None,
+    hint: str = "",
     number: bool = False,
     dtype: Any = np.float64,
 ) -> Points:
     """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
 
-    A vectorized function returns ``rows``, each of a member or of a time. The hint gets the shape
-    of the array.
+    A vectorized function returns ``rows``, each of a member or of a time. The hint ends the message
+    about another shape.
     """
     per_row = f", a row for each {rows}, since vectorized=True" if rows else ""
     try:
@@ -59,18 +52,16 @@ def read_value(
         kind = "real" if dtype == np.float64 else "complex"
         expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else f"an array of shape {shape}"
         expected = expected if shape else "a real number"
-        join = isinstance(value, list | tuple) and any(map(np.ndim, value))
-        text = _JOIN if join else conversion_hint(value, error)
-        text = _COMPLEX if not text and is_complex_array(value) and hint is not None else text
         raise ValueError(
-            f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}{text}"
+            f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}"
+            f"{conversion_hint(value, error)}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
     if array.shape != shape:
         raise ValueError(
             f"{name} must return an array of shape {shape}{per_row}, got shape {array.shape} at "
-            f"{when(t)}{hint(array.shape) if hint else ''}"
+            f"{when(t)}{hint}"
         )
     return array
 
@@ -96,6 +87,8 @@ class Check:
         self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
+        as_points = frame.rhs_shape == frame.point_shape
+        self.hint = "" if as_points else '; rhs="derivative" takes derivatives of y'
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
@@ -106,24 +99,7 @@ class Check:
         shape = self.frame.rhs_shape
         shape = (len(t), *shape) if self.vectorized else shape
         dtype = self.frame.rhs_dtype
-        return read_value(value, "f", shape, t, self.rows, self._hint, dtype=dtype)
-
-    def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
-        shape = shape[int(self.vectorized) :]
-        if self.frame.rhs_shape == self.frame.point_shape:
-            return ""
-        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
-        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
-        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
-            if shape != self.frame.point_shape:
-                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
-            return '; rhs="derivative" takes derivatives of y'
-        name = "frame.vee" if group is self.frame else "frame.group.vee"
-        return (
-            f"; {name}(matrix) are those of a matrix in the Lie algebra, and "
-            'rhs="derivative" takes derivatives of y'
-        )
+        return read_value(value, "f", shape, t, self.rows, self.hint, dtype=dtype)
 
 
 Coefficients = Callable[..., ArrayLike]
@@ -166,10 +142,9 @@ class PythonRhs(Contexts):
 
     Compiled code calls it through a function in C, whose data are its contexts.
 
-    Parameters have the shape ``(members, k)``. A ``vectorized`` function takes times ``(n,)``,
-    points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
-    ``(n, dim)``; one of time alone may get several times for one point.
-    ``first`` is the place of the first member in the ensemble for error messages.
+    A ``vectorized`` function takes times ``(n,)``, points ``(n, *point_shape)`` and rows of
+    parameters of several members, and returns shape ``(n, dim)``; one of time alone may get several
+    times for one point.
     """
 
     failed_name = "f"  # in error messages
@@ -178,91 +153,42 @@ class PythonRhs(Contexts):
         self,
         f: Coefficients,
         frame: Frame,
-        args: tuple[Any, ...] = (),
-        parameters: Array | None = None,
+        given: Given = NOTHING,
         vectorized: bool = False,
-        first: int | None = None,
-        inputs: Inputs | None = None,
     ) -> None:
-        self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
-        self.vectorized, self.first, self.inputs = vectorized, first, inputs
+        self.f, self.frame, self.given, self.vectorized = f, frame, given, vectorized
         self.check = Check(f, frame, vectorized)
-        members = None if vectorized else members_with_data(inputs, parameters)
+        members = None if vectorized else given.members
         rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
         super().__init__(f, self.arguments, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
-        return PythonRhs, (self.f, self.frame, *data)
+        return PythonRhs, (self.f, self.frame, self.given, self.vectorized)
 
-    def with_data(
-        self,
-        args: tuple[Any, ...],
-        parameters: Array | None,
-        inputs: Inputs | None,
-        first: int | None = None,
-    ) -> PythonRhs:
+    def with_data(self, given: Given) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first, inputs)
+        return PythonRhs(self.f, self.frame, given, self.vectorized)
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        data = self.args, self.parameters, self.vectorized, self.first, self.inputs
-        return PythonRhs(self.f, frame, *data)
+        return PythonRhs(self.f, frame, self.given, self.vectorized)
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments of a member, or of an array of members."""
-        return arguments_of(self.inputs, self.args, self.parameters, member)
+        return self.given.arguments(member)
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
-        where, u = f"at t = {t:.17g}", "u, " * (self.inputs is not None)
-        if not self.vectorized and self.first is not None:
-            where += f" in member {self.first + member}"
-        count = len(self.args) + (self.parameters is not None)
-        further = f"and {count} further arguments" if count else ""
-        if self.check.of_time:
-            return f"{where}; f is given (t, {u}...) {further}".rstrip()
-        shape, comma = str(self.frame.point_shape), ", " * bool(count)
+        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.given.inputs is not None)
+        names += [f"args[{k}]" for k in range(len(self.given.args))]
+        names += ["parameters"] * (self.given.parameters is not None)
+        where, shape = f"at t = {t:.17g}", str(self.frame.point_shape)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        text = f"{where}; f is given (t, y, {u}...) with y of shape {shape}{comma}{further}"
-        of_time = self.takes(1 + count) and not self.takes(2 + count)
-        return text + "; for an f of time alone see cg.solve_linear" * bool(of_time)
-
-    def check_call(self) -> None:
-        """Raise TypeError unless ``f`` takes the further arguments."""
-        of_time, has_inputs = self.check.of_time, self.inputs is not None
-        names = ["t", *["y"] * (not of_time), *(f"args[{k}]" for k in range(len(self.args)))]
-        names += ["parameters"] * (self.parameters is not None)
-        if self.takes(len(names)) is not False:
-            return
-        names[2 - of_time : 2 - of_time] = ["u"] * has_inputs
-        hint = "; coefficients that depend on the point need cg.solve_ivp without linear=True"
-        raise TypeError(
-            f"f must be callable as f({', '.join(names)}){' with inputs u' * has_inputs}, got a "
-            f"function of {inspect.signature(self._given, follow_wrapped=False)}{hint * of_time}"
-        )
-
-    @property
-    def _given(self) -> Any:
-        """What the user gave."""
-        f: Any = self.f
-        while isinstance(f, TimeFunction | WithInput):
-            f = f.function
-        return f
-
-    def takes(self, count: int) -> bool | None:
-        """Return whether ``f`` takes a number of arguments beside inputs, None if unknown."""
-        try:
-            signature = inspect.signature(self._given, follow_wrapped=False)
-        except (TypeError, ValueError):  # it has none
-            return None
-        try:
-            signature.bind(*range(count + (self.inputs is not None)))
-        except TypeError:
-            return False
-        return True
+        elif self.given.first is not None:
+            where += f" in member {self.given.first + member}"
+        with_shape = f" with y of shape {shape}" * (not self.check.of_time)
+        return f"{where}; f is given ({', '.join(names)}){with_shape}"
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, apart, check_finite, real_array
 from cg.support.caches import ReadOnly
-from cg.support.checks import check_flag
+from cg.support.checks import check_choice, check_flag
 
 _CURVE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values
 
@@ -226,8 +226,7 @@ class Samples(ReadOnly):
         causal: bool = False,
         members: bool = False,
     ) -> None:
-        if not isinstance(kind, str) or kind not in _LEAST:
-            raise ValueError(f"kind must be one of {', '.join(_LEAST)}, got {kind!r}")
+        check_choice("kind", kind, _LEAST)
         self.kind = kind
         self.causal = check_flag("causal", causal)
         if self.causal and kind != "averages":
@@ -249,6 +248,7 @@ class Samples(ReadOnly):
         self._pieces.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
+        # without what is computed when asked for, since parts for some members are copies
         state = super().__getstate__()
         for name in ("_rows", "_resolution", "_rounding", "_kinks"):
             state.pop(name, None)

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from cg.frames.base import Frame
 from cg.integration.plan.plan import has_brackets
-from cg.integration.rhs.python import Rhs
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points
 from cg.support.parallel import raise_if_stopped
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTS
-from cg.tables import Kind, MethodTable
+from cg.tables import Kind
 
 _STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
-_DISCONTINUOUS = (
-    "f is discontinuous near the solution: name known times of jumps as breakpoints; where the "
-    "solution meets a jump, end it by a terminal event, and continue with f of the other side; "
-    "where it would stay on the jump, as in static friction, use a smooth f and method='RadauIIA5'"
+_REJECTED = (
+    "many are rejected, as where f jumps or has kinks: name known times of jumps as "
+    "breakpoints; where the solution meets a jump, end it by a terminal event, and continue with "
+    "f of the other side; where it would stay on the jump, as in static friction, use a smooth f "
+    "and method='RadauIIA5'"
 )
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
@@ -34,21 +30,18 @@ _DAMPED = 0.05  # least damping of an eigenvalue, relative to its size
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
 _FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
 _CONFIRMED = 1000  # steps after which the check is repeated
-_FEW_REJECTED = 0.001  # rejected steps per step, where f is taken to be continuous
-# A change of f is a jump if most of it remains between points that lie a millionth as far apart.
-_BISECTIONS = 20
-_ROUNDING = 1e-6
+_MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
 
 
 class StepCheck:
-    """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
+    """Warns once while a run takes many steps, if its equation is stiff or many are rejected.
 
     It looks after 10,000, 20,000, 40,000, ... steps of a member, and where it finds a reason once
-    more 1000 steps later. The warning goes to `warn` if that is given, in workers.
+    more 1000 steps later.
     """
 
-    def __init__(self, run: Run, warn: Callable[[str], None] | None = None) -> None:
-        self._run, self._warn = run, warn or partial(warnings.warn, stacklevel=6)
+    def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
+        self._run, self._warn = run, warn
         self._taken = 0  # steps of all members
         self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
@@ -80,62 +73,33 @@ class StepCheck:
 
 
 def find_difficulty(run: Run, member: int, t: float) -> str | None:
-    """Return why a member takes many steps near ``t``, if it is a known reason."""
-    plan, h = run.plan, run.record.step_size
+    """Return why a member takes many steps near ``t``, if it is a known reason.
+
+    The equation is stiff if a step takes a damped eigenvalue of the Jacobian, by differences, near
+    the limit of the method's stability.
+    """
+    plan, method, h = run.plan, run.plan.method, run.record.step_size
+    frame = plan.frame
     steps, rejected = run.counts[member, _COUNTS].tolist()
+    if rejected > _MANY_REJECTED * steps:
+        return _REJECTED
+    explicit = method.explicit and method.kind is not Kind.LINEAR
+    limit = method.real_limit() if explicit and has_brackets(frame) else None
+    if limit is None or frame.dim > _MAX_DIM:
+        return None
     if run.members > 1:
         h = (t - run.t0) / max(steps, 1)
-    if not has_brackets(plan.frame) or plan.method.kind is Kind.LINEAR:
-        return None
-    point = plan.points(run.end[member].copy(), ())
-    arguments = run.rhs, member, t, point, h
+    y = plan.points(run.end[member].copy(), ())
+    sizes = _STEP * np.maximum(frame.coordinate_sizes(y), 1.0)
     try:
-        if rejected > _FEW_REJECTED * steps and is_discontinuous(plan.frame, *arguments):
-            return _DISCONTINUOUS
-        return _STIFF if is_stiff(plan.frame, plan.method, *arguments) else None
+        start = run.rhs.at_member(member, t, y)
+        moved = [run.rhs.at_member(member, t, frame.flow(v, y)) for v in np.diag(sizes)]
+        values = np.linalg.eigvals((np.array(moved) - start).T / sizes)
     except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
         return None
-
-
-def is_discontinuous(frame: Frame, rhs: Rhs, member: int, t: float, y: Points, h: float) -> bool:
-    """Return whether the right-hand side jumps near a point, along the flow of its coefficients."""
-    slope = rhs.at_member(member, t, y)
-
-    def value(x: float) -> Array:
-        return rhs.at_member(member, t + x * h, frame.flow(x * h * slope, y))
-
-    x = np.linspace(-32.0, 32.0, 129).tolist()
-    values = list(map(value, x))
-    changes = np.linalg.norm(np.diff(values, axis=0), axis=1)
-    k = int(changes.argmax())
-    low, high, at_low, at_high = x[k], x[k + 1], values[k], values[k + 1]
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        at_middle = value(middle)
-        if np.linalg.norm(at_middle - at_low) > np.linalg.norm(at_high - at_middle):
-            high, at_high = middle, at_middle
-        else:
-            low, at_low = middle, at_middle
-    jump = float(np.linalg.norm(at_high - at_low))
-    return bool(jump > max(0.5 * changes[k], _ROUNDING * np.abs(values).max()))
-
-
-def is_stiff(
-    frame: Frame, method: MethodTable, rhs: Rhs, member: int, t: float, y: Points, h: float
-) -> bool:
-    """Return whether the stability of an explicit method limits its steps at a point.
-
-    It does if a step of size ``h`` takes a damped eigenvalue of the Jacobian, which this function
-    computes by differences, near the limit of the method's stability.
-    """
-    if not method.explicit or frame.dim > _MAX_DIM or (limit := method.real_limit()) is None:
-        return False
-    steps = _STEP * np.maximum(frame.coordinate_sizes(y), 1.0)
-    start = rhs.at_member(member, t, y)
-    moved = [rhs.at_member(member, t, frame.flow(v, y)) for v in np.diag(steps)]
-    values = np.linalg.eigvals((np.array(moved) - start).T / steps)
     damped = values[values.real <= -_DAMPED * np.abs(values)]
-    return bool(abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * limit)
+    near_limit = abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * limit
+    return _STIFF if near_limit else None
 
 
 _SECONDS = 0.03  # between two checks for an interrupt
@@ -144,11 +108,7 @@ _MAX_GROWTH = 8
 _MAX_STEPS = 2**30  # fits into 32 bits
 
 
-def drive(
-    run: Run,
-    watch: Callable[[float], None] | None = None,
-    warn: Callable[[str], None] | None = None,
-) -> None:
+def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
     budget, record, check = StepBudget(), run.record, None
     while True:

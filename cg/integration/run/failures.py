@@ -8,30 +8,42 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.plan.plan import STAGE_SOLVERS, ConvergenceError, has_brackets
+from cg.integration.plan.plan import STAGE_SOLVERS, ConvergenceError
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.messages import DERIVATIVES, StepTooLongError
 from cg.integration.run.run import Run
 from cg.support.shared_numbers import Stop
-from cg.support.shared_records import COUNTS
 from cg.tables import Kind
 
+_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
+_WAITING = int(Stop.NEEDS_FIELD)
 _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
-_SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
-_MAX_DIM = 1000  # larger frames would need much memory for the check of the length of steps
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"
 
 
-def explain_failure(run: Run, member: int) -> Exception | str | None:
-    """Return why a member ended early: an exception, or a message.
+def failures_of(run: Run, raising: bool) -> dict[int, str]:
+    """Return why members failed, by their numbers; raise exceptions if ``raising``.
+
+    Those for memory are raised in any case.
+    """
+    messages = {}
+    for member, stop in enumerate(run.status.tolist()):
+        if stop not in _NOT_FAILED and stop < _WAITING:
+            failure = _explain_failure(run, member)
+            if isinstance(failure, Exception) and (raising or isinstance(failure, MemoryError)):
+                raise failure
+            messages[member] = str(failure).removesuffix(".")
+    return messages
+
+
+def _explain_failure(run: Run, member: int) -> Exception | str:
+    """Return why a member failed: an exception, or a message.
 
     There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
     """
     stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.flag[member])
     match stop:
-        case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
-            return None
         case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
         case Stop.TOO_MANY_STEPS:
@@ -98,10 +110,8 @@ def _not_finite(run: Run) -> str:
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
-    limit, rejected = run.control.max_steps, int(run.counts[member, COUNTS.index("nrejected")])
-    reason = f"; {rejected} of them were rejected" if 2 * rejected > limit // 10 else ""
-    if difficulty := find_difficulty(run, member, t):
-        reason += f"; {difficulty}"
+    limit, difficulty = run.control.max_steps, find_difficulty(run, member, t)
+    reason = f"; {difficulty}" if difficulty else ""
     return f"max_steps = {limit} steps, rejected ones included, led only to t = {t:.17g}{reason}"
 
 
@@ -131,7 +141,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
 
 def find_mistakes(run: Run) -> list[str]:
     """Return warnings that a finished run gives rise to."""
-    plan, h, texts = run.plan, run.control.h, []
+    plan, texts = run.plan, []
     if not run.problem.many:
         *_, steps, rejected = run.counts[0].tolist()
         are_many = rejected >= _REJECTIONS and 2 * rejected > steps
@@ -139,12 +149,6 @@ def find_mistakes(run: Run) -> list[str]:
             texts.append(
                 f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
                 "jumps at known times, name them as breakpoints"
-            )
-        if h is not None and steps and takes_long_steps(run):
-            texts.append(
-                f"h = {h:.6g} is far too long a step: between the stages of the last step h f "
-                "changes by more than the radius of dexp⁻¹, for rotations a full turn; take a "
-                "smaller h"
             )
     texts += dropped_parts(run)
     if not plan.surely_on_manifold(run.end):
@@ -172,20 +176,3 @@ def dropped_parts(run: Run) -> list[str]:
         f"f returns derivatives with a part that the fields of {run.plan.user_frame!r} don't have, "
         f"which is dropped: up to {share:.3g} of their length, at t = {record.dropped_at:.17g}"
     ]
-
-
-def takes_long_steps(run: Run) -> bool:
-    """Return whether the last step of a single trajectory was far too long.
-
-    Then coefficients differ between its stages by more than the radius of dexp⁻¹. For rotations
-    the radius is a full turn. Coefficients that commute have none, and those that the stages have
-    in common don't matter: flows along them are exact.
-    """
-    frame = run.plan.frame
-    if frame.dim > _MAX_DIM:
-        return False
-    stages = run.last_stages()
-    change = stages - stages[0]
-    if not np.square(change).sum(axis=1).max() > _SHORT or not has_brackets(frame):
-        return False
-    return not np.isfinite(frame.dexpinv(change, stages)).all()

@@ -22,7 +22,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
-from cg.support.shared_numbers import FieldFlag, JacobianKind, StatePlace, StateSize, Stop
+from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
@@ -85,7 +85,7 @@ class Run:
         self._buffers: dict[str, Any] = {}
         self._dense: list[list[Array]] = []
         self._steps: list[list[Array]] = []
-        self._events: list[list[Array]] = []
+        self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
         self._share_members(plan.doubles(problem.points))
         if problem.t_eval is not None or problem.observer is not None:
             self._share_output(y, observed)
@@ -202,8 +202,9 @@ class Run:
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
-        if rhs.inputs is not None and isinstance(rhs, CompiledRhs):
-            self.record.curves = len(self._share("inputs", rhs.inputs.table(rhs.parameters)))
+        _, parameters, inputs, _ = rhs.given
+        if inputs is not None and isinstance(rhs, CompiledRhs):
+            self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
     def share_limits(self, limits: Array) -> None:
         """Share how long steps may be where; compiled code reads it when it opens or restarts."""
@@ -268,7 +269,7 @@ class Run:
             names = ["dense_member", "dense_t", "dense_y", "dense_field"]
             self._collect(self._dense, record.interpolants, *names)
         if record.events:
-            self._collect(self._events, record.events, "event_of", "event_t", "event_y")
+            self._collect(self.events_of_calls, record.events, "event_of", "event_t", "event_y")
         if record.ended < self.members and (
             record.steps == record.step_capacity > 0
             or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
@@ -287,10 +288,8 @@ class Run:
             call = _FAILED[int(self.flag[k])], float(self.failed_at[k]), k
         if call is not None:
             name, t, member = call
-            u = "" if rhs.inputs is None else "u, "
-            which = (
-                "" if rhs.first is None or member is None else f" in member {rhs.first + member}"
-            )
+            u, first = "" if rhs.given.inputs is None else "u, ", rhs.given.first
+            which = "" if first is None or member is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
             error.add_note(rhs.note(float(self.failed_at[raised[0]]), raised[0]))
@@ -355,6 +354,7 @@ class Run:
             "states": self._buffers["states"].copy(),
             "counters": self.counters.copy(),
             "trajectories": self.state(),
+            "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
 
@@ -363,6 +363,7 @@ class Run:
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
         self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
+        self.events_of_calls[:] = saved["events"]
         self._buffers["states"][...] = saved["states"]
         self.counters[...] = saved["counters"]
 
@@ -376,15 +377,6 @@ class Run:
         self._core.loop_state(self.address, False, reals.T, integers.T, points.T, slopes.T)
         return reals, integers, points, slopes
 
-    def last_stages(self) -> Array:
-        """Return the coefficients at the stages of the last step of a single trajectory.
-
-        Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
-        """
-        reals, _, _, slopes = self.state()
-        rows = min(self.plan.table.kept, self.plan.table.stages)
-        return np.asarray(reals[0, StatePlace.H] * slopes[0, 2 : 2 + rows])
-
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = self.callbacks.rhs = rhs
@@ -393,16 +385,15 @@ class Run:
             self.callbacks.jacobian.kept.clear()
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events, and forget them: member and event ``(n, 2)``, times ``(n,)``, points.
+        """Return all events: member and event ``(n, 2)``, times ``(n,)``, points.
 
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        if not self._events:
+        if not self.events_of_calls:
             empty = plan.points(np.empty((0, plan.width)), (0, 2))
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        places, t, y = _joined(self._events)
-        self._events.clear()
+        places, t, y = _joined(self.events_of_calls)
         return places - 1, t, plan.points(y, (len(t), 2))
 
 
