@@ -1,5 +1,6 @@
 """Curves through samples."""
 
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -126,3 +127,15 @@ def test_values_belong_to_the_caller(kind, members):
     before = read(1.0).copy()
     read(1.0)[...] = 7.0
     np.testing.assert_array_equal(read(1.0), before)
+
+
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+def test_a_part_is_computed_from_its_own_members(kind):
+    times = np.linspace(0.0, 1.0, 6 if kind == "averages" else 5)
+    values = RNG.standard_normal((3, 5, 2))
+    whole = Samples(times, values, kind, end=1.5 if kind == "hold" else None, members=True)
+    assert len(whole(0.3)) == len(whole._rounding) // 2 == 3  # which keeps what it is computed from
+    alone = Samples(times, values[1:], kind, end=1.5 if kind == "hold" else None, members=True)
+    for part in (whole.part(slice(1, 3)), pickle.loads(pickle.dumps(whole.part(slice(1, 3))))):
+        np.testing.assert_array_equal(part(0.3), alone(0.3))
+        np.testing.assert_array_equal(part._rounding, alone._rounding)

@@ -16,7 +16,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import accumulate, pairwise, product
 from math import prod
-from typing import Any
+from typing import Any, TypeAlias
 
 from cg.construction.catalogue import find_method
 from cg.construction.catalogue.entries import certificate_path
@@ -72,7 +72,7 @@ class PolynomialEquations:
 
 
 Equations = EquationSystem | PolynomialEquations
-Linearised = tuple[list[flint.arb], flint.arb_mat]
+Linearised: TypeAlias = "tuple[list[flint.arb], flint.arb_mat]"  # flint may be missing
 """Residuals, and their derivatives by all coefficients."""
 
 

@@ -98,6 +98,11 @@ class Construction:
     best: Try  # the try of the method, or the one with the fewest stages and flows
     tries: int
 
+    @property
+    def exact(self) -> bool:
+        """Whether a method was found."""
+        return self.method is not None
+
     def __repr__(self) -> str:
         settings, outcome = self.settings, repr(self.method)
         if self.method is None:

@@ -26,7 +26,15 @@ Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``, and the weight of a penalty."""
+    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``, and the weight of a penalty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.construction.search.optimise import Limits
+    >>> Limits(np.array([[1.0, 1.0]]), 0.0, 1.0).beyond(np.array([0.5, 0.75]))[0]
+    array([7.5])
+    """
 
     rows: NDArray[np.float64]  # shape (m, size)
     lower: NDArray[np.float64] | float

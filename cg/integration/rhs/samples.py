@@ -249,10 +249,8 @@ class Samples(ReadOnly):
 
     def __getstate__(self) -> dict[str, Any]:
         # without what is computed when asked for, since parts for some members are copies
-        state = super().__getstate__()
-        for name in ("_rows", "_resolution", "_rounding", "_kinks"):
-            state.pop(name, None)
-        return state
+        kept = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
+        return {name: value for name, value in super().__getstate__().items() if name not in kept}
 
     @cached_property
     def _rows(self) -> tuple[list[float], list[float], list[list[Any]]]:
