@@ -275,6 +275,7 @@ def sizes_of(
 
         assert isinstance(plan.frame, PhaseSpace)
         size = size_at(t, y)
+        # a time at which a function of it that repeats with h has another value
         later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
         for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
             other = size_at(*place)

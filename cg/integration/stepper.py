@@ -530,7 +530,7 @@ class Stepper:
         for text in dropped_parts(run):
             warnings.warn(text, stacklevel=4)
         self._calls += 1
-        if self._calls & (self._calls - 1) == 0:  # ever more rarely
+        if self._calls & (self._calls - 1) == 0:  # calls 1, 2, 4, 8, …, since it calls f twice
             points = run.plan.points(run.end, (1, run.members))
             refuse_friction(run.plan, run.rhs, [self.t], points)
 

@@ -114,6 +114,7 @@ def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
 
 def solved(candidate: Candidate) -> bool:
     """Return whether the conditions hold up to rounding errors of double precision."""
+    # divided twice, since the square of large weights may overflow
     return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
 
 

@@ -104,7 +104,7 @@ def jacobian_of(
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     if method.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
+        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {method!r}')
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     if constant:
@@ -140,7 +140,7 @@ class Callbacks:
         jacobian: Jacobian | None = None,
     ) -> None:
         self.plan, self.frame = plan, plan.frame
-        # nothing is asked of what is None
+        # compiled code calls only operations whose object was given
         self.rhs: Any = rhs
         self.events: Any = events
         self.jacobian: Any = jacobian

@@ -74,7 +74,10 @@ class CompiledRhs:
     def with_data(self, given: Given) -> CompiledRhs:
         """Return the right-hand side with the parameters and inputs of other members."""
         if given.args:
-            raise ValueError(f"args must be None for a compiled {self.name}, got {given.args!r}")
+            raise ValueError(
+                f"args must be None for a compiled {self.name}, whose numbers are parameters, "
+                f"got {given.args!r}"
+            )
         data = given.parameters
         if given.inputs is not None:
             data = given.inputs.data_with(data)

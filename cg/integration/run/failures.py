@@ -98,10 +98,12 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             )
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
-        case _:
+        case Stop.OUT_OF_MEMORY:
             error = MemoryError(
                 "there is not enough memory for the stages, or the events, of one step"
             )
+        case _:
+            error = RuntimeError(f"compiled code ended with the unexpected status {stop!r} {where}")
     return error
 
 

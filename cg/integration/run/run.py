@@ -153,6 +153,7 @@ class Run:
             record.unique_flows = plan.unique_flows(problem.points[0])
         rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
         rows += 2 * plan.columns if within else 0
+        # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         addresses = plan.address, ctypes.addressof(record)
         self.address = self._reserving(needed, self._core.loop_open, *addresses)
@@ -247,6 +248,7 @@ class Run:
     def call(self) -> None:
         """Call compiled code once and collect its output."""
         try:
+            # bytes of what one step of each lane stores: points, times, slopes and events
             needed = 32 * self._lanes * (self.plan.width + self.plan.dim + 2)
             self._reserving(needed, self._core.loop_drive, self.address)
         except Exception as error:
@@ -260,7 +262,7 @@ class Run:
             name = (*names, "events")[0]
             kind = "positive" if name == "step_function" else "finite"
             raise ValueError(
-                f"{name} must return {kind} numbers, got another one at "
+                f"{name} must return {kind} numbers, got one that isn't {kind} at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
         if record.steps:
