@@ -23,8 +23,8 @@ from cg.integration.arguments import (
     expand_options,
 )
 from cg.integration.mechanics import refuse_friction
-from cg.integration.output.member_results import MemberResults, Results, solution_of
-from cg.integration.output.results import EnsembleSolution, Solution
+from cg.integration.output.member_results import Collector, MemberResults, solution_of
+from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
@@ -239,7 +239,7 @@ def solve_one(problem: Problem, options: Options) -> Solution:
 def _count_steps(problem: Problem) -> int:
     """Return the number of equal steps, 0 for adaptive ones; ValueError if they are too many."""
     h = problem.control.h
-    if h is None or problem.sizes is not None:
+    if h is None or problem.step_function is not None:
         return 0
     return equal_steps(h, [problem.t0, *problem.stops.tolist()])
 
@@ -263,7 +263,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
-    ensemble = Results(problem, out)
+    ensemble = Collector(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
         _distribute(whole, part_options, *check_executor(executor, workers), ensemble, watch)
@@ -324,7 +324,12 @@ def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:
 
 
 def _distribute(
-    problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Results, watch: Progress
+    problem: Problem,
+    options: Any,
+    executor: Any,
+    workers: Any,
+    ensemble: Collector,
+    watch: Progress,
 ) -> None:
     """Integrate members on an executor, in chunks that no measured time changes."""
     members, number = len(problem.points), count_workers(executor, workers)

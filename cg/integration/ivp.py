@@ -11,7 +11,7 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.arguments import Options, check_count, complete_options, expand_options
 from cg.integration.ensemble import solve_one
-from cg.integration.output.results import Solution
+from cg.integration.output.solutions import Solution
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients

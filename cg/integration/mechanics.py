@@ -234,7 +234,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Sizes(Observer):
+class StepFunction(Observer):
     """The function of step sizes, after checking."""
 
     def check(self, value: Any, t: float, _: Points) -> Array:
@@ -247,7 +247,7 @@ class Sizes(Observer):
         return number
 
 
-def sizes_of(
+def step_function_of(
     options: Any, plan: Plan, rhs: Any, t: float, stop: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
@@ -267,11 +267,13 @@ def sizes_of(
     except TypeError as error:
         raise TypeError(f"{error}".replace("observe", "step_function")) from None
     assert observer is not None
-    sizes = Sizes(observer.function, plan.frame, (), True)
-    if not isinstance(sizes.function, list):
+    checked = StepFunction(observer.function, plan.frame, (), True)
+    if not isinstance(checked.function, list):
 
         def size_at(time: float, point: Points) -> Array:
-            return sizes.check(sizes.function(time, point.copy(), *rhs.arguments(0)), time, point)
+            return checked.check(
+                checked.function(time, point.copy(), *rhs.arguments(0)), time, point
+            )
 
         assert isinstance(plan.frame, PhaseSpace)
         size = size_at(t, y)
@@ -284,4 +286,4 @@ def sizes_of(
                     "step_function must depend on the configuration alone, or steps can't be "
                     f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
                 )
-    return sizes
+    return checked

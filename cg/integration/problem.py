@@ -41,9 +41,9 @@ from cg.integration.mechanics import (
     check_thermostat,
     read_member_inertia,
     refuse_friction,
-    sizes_of,
+    step_function_of,
 )
-from cg.integration.output.results import EnsembleSolution
+from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import (
     STAGE_SOLVERS,
@@ -94,7 +94,7 @@ class Problem:
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
     thermostat: Langevin | None = None
-    sizes: Observer | None = None  # how steps vary, None for equal or adaptive ones
+    step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
     inertia: MemberInertia | None = None  # None if all members have that of the frame
     first: int = 0  # the number of the first member in the ensemble
     # makes solutions with derivatives of one whose points hold them, or of their only member
@@ -471,7 +471,7 @@ def make_problem(
             f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
             f"{short(options['events'])}"
         )
-    sizes = sizes_of(options, plan, rhs, start, stop, points[0])
+    step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
@@ -479,5 +479,5 @@ def make_problem(
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
         of_time=options["linear"], jacobian=jacobian, observer=observer, own_inputs=own,
-        thermostat=options["thermostat"], inertia=inertia, sizes=sizes,
+        thermostat=options["thermostat"], inertia=inertia, step_function=step_function,
     )  # fmt: skip

@@ -33,7 +33,7 @@ from cg.integration.arguments import (
 )
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.member_results import split_events
-from cg.integration.output.results import DenseOutput, EnsembleOutput
+from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.inputs import Inputs

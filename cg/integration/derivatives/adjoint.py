@@ -30,7 +30,7 @@ from cg.integration.derivatives.field import (
     parameter_differences,
     structure_constants,
 )
-from cg.integration.output.results import DenseOutput, EnsembleSolution
+from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_field

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Legendre
 
-from cg.integration.output.results import DenseOutput
+from cg.integration.output.solutions import DenseOutput
 from cg.integration.rhs.inputs import Inputs
 from cg.support.arrays import Array, Points
 

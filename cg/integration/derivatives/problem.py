@@ -16,7 +16,7 @@ from cg.integration.derivatives.events import VariationalEvents
 from cg.integration.derivatives.field import VariationalField, compiled_variation, count_parameters
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.mechanics import refuse_friction
-from cg.integration.output.results import DenseOutput, EnsembleSolution
+from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.integration.output.results import (
+from cg.integration.output.solutions import (
     DenseOutput,
     EnsembleOutput,
     EnsembleSolution,
@@ -38,7 +38,7 @@ class MemberResults(NamedTuple):
     warnings: list[str]
 
 
-class Results:
+class Collector:
     """The results of all members, collected as they arrive."""
 
     def __init__(self, problem: Problem, out: Any) -> None:
@@ -170,7 +170,7 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
 def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
     if problem.events is not None or problem.dense or problem.finish is not None:
-        ensemble = Results(problem, None)
+        ensemble = Collector(problem, None)
         ensemble.add(slice(0, 1), results)
         return ensemble.solution()[0]
     results.t.setflags(write=False)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.integration.output.results import Steps
+from cg.integration.output.solutions import Steps
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
@@ -95,9 +95,9 @@ class Run:
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_inputs()
-        if problem.sizes is not None:
+        if problem.step_function is not None:
             self.record.sized = 1
-            entries, self._sizing = problem.sizes.entries(self.rhs)
+            entries, self._sizing = problem.step_function.entries(self.rhs)
             for name, value in entries.items():
                 setattr(self.record, name.replace("observer", "sizer"), value)
         if problem.inertia is not None:

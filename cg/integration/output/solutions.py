@@ -224,7 +224,7 @@ _DERIVATIVES = "transition", "sensitivity", "covariance"
 
 
 @dataclass(frozen=True, eq=False)
-class _Results(ReadOnly):
+class _SolutionBase(ReadOnly):
     """What is known of one solution, and of those of many members with an axis for these."""
 
     t: Array
@@ -258,7 +258,7 @@ class _Results(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(_Results):
+class Solution(_SolutionBase):
     """The solution of an initial value problem, with the field names of SciPy's function.
 
     The derivative of ``y[i]`` with respect to a number has coordinates ``xi`` in the frame if it is
@@ -377,7 +377,7 @@ class Solution(_Results):
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleSolution(_Results):
+class EnsembleSolution(_SolutionBase):
     """The solutions of many problems; ``solution[i]`` is the `Solution` of a member.
 
     Attributes
