@@ -23,6 +23,7 @@ from cg.integration.arguments import (
     expand_options,
 )
 from cg.integration.mechanics import refuse_friction
+from cg.integration.messages import TERMINAL_EVENT
 from cg.integration.output.member_results import Collector, MemberResults, solution_of
 from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
@@ -30,7 +31,6 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, find_mistakes
-from cg.integration.run.messages import TERMINAL_EVENT
 from cg.integration.run.run import Run
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.shared_numbers import Stop

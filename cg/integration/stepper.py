@@ -32,6 +32,7 @@ from cg.integration.arguments import (
     read_starts,
 )
 from cg.integration.mechanics import refuse_friction
+from cg.integration.messages import TERMINAL_EVENT, failed_members
 from cg.integration.output.member_results import split_events
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
@@ -41,7 +42,6 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
-from cg.integration.run.messages import TERMINAL_EVENT, failed_members
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, apart, check_finite
 from cg.support.checks import short

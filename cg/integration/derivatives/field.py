@@ -14,6 +14,7 @@ from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
 from cg.integration.derivatives.noise import Noise
+from cg.integration.messages import DERIVATIVES
 from cg.integration.plan.plan import Plan, is_compiled
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import (
@@ -23,7 +24,6 @@ from cg.integration.rhs.inputs import (
     data_at,
 )
 from cg.integration.rhs.python import Check, Derivative, context_of, read_only, when
-from cg.integration.run.messages import DERIVATIVES
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
 from cg.support.shared_numbers import FailedFunction

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.output.solutions import (
     DenseOutput,
     EnsembleOutput,
@@ -17,7 +18,6 @@ from cg.integration.output.solutions import (
     member_fields,
 )
 from cg.integration.problem import Problem
-from cg.integration.run.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.shared_records import COUNTS

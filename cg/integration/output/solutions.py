@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
+from cg.integration.messages import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.integration.run.messages import FINISHED
 from cg.support.arrays import Array, Points, apart, clipped, real_array
 from cg.support.caches import ReadOnly, filled
 from cg.support.shared_records import COUNTS

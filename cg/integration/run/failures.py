@@ -8,9 +8,9 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
+from cg.integration.messages import DERIVATIVES, StepTooLongError
 from cg.integration.plan.plan import STAGE_SOLVERS, ConvergenceError
 from cg.integration.run.drive import find_difficulty
-from cg.integration.run.messages import DERIVATIVES, StepTooLongError
 from cg.integration.run.run import Run
 from cg.support.shared_numbers import Stop
 from cg.tables import Kind
