@@ -23,8 +23,8 @@ from cg.integration.arguments import (
     expand_options,
 )
 from cg.integration.mechanics import refuse_friction
+from cg.integration.member_results import Collector, MemberResults, solution_of
 from cg.integration.messages import TERMINAL_EVENT
-from cg.integration.output.member_results import Collector, MemberResults, solution_of
 from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction

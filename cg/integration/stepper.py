@@ -32,8 +32,8 @@ from cg.integration.arguments import (
     read_starts,
 )
 from cg.integration.mechanics import refuse_friction
+from cg.integration.member_results import split_events
 from cg.integration.messages import TERMINAL_EVENT, failed_members
-from cg.integration.output.member_results import split_events
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
-PACKAGE, CONSTRUCTION = (
+PACKAGE, CONSTRUCTION, INTEGRATION = (
     {
         folder.strip(): level
         for level, layer in enumerate(block.replace("\n", " ").split("→"))
@@ -62,15 +62,17 @@ def rooms_of(path):
 
 
 def test_map_lists_every_room_of_the_package():
-    listed = set(re.findall(r"^      (?:  )?(\w+)(?:/|\.py) ", PAGE, re.MULTILINE))
+    lines = re.findall(r"^      (?:  )?(\w+(?:/|\.py).*?)  ", PAGE, re.MULTILINE)
+    listed = set(re.findall(r"(\w+)(?:/|\.py)", " ".join(lines)))
     assert rooms_of(ROOT / "cg") - {"conditions"} == set(PACKAGE) <= listed
     assert rooms_of(ROOT / "cg" / "construction") == set(CONSTRUCTION) <= listed
+    assert rooms_of(ROOT / "cg" / "integration") == set(INTEGRATION) <= listed
 
 
 @pytest.mark.parametrize(
     ("package", "layer"),
-    [("cg.", PACKAGE), ("cg.construction.", CONSTRUCTION)],
-    ids=["package", "construction"],
+    [("cg.", PACKAGE), ("cg.construction.", CONSTRUCTION), ("cg.integration.", INTEGRATION)],
+    ids=["package", "construction", "integration"],
 )
 def test_rooms_import_only_from_earlier_layers(package, layer):
     def folder_of(module):
