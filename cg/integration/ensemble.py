@@ -32,6 +32,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, find_mistakes
 from cg.integration.run.run import Run
+from cg.support.checks import total_memory
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.shared_numbers import Stop
 
@@ -237,11 +238,25 @@ def solve_one(problem: Problem, options: Options) -> Solution:
 
 
 def _count_steps(problem: Problem) -> int:
-    """Return the number of equal steps, 0 for adaptive ones; ValueError if they are too many."""
-    h = problem.control.h
+    """Return the number of equal steps, 0 for adaptive ones.
+
+    ValueError is raised if their output needs more memory than the machine has.
+    """
+    plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
         return 0
-    return equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    total, needed = steps * len(problem.points), 0
+    if problem.every and problem.keeps_points:
+        needed = (total // problem.every + 2) * (8 * plan.width + 8)
+    if problem.dense:
+        needed += total * 8 * (2 * plan.width + plan.columns * plan.dim + 5)
+    if needed > total_memory():
+        raise ValueError(
+            f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
+            f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
+        )
+    return steps
 
 
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:

@@ -134,6 +134,7 @@ def test_signatures_show_all_options():
     ({"h": Fraction(1, HUGE)}, ValueError, "h must be positive and finite, got"),
     ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
     ({"t_span": (0, 1), "h": 1e-300}, ValueError, "h is too small"),
+    ({"h": 1e-9, "t_eval": [0.5], "dense_output": True}, ValueError, ".* need .* got 1e-09"),
     ({**FIXED, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
     ({**FIXED, "atol": 1e-3}, ValueError, "atol must not be given together with h"),
     ({**FIXED, "first_step": 0.1}, ValueError, "first_step must not be given together"),
@@ -186,6 +187,7 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
     ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
     ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
+    ({"h": 1e-9, "dense_output": False}, ValueError, "too small for t_span: 1000000000 steps"),
     ({"parameters": [[1.0]]}, ValueError, r"parameters must have shape \(k,\)"),
     ({**FORWARD, "df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
     ({**FORWARD, "P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
@@ -225,6 +227,7 @@ def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
     ({"y0": [1.0, 2.0]}, "y0 must have shape"),
     ({"y0": [np.nan]}, "y0 must be finite"),
     ({"h": -0.1}, "h must be positive"),
+    ({"h": 1e-15}, "h is too small for t_span: 1000000000000000 steps need"),
     ({"args": (1,)}, "args must be None for a compiled f"),
     ({"vectorized": True, "y0": [[1.0]]}, "vectorized must be False for a compiled f"),
 ])  # fmt: skip
