@@ -195,7 +195,8 @@ def _roots(path, k, event, solution, grid, sign):
     values = np.array([value(t) for t in grid])
     found, last = [], 0
     for i, g in enumerate(values):
-        new = 0.0 if abs(g) < 1e-11 and i in (0, len(grid) - 1) else np.sign(g)
+        least = 1e-9 if i == 0 and not sign else 1e-11  # behind an event, see `_signs`
+        new = 0.0 if abs(g) < least and i in (0, len(grid) - 1) else np.sign(g)
         if new and sign and new != sign and abs(g) < (event.period or np.inf) / 4:
             bracketed = values[last] * g < 0
             root = brentq(value, grid[last], grid[i], xtol=1e-15) if bracketed else begin
