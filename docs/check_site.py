@@ -24,7 +24,7 @@ SOUGHT = {
     "tableau": "mathematics/index",
     "cython": "howto/compiled",
     "tutorial": "start/first_steps",
-    "stepper": "howto/output_events",
+    "stepper": "howto/output",
     "sensitivity": "howto/covariance",
     "gradient": "howto/jax",
     "JAX": "howto/jax",
