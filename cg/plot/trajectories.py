@@ -10,19 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.plot.attitude import POINTS, drawn_rotations, rotations_of, rotations_on
+from cg.plot.attitude import drawn_rotations, rotations_on
 from cg.plot.style import (
     COLOURS,
     DASHES,
     axes_for,
-    check_label,
     check_solution,
-    check_stored,
     curve_style,
+    drawn,
+    is_solution,
     verbatim,
 )
 from cg.support.arrays import check_finite, is_qobj, real_array
-from cg.support.checks import check_integer
 
 _ARC = math.radians(3)  # angle between points that are drawn of a great circle
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
@@ -55,7 +54,7 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
-    paths = _paths(y)
+    paths = _paths(y, _vectors)
     radius = max(float(np.linalg.norm(path, axis=-1).max()) for path in paths)
     return _trajectory(paths, radius, ax, label, color)
 
@@ -64,9 +63,6 @@ def _trajectory(
     paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None, color: str | None
 ) -> Any:
     """Draw paths within a sphere, in one colour."""
-    check_label(label)
-    if color is not None and not isinstance(color, str):
-        raise TypeError(f"color must be a str or None, got {color!r}")
     ax = axes_for(ax, spatial=True)
     number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
@@ -110,41 +106,35 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
 
 
 def _paths(
-    y: Any, convert: Callable[[Any, Any], NDArray[np.float64]] | None = None
+    y: Any, convert: Callable[[Any, Frame | None], NDArray[np.float64]]
 ) -> list[NDArray[np.float64]]:
     """Return the paths of vectors of a solution, of each member, or of an array."""
-    check_stored(y, "y")
-    frame = getattr(y, "frame", None)
-    if isinstance(frame, Frame) and np.ndim(y.y) > 1 + len(frame.point_shape):
+    if is_solution(y) and np.ndim(y.status):
         return [path for k in range(len(y.status)) for path in _paths(y[k], convert)]
     if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
         y = np.array([state.full().squeeze() for state in y])
-    if getattr(y, "sol", None) is not None:
-        points = np.asarray(y.sol(np.linspace(y.t[0], y.t[-1], POINTS)))
-    else:
-        points = np.asarray(getattr(y, "y", y))
+    frame, _, points = drawn(y)
+    points = np.asarray(points)
     check_finite(points, "y")
-    return [(convert or _vectors)(points, frame)]
+    if not points.size:
+        raise ValueError("y must hold points at one or more times, got none")
+    return [convert(points, frame)]
 
 
-def _vectors(points: Any, frame: Any) -> NDArray[np.float64]:
+def _vectors(points: Any, frame: Frame | None) -> NDArray[np.float64]:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
     if points.ndim == 2 and points.shape[1:] == (3,):
         return real_array(points, "y")
-    rotations = None
-    if isinstance(frame, Frame):
-        rotations = rotations_on(frame, points)
-    elif points.shape[1:] in ((3, 3), (4,)):
-        rotations = rotations_of(points)[0]
+    rotations = rotations_on(frame, points)
     if rotations is None:
         raise ValueError(
-            f"y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got {points.shape}"
-            + (f" on {frame!r}" if isinstance(frame, Frame) else "")
+            "y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got "
+            f"{points.shape} on {frame!r}"
         )
     return rotations.apply([0.0, 0.0, 1.0])
 
 
-def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
+def _bloch_vectors(states: Any, frame: Frame | None) -> NDArray[np.float64]:
     """Return the Bloch vectors of states or propagators, shape ``(n, 3)``."""
     shape = states.shape[1:]
     if np.isrealobj(states) and shape not in ((2,), (2, 2)):
@@ -191,8 +181,8 @@ def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(arcs)
 
 
-def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
-    """Draw the paths of the three axes of a rotating body, and the axes at some times.
+def trajectory_of_axes(y: Any, ax: Any = None) -> Any:
+    """Draw the paths of the three axes of a rotating body, and the axes at the first and last time.
 
     Parameters
     ----------
@@ -201,8 +191,6 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
         quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
         its steps too.
-    triads
-        Number of times, including the first and the last, at which the axes are drawn.
 
     Warns
     -----
@@ -222,16 +210,13 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     '3d'
     """
     matrices = drawn_rotations(y)[0].as_matrix()
-    triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate("xyz"):
         _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
-    for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
-        early = n < len(matrices) - 1
-        for k in range(3):
-            x = np.stack([np.zeros(3), matrices[n, :, k]])
-            ax.plot(*x.T, "-", color=COLOURS[k], linewidth=1.0 if early else 2.5)
+        for n, width in ((0, 1.0), (-1, 2.5)):
+            axis = np.stack([np.zeros(3), matrices[n, :, k]])
+            ax.plot(*axis.T, "-", color=COLOURS[k], linewidth=width)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
@@ -343,7 +328,6 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
         )
     if np.isnan(numbers).all(axis=1).any():
         raise ValueError("values must have at least one number for each time")
-    check_label(label)
     ax = axes_for(ax)
     style = curve_style(ax) | {"marker": ""}
     for low, high in _QUANTILES:
