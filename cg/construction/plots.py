@@ -172,23 +172,17 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     """Return the places of the points: x is the time, and each branch has another height."""
     ends = *tree.stage_points, *tree.results
     used = sorted({m for end in ends for m in tree.path(end)})
-    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
-    for m in used:
-        children[tree.points[m].parent].append(m)
-    times = {START: 0.0}
-    for m in used:
-        point = tree.points[m]
-        times[m] = times[point.parent] + float(sum(point.weights.values(), Fraction(0)))
-    heights: dict[int, float] = {}
-    pending = [(START, START, True)]
-    while pending:  # depth first, each branch above the previous ones
-        m, parent, first = pending.pop()
-        if m == START:
-            heights[m] = 0.0
-        else:
-            heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
-        pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
-    return {m: (times[m], heights[m]) for m in (START, *used)}
+    places: dict[int, tuple[float, float]] = {}
+
+    def place(m: int, height: float) -> None:
+        places[m] = float(sum(tree.flat_row(m))), height
+        for child in used:
+            if tree.points[child].parent == m:
+                place(child, height + _RISE)
+                height = max(y for _, y in places.values()) + 1.0 - _RISE  # above this branch
+
+    place(START, 0.0)
+    return {m: places[m] for m in (START, *used)}
 
 
 def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
