@@ -13,7 +13,7 @@ from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SE3, SO, is_rotation
-from cg.plot.style import COLOURS, axes_for, drawn, members_of, opacity_of
+from cg.plot.style import COLOURS, DASHES, axes_for, drawn, members_of, opacity_of
 from cg.support.arrays import real_array
 from cg.support.checks import short
 
@@ -77,19 +77,10 @@ _SEQUENCES = {
     for axes in product(letters, repeat=3)
     if axes[0] != axes[1] != axes[2]
 }
-_DASHES = ("-", "--", "-.")
-_ORDER = ("first", "second", "third")
-_AIRCRAFT = ("yaw", "pitch", "roll")
 
 
-def attitude(
-    y: Any,
-    ax: Any = None,
-    *,
-    show: str = "ZYX",
-    t: Any = None,
-) -> Any:
-    """Draw angles of an attitude, or its angular velocity, against time.
+def attitude(y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None) -> Any:
+    """Draw Euler angles or the rotation vector of an attitude against time.
 
     Parameters
     ----------
@@ -102,15 +93,14 @@ def attitude(
         A sequence of Euler angles, as for SciPy's ``Rotation.as_euler``: ``"ZYX"`` (default; yaw,
         pitch and roll), upper case for rotations about axes of the body, lower case for axes in
         space; they are continuous, so that they grow beyond 360 degrees in a tumble. Or
-        ``"vector"``, the rotation vector; ``"rate"``, the mean angular velocity in axes of the body
-        between two times.
+        ``"vector"``, the rotation vector.
     t
         Shape ``(n,)``. Increasing times; by default those of the solution, else 0, 1, …
 
     Returns
     -------
     matplotlib.axes.Axes
-        Angles are in degrees, angular velocities in degrees for each unit of time.
+        Angles are in degrees.
 
     Warns
     -----
@@ -129,10 +119,9 @@ def attitude(
     >>> ax.get_ylabel()
     'rotation vector (°)'
     """
-    if show not in ("vector", "rate", *_SEQUENCES):
+    if show not in ("vector", *_SEQUENCES):
         raise ValueError(
-            "show must be a sequence of Euler angles such as 'ZYX', 'vector' or 'rate', "
-            f"got {show!r}"
+            f"show must be a sequence of Euler angles such as 'ZYX', or 'vector', got {show!r}"
         )
     members = members_of(y, "y")
     ax = axes_for(ax)
@@ -144,31 +133,24 @@ def attitude(
                 raise ValueError(f"t must be {len(rotations)} increasing times, as y has, got {t}")
         elif times is None:
             times = np.arange(len(rotations), dtype=np.float64)
-        times, curves, labels, title = _curves(show, rotations, times)
+        curves, labels, title = _curves(show, rotations)
         for curve, label, colour, dashes in zip(
-            np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
+            np.rad2deg(curves.T), labels, COLOURS, DASHES, strict=False
         ):
             (line,) = ax.plot(times, curve, color=colour, linestyle=dashes, linewidth=1.4)
             line.set(alpha=opacity_of(members), label="_" if k else label)
     for handle in ax.legend(frameon=False, fontsize=8).get_lines():
         handle.set_alpha(1.0)
-    unit = "° / unit of time" if show == "rate" else "°"
-    ax.set(xlabel="t", ylabel=f"{title} ({unit})")
+    ax.set(xlabel="t", ylabel=f"{title} (°)")
     return ax
 
 
-def _curves(
-    show: str, rotations: Rotation, times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str], str]:
-    """Return times, curves in radians, shape ``(n, 3)``, their labels and what they are."""
-    labels = [f"{axis} axis" for axis in "xyz"]
-    if show == "rate":
-        step = np.diff(times)
-        rates = (rotations[:-1].inv() * rotations[1:]).as_rotvec() / step[:, None]
-        return times[:-1] + step / 2, rates, labels, "angular velocity"
+def _curves(show: str, rotations: Rotation) -> tuple[NDArray[np.float64], list[str], str]:
+    """Return curves in radians, shape ``(n, 3)``, their labels and what they are."""
     if show == "vector":
-        return times, rotations.as_rotvec(), labels, "rotation vector"
+        return rotations.as_rotvec(), [f"{axis} axis" for axis in "xyz"], "rotation vector"
     sequence: Any = show
-    names = _AIRCRAFT if show == "ZYX" else [f"{order} angle" for order in _ORDER]
+    aircraft = show == "ZYX"
+    names = ("yaw", "pitch", "roll") if aircraft else ("first angle", "second angle", "third angle")
     labels = [f"{name}, {axis}" for name, axis in zip(names, show, strict=True)]
-    return times, np.unwrap(rotations.as_euler(sequence), axis=0), labels, "Euler angles"
+    return np.unwrap(rotations.as_euler(sequence), axis=0), labels, "Euler angles"
