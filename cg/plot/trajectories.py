@@ -27,9 +27,7 @@ _ARC = math.radians(3)  # angle between points that are drawn of a great circle
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 
-def trajectory_on_sphere(
-    y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None
-) -> Any:
+def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     """Draw a trajectory on a sphere around the origin, and the sphere; a dot marks the start.
 
     Parameters
@@ -40,8 +38,6 @@ def trajectory_on_sphere(
         with dense output is drawn between its steps too, others along great circles.
     label
         Name of the curve in the legend.
-    color
-        Colour of the curve.
 
     Examples
     --------
@@ -56,26 +52,23 @@ def trajectory_on_sphere(
     """
     paths = _paths(y, _vectors)
     radius = max(float(np.linalg.norm(path, axis=-1).max()) for path in paths)
-    return _trajectory(paths, radius, ax, label, color)
+    return _trajectory(paths, radius, ax, label)
 
 
-def _trajectory(
-    paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None, color: str | None
-) -> Any:
+def _trajectory(paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None) -> Any:
     """Draw paths within a sphere, in one colour."""
     ax = axes_for(ax, spatial=True)
     number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
-    colour = COLOURS[number % len(COLOURS)] if color is None else color
+    colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
     for k, path in enumerate(paths):
-        points = _along_great_circles(path)
-        _draw_path(ax, points, colour, DASHES[number % len(DASHES)], None if k else label)
+        _draw_path(ax, _along_great_circles(path), colour, dashes, None if k else label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None) -> Any:
+def bloch(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     """Draw the Bloch vector of a two-level system over time, on the sphere of pure states.
 
     Parameters
@@ -85,7 +78,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
         ``(n, 4)``; unitary propagators, shape ``(n, 2, 2)``, of which the state that began in the
         first level is drawn; Bloch vectors, or rotations of them, as for `trajectory_on_sphere`; a
         list of QuTiP's states; or a solution with such points, of one member or of several.
-    ax, label, color
+    ax, label
         As for `trajectory_on_sphere`.
 
     Examples
@@ -98,7 +91,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
-    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label, color)
+    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label)
     if not ax.texts:
         for height, name in ((1.2, "|0⟩"), (-1.2, "|1⟩")):
             ax.text(0.0, 0.0, height, name, ha="center", va="center")
@@ -279,8 +272,6 @@ def invariants(
         values = {name: function(solution.y) for name, function in functions.items()}
     else:
         raise TypeError(f"functions must be a function, or a dict of them, got {functions!r}")
-    if not values:
-        raise ValueError("functions must have at least one invariant, got none")
     times = np.asarray(solution.t, dtype=np.float64)
     ax = axes_for(ax)
     for name, value in values.items():
@@ -326,8 +317,6 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
             f"values must have shape (n, members) for t of shape (n,), got {numbers.shape} for "
             f"{times.shape}"
         )
-    if np.isnan(numbers).all(axis=1).any():
-        raise ValueError("values must have at least one number for each time")
     ax = axes_for(ax)
     style = curve_style(ax) | {"marker": ""}
     for low, high in _QUANTILES:
