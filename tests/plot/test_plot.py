@@ -89,7 +89,7 @@ class TestStability:
     @pytest.mark.parametrize("name", ["CG3", "CF4", "RadauIIA5"])
     def test_fingers_of_order_stars(self, ax, name):
         """As many as the order and one meet at the origin, thus twice as many curves leave it."""
-        cg.plot.order_star(name, ax, x=(-0.6, 0.6), y=(-0.6, 0.6))
+        cg.plot.order_star(name, ax, reach=0.6)
         (edge,) = [c for c in ax.collections if len(c.get_edgecolors()) and not c.filled]
         segments = [
             line for path in edge.get_paths() for line in path.to_polygons(closed_only=False)
@@ -142,7 +142,7 @@ BAD = [
     (cg.plot.tree, "ax", [{"tree": "[]", "ax": "ax"}]),
     (cg.plot.points, "method", [{"method": "DICG4"}, {"method": "Leapfrog"}]),
     (cg.plot.tableau, "method", [{"method": "XX"}, {"method": "Leapfrog"}]),
-    (cg.plot.order_star, "y", [{"method": "CG3", "y": (1, 0)}]),
+    (cg.plot.order_star, "reach", [{"method": "CG3", "reach": 0.0}]),
     (cg.plot.stability_region, "method", [{"method": []}, {"method": "Leapfrog"}]),
     (cg.plot.order_star, "method", [{"method": "Leapfrog"}]),
     (cg.plot.trajectory_on_sphere, "ax", [{"y": np.eye(3), "ax": None}]),
