@@ -128,11 +128,13 @@ def attitude() -> Figure:
         run = cg.solve_ivp(
             FreeRigidBody().f, (0, 8), exact.y[0], frame=exact.frame, rtol=tolerance, atol=tolerance
         )
-        cg.plot.attitude(run, errors, show="error", reference=exact)
-        errors.get_lines()[-1].set(
-            label=f"tolerance {tolerance:g}", linestyle=dashes,
-            color=COLOURS[len(errors.get_lines()) - 1],
-        )  # fmt: skip
+        rotations, reference = (
+            exact.frame.factors[0].as_rotation(exact.frame.split(y)[0])
+            for y in (run.y, exact.sol(run.t))
+        )
+        angle = np.rad2deg((reference.inv() * rotations).magnitude())
+        errors.semilogy(run.t, angle, dashes, label=f"tolerance {tolerance:g}", linewidth=1.4)
+    errors.set(xlabel="t", ylabel="error (°)")
     errors.legend(frameon=False)
     return angles.figure
 

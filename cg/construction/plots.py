@@ -19,7 +19,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.support.checks import check_instance, check_integer, check_interval
+from cg.support.checks import check_instance, check_integer, check_real
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
@@ -172,23 +172,17 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     """Return the places of the points: x is the time, and each branch has another height."""
     ends = *tree.stage_points, *tree.results
     used = sorted({m for end in ends for m in tree.path(end)})
-    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
-    for m in used:
-        children[tree.points[m].parent].append(m)
-    times = {START: 0.0}
-    for m in used:
-        point = tree.points[m]
-        times[m] = times[point.parent] + float(sum(point.weights.values(), Fraction(0)))
-    heights: dict[int, float] = {}
-    pending = [(START, START, True)]
-    while pending:  # depth first, each branch above the previous ones
-        m, parent, first = pending.pop()
-        if m == START:
-            heights[m] = 0.0
-        else:
-            heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
-        pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
-    return {m: (times[m], heights[m]) for m in (START, *used)}
+    places: dict[int, tuple[float, float]] = {}
+
+    def place(m: int, height: float) -> None:
+        places[m] = float(sum(tree.flat_row(m))), height
+        for child in used:
+            if tree.points[child].parent == m:
+                place(child, height + _RISE)
+                height = max(y for _, y in places.values()) + 1.0 - _RISE  # above this branch
+
+    place(START, 0.0)
+    return {m: places[m] for m in (START, *used)}
 
 
 def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
@@ -249,7 +243,7 @@ def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int
     return [(x - places[0][0], height) for x, height in places], edges
 
 
-def stability_region(method: str | Method | Sequence[str | Method], ax: Any = None) -> Any:
+def stability_region(method: Any, ax: Any = None) -> Any:
     """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
     R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
@@ -259,6 +253,7 @@ def stability_region(method: str | Method | Sequence[str | Method], ax: Any = No
     Parameters
     ----------
     method
+        A method, its name, or a list of them.
 
     Examples
     --------
@@ -267,12 +262,8 @@ def stability_region(method: str | Method | Sequence[str | Method], ax: Any = No
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['CG2', 'CF4']
     """
-    if not isinstance(method, Method | Sequence):
-        raise TypeError(f"method must be a method, a name, or a sequence of them, got {method!r}")
-    names = [method] if isinstance(method, str | Method) else list(method)
-    methods = [no_splitting(resolve_method(name)) for name in names]
-    if not methods:
-        raise ValueError("method must be one or more methods, got none")
+    several = isinstance(method, list | tuple) and len(method) > 0
+    methods = [no_splitting(resolve_method(name)) for name in (method if several else [method])]
     grid, z = _plane(*_box(methods))
     ax = axes_for(ax)
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
@@ -291,10 +282,7 @@ def stability_region(method: str | Method | Sequence[str | Method], ax: Any = No
     return ax
 
 
-def order_star(
-    method: str | Method, ax: Any = None, *, x: Range | None = None,
-    y: Range | None = None,
-) -> Any:  # fmt: skip
+def order_star(method: str | Method, ax: Any = None, *, reach: float | None = None) -> Any:
     """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
 
     If the method has order p, p + 1 fingers and as many gaps meet at the origin.
@@ -302,8 +290,8 @@ def order_star(
     Parameters
     ----------
     method
-    x, y
-        Pairs of float. Ranges of the real and the imaginary part, by default between ±(1 + stages).
+    reach
+        Largest real and imaginary part that are drawn, by default 1 + stages.
 
     Examples
     --------
@@ -312,11 +300,8 @@ def order_star(
     'CF4'
     """
     method = no_splitting(resolve_method(method))
-    reach = 1.0 + method.stages
-    box = (-reach, reach)
-    grid, z = _plane(
-        box if x is None else check_interval("x", x), box if y is None else check_interval("y", y)
-    )
+    reach = 1.0 + method.stages if reach is None else check_real("reach", reach, positive=True)
+    grid, z = _plane((-reach, reach), (-reach, reach))
     ax = axes_for(ax)
     size = np.abs(growth(method, z) * np.exp(-z))
     ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)

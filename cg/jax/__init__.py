@@ -14,8 +14,7 @@ except ImportError as error:
     ) from error
 
 from cg.jax.control import controller
-from cg.jax.frames import from_jaxlie, to_jaxlie
-from cg.jax.points import cotangent, flow, log
+from cg.jax.frames import cotangent, flow, log
 from cg.jax.products import join, split
 from cg.jax.solver import Solver, divergence
 from cg.jax.term import FrameTerm, LinearTerm, NoiseTerm
@@ -29,9 +28,7 @@ __all__ = [
     "cotangent",
     "divergence",
     "flow",
-    "from_jaxlie",
     "join",
     "log",
     "split",
-    "to_jaxlie",
 ]

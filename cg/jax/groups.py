@@ -365,18 +365,14 @@ def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
     return unit * jnp.eye(3, dtype=v.dtype) + (once * wedge + twice * jnp.outer(v, v))
 
 
-def quaternion_of(away: JaxArray) -> JaxArray:
-    """Return the unit quaternion (x, y, z, w), w ≥ 0, of the rotation identity plus `away`."""
+def rotation_logarithm(away: JaxArray) -> JaxArray:
+    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+    # The largest row of the quaternion's square of rank one, scalar last
     trace = jnp.trace(away)
     axial = jnp.stack([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]])
     block = away + away.T + jnp.diag(-trace * jnp.ones(3, away.dtype))
     outer = jnp.block([[block, axial[:, None]], [axial[None, :], (4.0 + trace)[None, None]]])
     q = outer[jnp.argmax(jnp.diagonal(outer))]
     q = q / jnp.sqrt(q @ q)
-    return jnp.where(q[3] < 0.0, -q, q)
-
-
-def rotation_logarithm(away: JaxArray) -> JaxArray:
-    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
-    q = quaternion_of(away)
+    q = jnp.where(q[3] < 0.0, -q, q)
     return rotation_vector(q[:3], q[3])

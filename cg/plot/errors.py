@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.plot.style import FAINT, axes_for, check_label, curve_style
+from cg.plot.style import FAINT, axes_for, curve_style
 from cg.support.arrays import vectors_of_one_length
 from cg.support.checks import check_real
-
-_MAX_RATIO = 300.0  # ratio of the ends of an axis whose ticks 2 and 5 are labelled too
 
 
 def convergence(
@@ -58,7 +56,6 @@ def convergence(
             fontsize=8,
             color="#444444",
         )
-    _label_steps(ax)
     ax.set_xlabel("step size h")
     return ax
 
@@ -96,7 +93,6 @@ def work_precision(
 
 
 def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: str | None) -> Any:
-    check_label(label)
     ax = axes_for(ax)
     order = np.argsort(x)
     ax.plot(x[order], errors[order], label=label, **curve_style(ax))
@@ -106,17 +102,6 @@ def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: s
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
-
-
-def _label_steps(ax: Any) -> None:
-    """Label 1, 2 and 5 in each decade, or powers of ten on a long axis."""
-    from matplotlib import ticker
-
-    low, high = ax.get_xlim()
-    subs = (1.0, 2.0, 5.0) if high / low < _MAX_RATIO else (1.0,)
-    ax.xaxis.set_major_locator(ticker.LogLocator(subs=subs))
-    ax.xaxis.set_major_formatter(ticker.FuncFormatter(lambda x, _: f"{x:g}"))
-    ax.xaxis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _pairs(

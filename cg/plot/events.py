@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cg.plot import style
-from cg.plot.attitude import POINTS
 from cg.support.arrays import real_array
 
 Entry = int | tuple[int, ...] | Callable[[Any], Any]
@@ -109,7 +108,6 @@ def phase_plane(
     >>> ax = cg.plot.phase_plane(run, 0, 1, names=("angle (rad)", "rate (rad/s)"))
     """
     style.check_solution(solution)
-    style.check_label(label)
     names = [_name(x, "x"), _name(y, "y")] if names is None else names
     if isinstance(names, str) or [isinstance(name, str) for name in names] != [True, True]:
         raise TypeError(f"names must be two strings, got {names!r}")
@@ -170,7 +168,7 @@ def _path(solution: Any) -> tuple[Any, Any, Any]:
         ts = solution.sol.ts
         # Each step has four points, also if it is short.
         within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)
-        times = np.append(within, np.linspace(ts[0], ts[-1], POINTS))
+        times = np.append(within, np.linspace(ts[0], ts[-1], style.POINTS))
         points = solution.sol(times)
     parts = [(2 * len(rows), times, points)]
     for i, jumped in enumerate(_jumped(solution)):

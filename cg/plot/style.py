@@ -1,11 +1,11 @@
-"""Axes, colours and dashes of all plots."""
+"""Axes, colours and dashes of all plots, and what they draw of a solution."""
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.support.checks import short
 from cg.support.parsing import visible
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -16,6 +16,8 @@ FAINT = "#999999"
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
 _MARKERS = "os^Dv<>"
 _CURVE = "cg-curve"
+
+POINTS = 1000  # drawn of a solution with dense output
 
 
 def axes_for(ax: Any, *, spatial: bool = False) -> Any:
@@ -84,20 +86,27 @@ def opacity_of(members: list[Any]) -> float:
 
 
 def check_stored(solution: Any, name: str) -> None:
-    """Raise ValueError if a solution stores no points, or an array has none."""
-    points = getattr(solution, "y", solution)
-    if points is None:
+    """Raise ValueError if a solution stores no points."""
+    if getattr(solution, "y", solution) is None:
         raise ValueError(f'{name} must have points, got a solution with store="observed"')
-    if isinstance(points, np.ndarray | list | tuple) and not getattr(points, "size", len(points)):
-        raise ValueError(f"{name} must hold points at one or more times, got {short(solution)}")
+
+
+def drawn(y: Any) -> tuple[Frame | None, NDArray[np.float64] | None, Any]:
+    """Return the frame, the times and the points of a solution, between its steps too if it can.
+
+    Of other values, such as arrays, only they themselves.
+    """
+    check_stored(y, "y")
+    if not is_solution(y):
+        return None, None, y
+    if np.ndim(y.status):
+        raise ValueError("y must be a solution of one member, such as run[0] of an ensemble")
+    if y.sol is None:
+        return y.frame, y.t, y.y
+    times = np.linspace(y.t[0], y.t[-1], POINTS)
+    return y.frame, times, y.sol(times)
 
 
 def verbatim(text: str) -> str:
     """Return a text with dollar signs escaped for matplotlib."""
     return visible(text).replace("$", r"\$")
-
-
-def check_label(label: Any) -> None:
-    """Raise TypeError unless a label is a str or None."""
-    if label is not None and not isinstance(label, str):
-        raise TypeError(f"label must be a str or None, got {label!r}")

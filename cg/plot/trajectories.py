@@ -10,27 +10,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.plot.attitude import POINTS, drawn_rotations, rotations_of, rotations_on
+from cg.plot.attitude import drawn_rotations, rotations_on
 from cg.plot.style import (
     COLOURS,
     DASHES,
     axes_for,
-    check_label,
     check_solution,
-    check_stored,
     curve_style,
+    drawn,
+    is_solution,
     verbatim,
 )
 from cg.support.arrays import check_finite, is_qobj, real_array
-from cg.support.checks import check_integer
 
 _ARC = math.radians(3)  # angle between points that are drawn of a great circle
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
 
-def trajectory_on_sphere(
-    y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None
-) -> Any:
+def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     """Draw a trajectory on a sphere around the origin, and the sphere; a dot marks the start.
 
     Parameters
@@ -41,8 +38,6 @@ def trajectory_on_sphere(
         with dense output is drawn between its steps too, others along great circles.
     label
         Name of the curve in the legend.
-    color
-        Colour of the curve.
 
     Examples
     --------
@@ -55,31 +50,25 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
-    paths = _paths(y)
+    paths = _paths(y, _vectors)
     radius = max(float(np.linalg.norm(path, axis=-1).max()) for path in paths)
-    return _trajectory(paths, radius, ax, label, color)
+    return _trajectory(paths, radius, ax, label)
 
 
-def _trajectory(
-    paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None, color: str | None
-) -> Any:
+def _trajectory(paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None) -> Any:
     """Draw paths within a sphere, in one colour."""
-    check_label(label)
-    if color is not None and not isinstance(color, str):
-        raise TypeError(f"color must be a str or None, got {color!r}")
     ax = axes_for(ax, spatial=True)
     number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
-    colour = COLOURS[number % len(COLOURS)] if color is None else color
+    colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
     for k, path in enumerate(paths):
-        points = _along_great_circles(path)
-        _draw_path(ax, points, colour, DASHES[number % len(DASHES)], None if k else label)
+        _draw_path(ax, _along_great_circles(path), colour, dashes, None if k else label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None) -> Any:
+def bloch(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     """Draw the Bloch vector of a two-level system over time, on the sphere of pure states.
 
     Parameters
@@ -89,7 +78,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
         ``(n, 4)``; unitary propagators, shape ``(n, 2, 2)``, of which the state that began in the
         first level is drawn; Bloch vectors, or rotations of them, as for `trajectory_on_sphere`; a
         list of QuTiP's states; or a solution with such points, of one member or of several.
-    ax, label, color
+    ax, label
         As for `trajectory_on_sphere`.
 
     Examples
@@ -102,7 +91,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
-    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label, color)
+    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label)
     if not ax.texts:
         for height, name in ((1.2, "|0⟩"), (-1.2, "|1⟩")):
             ax.text(0.0, 0.0, height, name, ha="center", va="center")
@@ -110,41 +99,35 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
 
 
 def _paths(
-    y: Any, convert: Callable[[Any, Any], NDArray[np.float64]] | None = None
+    y: Any, convert: Callable[[Any, Frame | None], NDArray[np.float64]]
 ) -> list[NDArray[np.float64]]:
     """Return the paths of vectors of a solution, of each member, or of an array."""
-    check_stored(y, "y")
-    frame = getattr(y, "frame", None)
-    if isinstance(frame, Frame) and np.ndim(y.y) > 1 + len(frame.point_shape):
+    if is_solution(y) and np.ndim(y.status):
         return [path for k in range(len(y.status)) for path in _paths(y[k], convert)]
     if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
         y = np.array([state.full().squeeze() for state in y])
-    if getattr(y, "sol", None) is not None:
-        points = np.asarray(y.sol(np.linspace(y.t[0], y.t[-1], POINTS)))
-    else:
-        points = np.asarray(getattr(y, "y", y))
+    frame, _, points = drawn(y)
+    points = np.asarray(points)
     check_finite(points, "y")
-    return [(convert or _vectors)(points, frame)]
+    if not points.size:
+        raise ValueError("y must hold points at one or more times, got none")
+    return [convert(points, frame)]
 
 
-def _vectors(points: Any, frame: Any) -> NDArray[np.float64]:
+def _vectors(points: Any, frame: Frame | None) -> NDArray[np.float64]:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
     if points.ndim == 2 and points.shape[1:] == (3,):
         return real_array(points, "y")
-    rotations = None
-    if isinstance(frame, Frame):
-        rotations = rotations_on(frame, points)
-    elif points.shape[1:] in ((3, 3), (4,)):
-        rotations = rotations_of(points)[0]
+    rotations = rotations_on(frame, points)
     if rotations is None:
         raise ValueError(
-            f"y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got {points.shape}"
-            + (f" on {frame!r}" if isinstance(frame, Frame) else "")
+            "y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got "
+            f"{points.shape} on {frame!r}"
         )
     return rotations.apply([0.0, 0.0, 1.0])
 
 
-def _bloch_vectors(states: Any, frame: Any = None) -> NDArray[np.float64]:
+def _bloch_vectors(states: Any, frame: Frame | None) -> NDArray[np.float64]:
     """Return the Bloch vectors of states or propagators, shape ``(n, 3)``."""
     shape = states.shape[1:]
     if np.isrealobj(states) and shape not in ((2,), (2, 2)):
@@ -191,8 +174,8 @@ def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(arcs)
 
 
-def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
-    """Draw the paths of the three axes of a rotating body, and the axes at some times.
+def trajectory_of_axes(y: Any, ax: Any = None) -> Any:
+    """Draw the paths of the three axes of a rotating body, and the axes at the first and last time.
 
     Parameters
     ----------
@@ -201,8 +184,6 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
         quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
         its steps too.
-    triads
-        Number of times, including the first and the last, at which the axes are drawn.
 
     Warns
     -----
@@ -222,16 +203,13 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     '3d'
     """
     matrices = drawn_rotations(y)[0].as_matrix()
-    triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate("xyz"):
         _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
-    for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
-        early = n < len(matrices) - 1
-        for k in range(3):
-            x = np.stack([np.zeros(3), matrices[n, :, k]])
-            ax.plot(*x.T, "-", color=COLOURS[k], linewidth=1.0 if early else 2.5)
+        for n, width in ((0, 1.0), (-1, 2.5)):
+            axis = np.stack([np.zeros(3), matrices[n, :, k]])
+            ax.plot(*axis.T, "-", color=COLOURS[k], linewidth=width)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
@@ -294,8 +272,6 @@ def invariants(
         values = {name: function(solution.y) for name, function in functions.items()}
     else:
         raise TypeError(f"functions must be a function, or a dict of them, got {functions!r}")
-    if not values:
-        raise ValueError("functions must have at least one invariant, got none")
     times = np.asarray(solution.t, dtype=np.float64)
     ax = axes_for(ax)
     for name, value in values.items():
@@ -341,9 +317,6 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
             f"values must have shape (n, members) for t of shape (n,), got {numbers.shape} for "
             f"{times.shape}"
         )
-    if np.isnan(numbers).all(axis=1).any():
-        raise ValueError("values must have at least one number for each time")
-    check_label(label)
     ax = axes_for(ax)
     style = curve_style(ax) | {"marker": ""}
     for low, high in _QUANTILES:

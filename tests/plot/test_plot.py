@@ -89,7 +89,7 @@ class TestStability:
     @pytest.mark.parametrize("name", ["CG3", "CF4", "RadauIIA5"])
     def test_fingers_of_order_stars(self, ax, name):
         """As many as the order and one meet at the origin, thus twice as many curves leave it."""
-        cg.plot.order_star(name, ax, x=(-0.6, 0.6), y=(-0.6, 0.6))
+        cg.plot.order_star(name, ax, reach=0.6)
         (edge,) = [c for c in ax.collections if len(c.get_edgecolors()) and not c.filled]
         segments = [
             line for path in edge.get_paths() for line in path.to_polygons(closed_only=False)
@@ -115,10 +115,6 @@ class TestErrors:
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["mine", "other"]
         looks = {(c.get_color(), c.get_linestyle(), c.get_marker()) for c in (curve, second)}
         assert len(looks) == 2
-        ax.figure.canvas.draw()
-        labels = [tick.get_text() for tick in ax.get_xticklabels()]
-        assert "0.1" in labels
-        assert "0.2" in labels
 
 
 class TestTrajectories:
@@ -128,10 +124,10 @@ class TestTrajectories:
             method="CG3", h=0.25,
         )  # fmt: skip
         cg.plot.trajectory_on_sphere(run, spatial, label="one")
-        cg.plot.trajectory_on_sphere(run.y, spatial, color="black")
+        cg.plot.trajectory_on_sphere(run.y, spatial)
         first, second = spatial.get_lines()
         np.testing.assert_array_equal(np.stack(first.get_data_3d(), axis=1), run.y)
-        assert (first.get_color(), second.get_color()) == (COLOURS[0], "black")
+        assert (first.get_color(), second.get_color()) == COLOURS[:2]
         assert first.get_linestyle() != second.get_linestyle()
         labels = spatial.get_xlabel(), spatial.get_ylabel(), spatial.get_zlabel()
         assert labels == ("x", "y", "z")
@@ -146,16 +142,15 @@ BAD = [
     (cg.plot.tree, "ax", [{"tree": "[]", "ax": "ax"}]),
     (cg.plot.points, "method", [{"method": "DICG4"}, {"method": "Leapfrog"}]),
     (cg.plot.tableau, "method", [{"method": "XX"}, {"method": "Leapfrog"}]),
-    (cg.plot.order_star, "y", [{"method": "CG3", "y": (1, 0)}]),
+    (cg.plot.order_star, "reach", [{"method": "CG3", "reach": 0.0}]),
     (cg.plot.stability_region, "method", [{"method": []}, {"method": "Leapfrog"}]),
     (cg.plot.order_star, "method", [{"method": "Leapfrog"}]),
     (cg.plot.trajectory_on_sphere, "ax", [{"y": np.eye(3), "ax": None}]),
     (cg.plot.trajectory_on_sphere, "y", [{"y": np.ones((3, 4))}, {"y": np.nan * np.eye(3)}]),
-    (cg.plot.bands, "values", [{"t": [0, 1], "values": v} for v in ([1, 2], [[1], [np.nan]])]),
+    (cg.plot.bands, "values", [{"t": [0, 1], "values": [1, 2]}]),
     (cg.plot.bloch, "y", [{"y": np.ones((3, 5))}, {"y": [[1, np.nan]]}]),
     (cg.plot.bloch, "y must hold points at one or more times", [{"y": []}]),
     (cg.plot.trajectory_of_axes, "y", [{"y": ONES[:, :2]}, {"y": ONES}]),
-    (cg.plot.trajectory_of_axes, "triads", [{"y": np.eye(3)[None], "triads": -1}]),
     (cg.plot.convergence, "h", [{"h": [0.1, 0.2], "errors": [1e-3]}, {"h": "ab", "errors": [1.0]}]),
     (cg.plot.convergence, "h", [{"h": [0.1, -0.2], "errors": [1e-3, 1e-3]}]),
     (
@@ -168,13 +163,6 @@ BAD = [
     (cg.plot.attitude, "y", [{"y": np.full((2, 4), np.nan)}]),
     (cg.plot.attitude, "show", [{"y": ROTATIONS, "show": show} for show in ("Xyz", "xxz")]),
     (cg.plot.attitude, "t", [{"y": ROTATIONS, "t": t} for t in ([0, 1], [0, 1, 1, 2, 3])]),
-    (cg.plot.attitude, "reference", [{"y": ROTATIONS, "show": "error"}]),
-    (cg.plot.attitude, "reference", [{"y": ROTATIONS, "reference": ROTATIONS}]),
-    (
-        cg.plot.attitude,
-        "reference",
-        [{"y": ROTATIONS, "show": "error", "reference": ROTATIONS[:2]}],
-    ),
 ]
 
 
@@ -194,14 +182,12 @@ class TestAttitude:
         ("ZYX", turns.as_euler("ZYX", degrees=True)),
         ("xyx", turns.as_euler("xyx", degrees=True)),
         ("vector", np.rad2deg(turns.as_rotvec())),
-        ("rate", np.rad2deg(np.tile([0.05, -0.1, 0.45], (4, 1)))),
     ])  # fmt: skip
     def test_shows(self, ax, show, curves):
         cg.plot.attitude(self.turns, ax, show=show, t=self.t)
-        times = self.t[:-1] + 0.25 if show == "rate" else self.t
         assert len(ax.lines) == 3
         for line, curve in zip(ax.lines, curves.T, strict=True):
-            np.testing.assert_array_equal(line.get_xdata(), times)
+            np.testing.assert_array_equal(line.get_xdata(), self.t)
             np.testing.assert_allclose(line.get_ydata(), curve, atol=1e-12)
 
     @pytest.mark.parametrize(("frame", "y0"), [
@@ -218,11 +204,6 @@ class TestAttitude:
         times, angles = ax.lines[0].get_data()
         assert len(times) > 100
         np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)
-        exact = Rotation.from_rotvec([[0.5, 0, 0], [1.0, 0.1, 0]])
-        cg.plot.attitude(exact, ax, show="error", t=[1.0, 2.0], reference=run)
-        np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
-        assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
-        assert ax.get_yscale() == "log"
 
 
 class TestPaths:
@@ -278,7 +259,7 @@ def test_dashes_are_no_matter_of_the_settings_of_matplotlib():
     with plt.rc_context({"axes.prop_cycle": cycle}):
         draws = [cg.plot.tree("[[][]]"), cg.plot.points("CF4"), cg.plot.tableau("CG3")]
     assert {line.get_linestyle() for ax in draws for line in ax.lines} == {"-"}
-    lines = cg.plot.trajectory_of_axes(ROTATIONS, triads=0).lines
+    lines = cg.plot.trajectory_of_axes(ROTATIONS).lines[::3]
     assert len({line.get_linestyle() for line in lines}) == 3
 
 
@@ -294,7 +275,6 @@ def test_invariants_are_drawn_from_their_start():
     assert ax.get_yscale() == "log"
     cg.plot.invariants(run, lambda y: top.invariants(y)["energy"], ax)
     np.testing.assert_array_equal(ax.lines[-1].get_ydata(), ax.lines[-2].get_ydata())
-    refuses(ValueError, "functions must have at least one", cg.plot.invariants, run, lambda y: {})
 
 
 STATES = np.array([[1, 0], [0, 1], [1, 1], [1, 1j]], dtype=complex)

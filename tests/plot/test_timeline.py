@@ -180,7 +180,6 @@ def test_bad_arguments_are_named():
         (cg.plot.phase_plane, "names", [
             [run, 0, 1, None, {"names": names}] for names in ("ab", ["a"], ["a", 1])
         ]),
-        (cg.plot.phase_plane, "label", [[run, 0, 1, None, {"label": 1}]]),
     ]  # fmt: skip
     for function, name, calls in bad:
         for call in calls:
