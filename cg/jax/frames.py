@@ -31,10 +31,14 @@ from cg.jax.products import power_rules, product_rules
 from cg.jax.rules import Rules, read_point, real_dtype
 
 
-@lru_cache(maxsize=256)
 def rules_of(frame: Frame) -> Rules:
     """Return the functions of a frame in JAX; TypeError if it has none."""
     check_frame(frame)
+    return _rules(frame)
+
+
+@lru_cache(maxsize=256)
+def _rules(frame: Frame) -> Rules:
     make = _MAKERS.get(type(frame))
     if make is None:
         known = ", ".join(kind.__name__ for kind in _MAKERS)

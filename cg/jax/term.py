@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cg.frames import Euclidean, Frame
+from cg.frames import Euclidean, Frame, Product
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
@@ -284,8 +284,13 @@ def increments(
 
 def _check_point(frame: Frame, y: Any) -> None:
     """Raise ValueError if something is no array of the shape and kind of a point."""
-    if not isinstance(y, jax.Array | np.ndarray) or y.shape != frame.point_shape:
-        got = f"shape {y.shape}" if hasattr(y, "shape") else f"a {type(y).__name__}"
-        raise ValueError(f"y0 must be one point, an array of shape {frame.point_shape}, got {got}")
+    if not isinstance(y, jax.Array | np.ndarray):
+        hint = "; cg.jax.join makes one of its parts" if isinstance(frame, Product) else ""
+        kind = type(y).__name__
+        raise ValueError(f"y0 must be an array of shape {frame.point_shape}, got a {kind}{hint}")
+    if y.shape != frame.point_shape:
+        hint = "; jax.vmap takes a batch" if y.shape[1:] == frame.point_shape else ""
+        raise ValueError(f"y0 must have shape {frame.point_shape}, got {y.shape}{hint}")
     if jnp.iscomplexobj(y) != (frame.dtype.kind == "c"):
-        raise ValueError(f"y0 must have a type such as {frame.dtype} for {frame!r}, got {y.dtype}")
+        kind = "complex" if frame.dtype.kind == "c" else "real"
+        raise ValueError(f"y0 must be {kind} for {frame!r}, got {y.dtype}")

@@ -78,10 +78,10 @@ class TestRefusals:
         refuses(ValueError, expected + "complex128", run, lambda t, y, args: 1j * y[:3])
         refuses(ValueError, expected + "None", run, lambda t, y, args: None)
         refuses(ValueError, "y0 must", run, y0=y0[:3])
-        refuses(ValueError, r"y0 must be one point.*got shape \(2, 4\)", run, y0=np.stack([y0, y0]))
+        refuses(ValueError, r"got \(2, 4\); jax.vmap takes a batch", run, y0=np.stack([y0, y0]))
         refuses(ValueError, "y0 must", run, y0=y0 + 0j)
         ours, both = term(ATTITUDE_AND_VELOCITY)[0], (y0, np.ones(3))
-        with pytest.raises(ValueError, match=r"y0 must.*got a tuple"):
+        with pytest.raises(ValueError, match=r"got a tuple; cg.jax.join makes one of its parts"):
             solve(ours, cg.jax.Solver("CF4"), both, h=0.1)
 
     @pytest.mark.parametrize("frame", [fr.SO3(), fr.Euclidean(2)], ids=repr)

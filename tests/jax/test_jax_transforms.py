@@ -201,6 +201,17 @@ def test_transition_matrices_change_by_the_divergence(frame):
     assert float(start + end) * eps / 2 == pytest.approx(expected, abs=2e-11)
 
 
+@pytest.mark.parametrize("frame", [SO3(), Sphere(2)], ids=repr)
+def test_estimates_have_the_divergence_as_mean(frame):
+    f = field(frame)
+    y = jnp.asarray(frame.random_point(np.random.default_rng(4)))
+    exact = float(jax.jit(cg.jax.divergence(f, frame))(0.2, y, 0.5))
+
+    estimate = lambda key: cg.jax.divergence(f, frame, key=key)(0.2, y, 0.5)
+    estimates = jax.jit(jax.vmap(estimate))(jax.random.split(jax.random.key(1), 4000))
+    assert abs(estimates.mean() - exact) < 4 * estimates.std() / 4000**0.5 + 1e-6
+
+
 def test_fields_of_the_user_are_refused():
     for kind in (cg.frames.MatrixFrame, cg.frames.LinearAction):
         own = kind([[[1.0, -1.0], [1.0, 0.0]]])
