@@ -12,7 +12,7 @@ from quotients import derivative
 from refusals import refuses
 
 import cg
-from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop, StateDependentRotation
+from cg.problems import FreeRigidBody, HeavyTop, StateDependentRotation
 from cg.problems.convergence import observed_order, slopes
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs/gallery"
@@ -35,7 +35,7 @@ def example(name):
 
 
 PROBLEMS = [
-    FreeRigidBody(), ForcedRigidBody(), HeavyTop(), HeavyTop("velocity"),
+    FreeRigidBody(), HeavyTop(), HeavyTop("velocity"),
     StateDependentRotation("body"), StateDependentRotation("space"),
 ]  # fmt: skip
 
@@ -69,8 +69,6 @@ def test_references_agree_with_an_independent_solver(problem):
         (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
         for t in ("noon", np.nan, np.inf, None)
     ),
-    (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
-    (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
 ])  # fmt: skip
 def test_bad_arguments_are_rejected(make, error, message):
     refuses(error, message, make)
