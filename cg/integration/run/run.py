@@ -21,7 +21,7 @@ from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
@@ -154,16 +154,14 @@ class Run:
         rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
         rows += 2 * plan.columns if within else 0
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
-        addresses = plan.address, ctypes.addressof(record)
-        self.address = self._reserving(needed, self._core.loop_open, *addresses)
+        self._check_memory(needed)
+        self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
-    def _reserving(self, needed: int, function: Any, *arguments: int) -> Any:
-        if self._lanes == 1 and needed <= _MUCH:
-            return function(*arguments)
-        with reserved(needed, f"{self._lanes} trajectories of {self.plan.width} numbers"):
-            return function(*arguments)
+    def _check_memory(self, needed: int) -> None:
+        if self._lanes > 1 or needed > _MUCH:
+            check_memory(needed, f"{self._lanes} trajectories of {self.plan.width} numbers")
 
     def __del__(self) -> None:
         if self.address:
@@ -247,8 +245,8 @@ class Run:
     def call(self) -> None:
         """Call compiled code once and collect its output."""
         try:
-            needed = 32 * self._lanes * (self.plan.width + self.plan.dim + 2)
-            self._reserving(needed, self._core.loop_drive, self.address)
+            self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
+            self._core.loop_drive(self.address)
         except Exception as error:
             self._add_note(error)
             raise
