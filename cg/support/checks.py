@@ -2,6 +2,7 @@
 
 import math
 import operator
+import os
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from numbers import Real
@@ -113,3 +114,11 @@ def check_interval(name: str, value: Any) -> tuple[float, float]:
         if lower < upper:
             return lower, upper
     raise ValueError(f"{name} must be two increasing finite numbers, got {value!r}")
+
+
+def total_memory() -> float:
+    """Return the bytes of memory of the machine, infinity if they are unknown."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf

@@ -4,10 +4,9 @@ A failed ``allocate`` in Fortran stops the program, and so does an automatic arr
 call follows from its arguments, and is compared here with the available memory.
 """
 
-import math
-import os
-
 import numpy as np
+
+from cg.support.checks import total_memory
 
 _SLACK = 1 << 20  # memory of f2py and of the allocator
 
@@ -18,17 +17,9 @@ def check_memory(needed: int, what: str) -> None:
     `needed` bounds the bytes that it allocates at any one time; `what` names it in messages.
     """
     try:
-        if needed + _SLACK > _total_memory():
+        if needed + _SLACK > total_memory():
             raise MemoryError
         np.empty(needed + _SLACK, dtype=np.uint8)  # untouched, it reserves addresses alone
     except (MemoryError, ValueError):  # ValueError: beyond all addresses
         size = f"{needed / 2**30:.3g} GiB" if needed >> 30 else f"{needed / 2**20:.3g} MiB"
         raise MemoryError(f"{what} needs {size} of memory, which is not available") from None
-
-
-def _total_memory() -> float:
-    """Return the bytes of memory of the machine, infinity if they are unknown."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return math.inf
