@@ -13,7 +13,7 @@ from refusals import refuses
 
 import cg
 from cg.problems import FreeRigidBody, HeavyTop, StateDependentRotation
-from cg.problems.convergence import observed_order, slopes
+from cg.problems.convergence import observed_order
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs/gallery"
 NAMES = sorted(path.stem for path in GALLERY.glob("*.py") if not path.stem.startswith("plot_"))
@@ -77,7 +77,6 @@ def test_bad_arguments_are_rejected(make, error, message):
 def test_slope_of_exact_powers():
     h = np.array([0.05, 0.4, 0.1, 0.2])
     assert observed_order(h, 3.0 * h**4) == pytest.approx(4.0)
-    np.testing.assert_allclose(slopes(h, h**2.5), 2.5)
 
 
 def test_asymptotic_range_leaves_out_coarse_steps_and_rounding():
