@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.frames import Frame
-from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop
+from cg.frames import SO3, Euclidean, Frame, Product
+from cg.problems import FreeRigidBody, HeavyTop
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 
@@ -76,10 +76,22 @@ def _free(name: str) -> Case:
     return _with_reference(name, "free rigid body", body, f, 2.0)
 
 
-def _forced(title: str, **parameters: Any) -> Callable[[str], Case]:
+def _forced(
+    title: str, frequency: float = 1.0, velocity: tuple[float, ...] = (0.5, -1.0, 0.75)
+) -> Callable[[str], Case]:
+    """Return a function that makes the case of a body under a torque that rotates."""
+    frame = Product(SO3(), Euclidean(3))
+    inertia = np.array([1.0, 1.5, 2.0])
+    cosine, sine = np.array([0.5, -0.25, 0.125]), np.array([-0.25, 0.5, 0.25])
+
+    def f(t: float, y: Array) -> Array:
+        torque = np.cos(frequency * t) * cosine + np.sin(frequency * t) * sine
+        omega = y[9:]
+        return np.concatenate([omega, (np.cross(inertia * omega, omega) + torque) / inertia])
+
     def make(name: str) -> Case:
-        body = ForcedRigidBody(**parameters)
-        return _with_reference(name, title, body, body.f, 4.0)
+        y0 = frame.join(np.eye(3), np.array(velocity))
+        return Case(name, title, frame, f, y0, 4.0, _converged(frame, f, y0, 4.0))
 
     return make
 
@@ -92,14 +104,18 @@ def _script(script: str, title: str, end: float, *, flow: str = "") -> Callable[
         example = names[flow]() if flow else SimpleNamespace(**names)
         if hasattr(example, "exact"):
             exact = example.exact(end)
-        else:  # steps so short that only rounding is left
-            exact = cg.integrate(
-                example.f, (0.0, end), example.y0, frame=example.frame, method="RKMK8(5,3)",
-                h=end / 256, save_every=256,
-            ).y[-1]  # fmt: skip
+        else:
+            exact = _converged(example.frame, example.f, example.y0, end)
         return Case(name, title, example.frame, example.f, example.y0, end, exact)
 
     return make
+
+
+def _converged(frame: Frame, f: Field, y0: Array, end: float) -> Array:
+    """Return the end of an integration with steps so short that only rounding is left."""
+    return cg.integrate(
+        f, (0.0, end), y0, frame=frame, method="RKMK8(5,3)", h=end / 256, save_every=256
+    ).y[-1]
 
 
 def _with_reference(name: str, title: str, problem: Any, f: Field, end: float) -> Case:

@@ -11,9 +11,6 @@ from typing import Any
 
 import lazy_loader
 
-from cg.support.installation import check_folder
-
-check_folder(__path__[0])
 if find_spec(f"{__name__}._core_r64") is None:
     raise ImportError(
         f"{__path__[0]} is not built: its compiled modules are missing. Run `make build` or "

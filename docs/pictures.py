@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 import cg
 from cg.plot.style import COLOURS
-from cg.problems import ForcedRigidBody, FreeRigidBody, StateDependentRotation
+from cg.problems import FreeRigidBody, StateDependentRotation
 from cg.problems.convergence import final_errors
 
 FOLDER = Path(__file__).parent / "pictures"
@@ -177,20 +177,6 @@ def reaction_wheels() -> Figure:
     return ax.figure
 
 
-def forced_rigid_body() -> Figure:
-    """Draw the angular velocity under a periodic torque, and errors."""
-    ax, other = new_panels()
-    body = ForcedRigidBody()
-    solution = integrate(body, 20.0, 0.02)
-    ax.plot(solution.t, solution.y[:, 9:], label=[rf"$\omega_{k}$" for k in (1, 2, 3)])
-    ax.set(xlabel="time (s)", ylabel="angular velocity in body axes (rad/s)")
-    ax.set_title("a torque with a period of 6.3 s")
-    ax.legend(loc="upper center", ncols=3)
-    ax.set_ylim(top=1.35 * solution.y[:, 9:].max())
-    draw_errors(other, body, body.reference([1], bits=128).y[0, :12])
-    return ax.figure
-
-
 def body_with_pendulum() -> Figure:
     """Draw the paths of joint and mass, and the invariants."""
     chain = gallery("body_with_pendulum")
@@ -241,7 +227,6 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     ),
     "attitude": attitude,
     "reaction_wheels": reaction_wheels,
-    "forced_rigid_body": forced_rigid_body,
     "body_with_pendulum": body_with_pendulum,
     "gradient_flow": gradient_flow,
     "heat_bath": lambda: of_page(Path(__file__).parent / "howto" / "heat_baths.md"),

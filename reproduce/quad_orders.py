@@ -5,8 +5,10 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from cg.construction.catalogue import methods
-from cg.problems.convergence import observed_order, slopes
+from cg.problems.convergence import observed_order
 from cg.support.parallel import completed
 
 from . import top
@@ -67,7 +69,7 @@ def order_data(errors: Mapping[int, float]) -> dict[str, object]:
     """
     steps = sorted(errors)
     h, error = [1 / n for n in steps], [errors[n] for n in steps]
-    local = slopes(h, error).tolist()
+    local = (np.diff(np.log(error)) / np.diff(np.log(h))).tolist()
     return {
         "h": h,
         "error": error,

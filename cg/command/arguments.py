@@ -1,5 +1,6 @@
 """Arguments and options that commands share, and functions for their output."""
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ from cg.command.main import message_of
 from cg.construction.catalogue import is_file, load, methods, similar_names
 from cg.construction.layouts import MethodError
 from cg.construction.methods.method import Method
-from cg.support.parsing import to_json, visible_lines
+from cg.support.parsing import visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -65,7 +66,7 @@ METHOD = MethodArgument(lambda method: method, load)
 
 def as_json(data: Any) -> None:
     """Print data as JSON."""
-    click.echo(to_json(data, indent=2))
+    click.echo(json.dumps(data, indent=2))
 
 
 def say(text: str, *, err: bool = False) -> None:

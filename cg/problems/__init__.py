@@ -1,12 +1,11 @@
 """Test equations with invariants and reference solutions."""
 
 from cg.problems.linear import AffineField, StateDependentRotation
-from cg.problems.rigid_body import ForcedRigidBody, FreeRigidBody, HeavyTop
+from cg.problems.rigid_body import FreeRigidBody, HeavyTop
 from cg.problems.taylor import Reference
 
 __all__ = [
     "AffineField",
-    "ForcedRigidBody",
     "FreeRigidBody",
     "HeavyTop",
     "Reference",

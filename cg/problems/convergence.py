@@ -14,12 +14,6 @@ from cg.support.arrays import Array, vectors_of_one_length
 from cg.tables import HasTable
 
 
-def slopes(h: ArrayLike, errors: ArrayLike) -> Array:
-    """Return the n - 1 slopes of log error against log step size between neighbouring points."""
-    steps, sizes = _checked(h, errors)
-    return np.diff(np.log(sizes)) / np.diff(np.log(steps))
-
-
 def observed_order(
     h: ArrayLike,
     errors: ArrayLike,
@@ -32,15 +26,19 @@ def observed_order(
     Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
     """
     steps, sizes = vectors_of_one_length("h", h, errors)
-    # the negated comparisons keep NaN, which `_checked` reports
+    # the negated comparisons keep NaN, which is refused below
     used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
     if used.sum() < 2:
         raise ValueError(
             f"errors must leave two points above floor = {floor:g} with h in {h_range}, "
             f"got h = {steps}, errors = {sizes}"
         )
-    decreasing = np.argsort(-steps[used])
-    steps, sizes = _checked(steps[used][decreasing], sizes[used][decreasing])
+    steps, sizes = steps[used], sizes[used]
+    for name, values in (("h", steps), ("errors", sizes)):
+        if not (np.isfinite(values).all() and (values > 0.0).all()):
+            raise ValueError(f"{name} must be positive and finite, got {values}")
+    if len(np.unique(steps)) < len(steps):
+        raise ValueError(f"h must be distinct, got {steps}")
     return float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
 
 
@@ -57,14 +55,3 @@ def final_errors(
     """Return the distances of integrations with constant steps `h` from the exact end."""
     runs = (integrate(f, t_span, y0, frame=frame, method=method, h=size) for size in h)
     return np.array([float(frame.distance(run.y[-1], exact)) for run in runs])
-
-
-def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
-    """Return step sizes and errors as vectors; they must be positive, and steps distinct."""
-    steps, sizes = vectors_of_one_length("h", h, errors)
-    for name, values in (("h", steps), ("errors", sizes)):
-        if not (np.isfinite(values).all() and (values > 0.0).all()):
-            raise ValueError(f"{name} must be positive and finite, got {values}")
-    if len(np.unique(steps)) < len(steps):
-        raise ValueError(f"h must be distinct, got {steps}")
-    return steps, sizes

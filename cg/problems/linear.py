@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -92,14 +91,6 @@ def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
     if array.shape != (n,) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be {n} finite numbers, got {value!r}")
     return tuple(array.tolist())
-
-
-def number(value: Any, name: str) -> float:
-    """Return a finite number as a float; ValueError for any other value."""
-    array = real_array(value, name)
-    if array.shape != () or not math.isfinite(array.item()):
-        raise ValueError(f"{name} must be a finite number, got {value!r}")
-    return float(array.item())
 
 
 def moments(value: ArrayLike) -> tuple[float, ...]:

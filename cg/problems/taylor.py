@@ -63,8 +63,8 @@ class Reference:
     >>> reference = StateDependentRotation().reference([Fraction(1, 8)], bits=96)
     >>> reference.y.shape, reference.errors[-1] < 1e-25
     ((1, 10), True)
-    >>> reference.decimals(20)[-1][0]
-    '0.92529921407028425402'
+    >>> float(reference.values[-1][0])
+    0.9252992140702843
     """
 
     times: tuple[Fraction, ...]
@@ -80,10 +80,6 @@ class Reference:
     def y(self) -> Array:
         """The unknowns rounded to float64, shape ``(n, unknowns)``."""
         return np.array([[float(x) for x in row] for row in self.values])
-
-    def decimals(self, digits: int = 36) -> tuple[tuple[str, ...], ...]:
-        """Return the unknowns as decimal strings, rounded to ``digits`` after the point."""
-        return tuple(tuple(_decimal(x, digits) for x in row) for row in self.values)
 
 
 def reference_solution(
@@ -117,14 +113,6 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         return tuple(map(read_fraction, times))
     except (ValueError, OverflowError, TypeError, ZeroDivisionError) as error:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
-
-
-def _decimal(x: Fraction, digits: int) -> str:
-    """Return ``x`` rounded to ``digits`` decimals, ties to even."""
-    scaled = round(abs(x) * 10**digits)
-    whole, rest = divmod(scaled, 10**digits)
-    sign = "-" if x < 0 and scaled else ""
-    return f"{sign}{whole}.{rest:0{digits}d}" if digits else f"{sign}{whole}"
 
 
 def _solve(

@@ -50,17 +50,6 @@ def in_children(call: Callable[[], object]) -> None:
         os.register_at_fork(after_in_child=call)
 
 
-def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
-    """Let this process fork only while no other thread holds a lock; then call `in_child` there.
-
-    The lock must be reentrant, since a signal handler may fork. The child releases it first.
-    """
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)
-        in_children(lock.release)
-        in_children(in_child)
-
-
 def _free_properties() -> None:
     """Replace the locks of all cached properties of the package."""
     modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "cg"]
@@ -114,9 +103,8 @@ def _libraries(modules: int) -> list[Any]:
 class _Limit:
     """The limit of one thread of linear algebra, set by its first and lifted by its last user."""
 
-    lock = threading.RLock()
-
     def __init__(self) -> None:
+        self.lock = threading.RLock()  # a signal handler may take it again
         self.users = 0
         self._before: list[tuple[Any, int]] = []  # libraries and their previous numbers of threads
 
@@ -168,12 +156,12 @@ def single_threads() -> Iterator[None]:
 
 def _lift_in_child() -> None:
     global _limit  # noqa: PLW0603
-    if _limit.users:
-        _limit.lift()
+    _limit.lock = threading.RLock()  # a thread that the child lacks may hold the old one
+    _limit.lift()
     _limit = _Limit()
 
 
-at_forks(_Limit.lock, _lift_in_child)
+in_children(_lift_in_child)
 
 
 def _take_control() -> None:

@@ -15,7 +15,6 @@ from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from unicodedata import category
 
 MAX_CHARACTERS = 10_000_000
 """Largest length of a file; 200 stages with coefficients of 200 digits need four million."""
@@ -24,28 +23,14 @@ MAX_POWER_OF_TEN = 9999
 """Largest absolute exponent of a number; binary128 ends at 4932."""
 
 _EXPONENT = re.compile(r"[eE]([+-]?[\d_]+)\s*$")
-_MAX_DEPTH = 20
-_MAX_NAME = 200  # bytes; file systems take 255, with suffixes
-_UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
-_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-
-
-def _escaped(text: str, escape: Callable[[str], str]) -> str:
-    """Return a text with each character that isn't printable replaced by ``escape(character)``."""
-    if text.isprintable():
-        return text
-    return "".join(letter if letter.isprintable() else escape(letter) for letter in text)
 
 
 def visible(text: str) -> str:
     """Return a text with all characters escaped that aren't printable, also line breaks."""
-
-    def escape(letter: str) -> str:
-        if category(letter) == "Zs":  # spaces of other widths
-            return letter
-        return letter.encode("unicode_escape").decode("ascii")
-
-    return _escaped(text, escape)
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
 
 
 def visible_lines(text: str) -> str:
@@ -55,13 +40,8 @@ def visible_lines(text: str) -> str:
 
 def quoted(text: str) -> str:
     """Return a text as a TOML string of printable characters."""
-    return _escaped(json.dumps(text, ensure_ascii=False), lambda x: f"\\U{ord(x):08x}")
-
-
-def to_json(data: Any, **options: Any) -> str:
-    """Return data as JSON of printable characters and line breaks; options as for `json.dumps`."""
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, **options)
-    return _escaped(text, lambda x: x if x == "\n" else json.dumps(x)[1:-1])
+    escaped = json.dumps(text, ensure_ascii=False)
+    return "".join(x if x.isprintable() else f"\\U{ord(x):08x}" for x in escaped)
 
 
 def read_fraction(value: Any) -> Fraction:
@@ -100,38 +80,17 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
 
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     """Return the object of a JSON text, with numbers that aren't integers as strings."""
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        table = dict(pairs)
-        if len(table) < len(pairs):
-            keys = [key for key, _ in pairs]
-            raise ValueError(f"{max(keys, key=keys.count)!r} is there twice")
-        return table
-
-    def refuse(number: str) -> None:
-        raise ValueError(f"{number} isn't a finite number")
-
-    options: dict[str, Any] = {"parse_constant": refuse, "object_pairs_hook": unique}
-    return _read("JSON", partial(json.loads, parse_float=str, **options), text, error)
+    parse = partial(json.loads, parse_float=str, parse_constant=str)
+    return _read("JSON", parse, text, error)
 
 
 def _read(
-    language: str, parse: Callable[[str], Any], text: str, error: type[Exception]
+    language: str, parse: Callable[[str], dict[str, Any]], text: str, error: type[Exception]
 ) -> dict[str, Any]:
-    if len(text) > MAX_CHARACTERS:
-        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
     try:
-        table = parse(text)
-        if not isinstance(table, dict):
-            raise ValueError(f"a JSON object was expected, got {text[:40]!r}")
-        _check_depth(table)
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as problem:
+        return parse(text)
+    except (ValueError, RecursionError) as problem:  # also a number with too many digits
         raise error(f"not a {language} file: {problem}") from None
-    except RecursionError:
-        raise error("not a file of this kind: tables or arrays are nested too deeply") from None
-    except ValueError as problem:  # also a number with too many digits
-        raise error(f"not a file of this kind: {problem}") from None
-    return table
 
 
 def check_keys(
@@ -147,35 +106,6 @@ def check_keys(
     problems += [f"{where} has unknown keys: {', '.join(sorted(unknown))}"] * bool(unknown)
     if problems:
         raise error("; ".join(problems))
-
-
-def _check_depth(table: dict[str, Any]) -> None:
-    """Raise RecursionError if a table is nested too deeply to be printed."""
-    level: list[Any] = [table]
-    for _ in range(_MAX_DEPTH):
-        level = [
-            value
-            for whole in level
-            if isinstance(whole, dict | list)
-            for value in (whole.values() if isinstance(whole, dict) else whole)
-        ]
-    if level:
-        raise RecursionError
-
-
-def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
-    """Return the path of a file in a folder; ValueError if a system doesn't allow its name."""
-    fit = (
-        0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
-        and not _UNFIT.search(name)
-        and not name.startswith(".")
-        and name.strip(" ") == name
-        and not name.endswith(".")
-        and not _DEVICE.fullmatch(name)
-    )
-    if not fit:
-        raise ValueError(f"name must be fit for a file's name, got {name[:80]!r}")
-    return Path(folder) / f"{name}{suffix}"
 
 
 def write_file(path: str | PathLike[str], data: str | bytes) -> None:

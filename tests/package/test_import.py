@@ -25,8 +25,7 @@ def loaded_after(code):
 def test_submodules_are_imported_lazily():
     modules = loaded_after("import cg; dir(cg)")
     assert not HEAVY & modules
-    loaded = {name for name in modules if name.startswith("cg.")}
-    assert loaded == {"cg.support", "cg.support.installation"}
+    assert not [name for name in modules if name.startswith("cg.")]
 
 
 def test_methods_need_neither_scipy_nor_flint():

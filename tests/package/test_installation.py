@@ -15,7 +15,6 @@ import pytest
 import cg
 import crouch_grossman
 import crouch_grossman.frames.rotations
-from cg.support.installation import check_folder
 
 ROOT = Path(cg.__file__).parents[1]
 ALIAS = ROOT / "crouch_grossman"
@@ -43,20 +42,6 @@ def test_crouch_grossman_is_cg():
     code = "from crouch_grossman.command import main; main()"
     command = [sys.executable, "-c", code, "--help"]
     assert b"Usage" in subprocess.run(command, capture_output=True, check=True).stdout
-
-
-@pytest.mark.parametrize(
-    ("left", "version"), [("cg-88.24.0.dist-info", "88.24.0"), ("CG-1.0-py3.11.egg-info", "1.0")]
-)
-def test_other_distribution_is_reported(tmp_path, left, version):
-    (tmp_path / "cg").mkdir()
-    for harmless in ("cg_tools-1.0.dist-info", "cgx-2.dist-info", "cg-notes.txt"):
-        (tmp_path / harmless).mkdir()
-    check_folder(str(tmp_path / "cg"))
-    (tmp_path / left).mkdir()
-    with pytest.raises(ImportError, match=r"pip uninstall --yes cg crouch-grossman") as error:
-        check_folder(str(tmp_path / "cg"))
-    assert f"version {version}" in str(error.value)
 
 
 def test_replaced_modules_are_reported(tmp_path):

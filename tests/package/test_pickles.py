@@ -77,7 +77,7 @@ def examples():
         cg.Samples([0.0, 0.5, 1.0], [[1.0, 2.0, 3.0]], kind="hold", members=True),
         cg.certify("CG3"), cg.diagnose("CG3", c=[0, Fraction(3, 4), Fraction(17, 24)]),
         cg.lift(cg.methods["CG3"], 3, tries=2), problems.AffineField(frames.SO3(), np.eye(3)),
-        problems.ForcedRigidBody(), problems.FreeRigidBody(), problems.HeavyTop(),
+        problems.FreeRigidBody(), problems.HeavyTop(),
         problems.StateDependentRotation(), frames.LinearAction([[[0.0, 1.0], [-1.0, 0.0]]]),
         frames.PhaseSpace(frames.SO3()), frames.FieldFrame([np.ones_like], np.add, point_shape=1),
         *(frame for frame in FRAMES if copied_by_name(frame)),

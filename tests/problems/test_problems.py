@@ -12,8 +12,8 @@ from quotients import derivative
 from refusals import refuses
 
 import cg
-from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop, StateDependentRotation
-from cg.problems.convergence import observed_order, slopes
+from cg.problems import FreeRigidBody, HeavyTop, StateDependentRotation
+from cg.problems.convergence import observed_order
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs/gallery"
 NAMES = sorted(path.stem for path in GALLERY.glob("*.py") if not path.stem.startswith("plot_"))
@@ -35,7 +35,7 @@ def example(name):
 
 
 PROBLEMS = [
-    FreeRigidBody(), ForcedRigidBody(), HeavyTop(), HeavyTop("velocity"),
+    FreeRigidBody(), HeavyTop(), HeavyTop("velocity"),
     StateDependentRotation("body"), StateDependentRotation("space"),
 ]  # fmt: skip
 
@@ -69,8 +69,6 @@ def test_references_agree_with_an_independent_solver(problem):
         (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
         for t in ("noon", np.nan, np.inf, None)
     ),
-    (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
-    (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
 ])  # fmt: skip
 def test_bad_arguments_are_rejected(make, error, message):
     refuses(error, message, make)
@@ -79,7 +77,6 @@ def test_bad_arguments_are_rejected(make, error, message):
 def test_slope_of_exact_powers():
     h = np.array([0.05, 0.4, 0.1, 0.2])
     assert observed_order(h, 3.0 * h**4) == pytest.approx(4.0)
-    np.testing.assert_allclose(slopes(h, h**2.5), 2.5)
 
 
 def test_asymptotic_range_leaves_out_coarse_steps_and_rounding():

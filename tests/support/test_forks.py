@@ -13,7 +13,6 @@ CHILD = """
 import os, signal, sys, threading, time
 from contextlib import closing
 import cg
-from cg.support import memory
 from cg.support.parallel import single_threads
 from cg.support.quads import working_precision
 from flint import ctx
@@ -70,13 +69,10 @@ def used():
     with working_precision(99):
         assert ctx.prec == 99
     assert ctx.prec == 53
-    with memory.reserved(1000, "what"):
-        assert memory._in_use == {"bytes": 1000}
-    assert memory._in_use == {"bytes": 0}
     search_again()
 
 begun, ended = threading.Semaphore(0), threading.Event()
-contexts = [single_threads(), working_precision(999), memory.reserved(9999, "what")]
+contexts = [single_threads(), working_precision(999)]
 threads = [threading.Thread(target=holding, args=[context]) for context in contexts]
 threads.append(threading.Thread(target=properties))
 for thread in threads:
@@ -84,11 +80,11 @@ for thread in threads:
 for _ in threads:
     assert begun.acquire(timeout=60)
 in_child(used)
-assert (blas(), ctx.prec, memory._in_use["bytes"]) == ({1}, 999, 9999)
+assert (blas(), ctx.prec) == ({1}, 999)
 ended.set()
 for thread in threads:
     thread.join()
-assert (blas(), ctx.prec, memory._in_use["bytes"]) == ({2}, 53, 0)
+assert (blas(), ctx.prec) == ({2}, 53)
 """
 
 OWN = """
@@ -99,7 +95,7 @@ def used():
         assert ctx.prec == 77
 
 def whole():
-    with single_threads(), working_precision(99), memory.reserved(1000, "what"):
+    with single_threads(), working_precision(99):
         in_child(used)
         pid = os.fork()
         if pid:
@@ -107,7 +103,6 @@ def whole():
             assert not status
     assert ctx.prec == 53
     assert blas() == {2}
-    assert memory._in_use == {"bytes": 0}
     search_again()
     if not pid:
         os._exit(0)

@@ -3,12 +3,11 @@
 import os
 import subprocess
 import sys
-import threading
-import time
 
 import pytest
+from refusals import refuses
 
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 
 resource = pytest.importorskip("resource")
 
@@ -133,28 +132,5 @@ def test_calls_below_any_limit_are_done_or_refused():
 
 
 def test_message_of_refused_memory():
-    raises = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
-    with raises, reserved(2**50, "a thing"):
-        pass
-
-
-def test_a_call_waits_for_others_if_there_is_too_little_for_both(monkeypatch):
-    monkeypatch.setattr("cg.support.memory.total_memory", lambda: 100e6)
-    running, most = 0, 0
-
-    def call():
-        nonlocal running, most
-        with reserved(60_000_000, "a call"):
-            running += 1
-            most = max(most, running)
-            time.sleep(0.02)
-            running -= 1
-
-    threads = [threading.Thread(target=call) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert most == 1
-    with pytest.raises(MemoryError), reserved(100_000_000, "a call"):
-        pass
+    message = r"^a thing needs 1\.05e\+06 GiB of memory"
+    refuses(MemoryError, message, check_memory, 2**50, "a thing")

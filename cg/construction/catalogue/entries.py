@@ -1,5 +1,6 @@
 """Files of methods, in TOML, or in JSON with the same keys."""
 
+import json
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -19,12 +20,10 @@ from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
 from cg.support.parsing import (
     check_keys,
-    file_in,
     quoted,
     read_file,
     read_json,
     read_toml,
-    to_json,
     write_file,
 )
 
@@ -42,6 +41,7 @@ _KEYS = {
 }
 """The keys that a file must and may have beside its name, source and recipe."""
 
+_FILE_NAME = re.compile(r"[^./\\\0][^/\\\0]*")
 _STAGE = re.compile(r"\d{1,6}", re.ASCII)
 
 
@@ -245,16 +245,8 @@ def dumps(method: Method) -> str:
 
 
 def dumps_json(method: Method) -> str:
-    """Return a method as JSON, which `loads` reads, with each row or point in one line."""
-    entry = read_toml(dumps(method), MethodError)
-    lines = []
-    for key, value in entry.items():
-        if isinstance(value, list) and value and isinstance(value[0], list | dict):
-            rows = ",\n".join(f"    {to_json(row)}" for row in value)
-            lines.append(f'  "{key}": [\n{rows}\n  ]')
-        else:
-            lines.append(f'  "{key}": {to_json(value)}')
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+    """Return a method as JSON, which `loads` reads."""
+    return json.dumps(read_toml(dumps(method), MethodError), indent=2) + "\n"
 
 
 def _block(label: str, rows: Sequence[Sequence[Coefficient]] | None) -> list[str]:
@@ -286,7 +278,7 @@ def save(method: Method, path: str | PathLike[str]) -> None:
     """
     path = check_path(path)
     if path.is_dir():
-        text, path = dumps(method), file_in(path, method.name)
-    else:
-        text = dumps_json(method) if path.suffix.lower() == ".json" else dumps(method)
-    write_file(path, text)
+        if not _FILE_NAME.fullmatch(method.name):  # a file elsewhere, or a hidden one
+            raise ValueError(f"name must be fit for a file's name, got {method.name!r}")
+        path /= f"{method.name}.toml"
+    write_file(path, dumps_json(method) if path.suffix.lower() == ".json" else dumps(method))

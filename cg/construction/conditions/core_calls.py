@@ -13,7 +13,7 @@ from cg import _core_r64
 from cg.construction.layouts import Layout
 from cg.construction.trees import catalan
 from cg.support import quads
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 
 Vector = NDArray[np.float64]
 Trees = NDArray[np.intc]
@@ -24,8 +24,9 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
 
     `trees` are the indices of trees with at most ``order + 1`` nodes, intc of shape (m,).
     """
-    with reserved(evaluation_bytes(order, layout, trees.size), described("weights", order, layout)):
-        phi: Vector = _core_r64.weights(order, layout.code, x, trees)
+    needed = evaluation_bytes(order, layout, trees.size)
+    check_memory(needed, described("weights", order, layout))
+    phi: Vector = _core_r64.weights(order, layout.code, x, trees)
     return phi
 
 
@@ -39,8 +40,8 @@ def residuals(
     owner = np.zeros_like(trees) if owner is None else owner
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("a residual in real(16)"), 16)
     needed = evaluation_bytes(order, layout, trees.size, size)
-    with reserved(needed, described("residuals", order, layout)):
-        values = core.residuals(order, layout.code, x.T, trees, owner=owner)
+    check_memory(needed, described("residuals", order, layout))
+    values = core.residuals(order, layout.code, x.T, trees, owner=owner)
     return np.ascontiguousarray(values.T)
 
 
@@ -49,10 +50,9 @@ def jacobian(
 ) -> Vector:
     """Return the derivatives of `residuals`, shape (m, layout.size)."""
     owner = np.zeros_like(trees) if owner is None else owner
-    with reserved(
-        derivatives_bytes(order, layout, trees.size), described("the Jacobian", order, layout)
-    ):
-        matrix: Vector = _core_r64.jacobian(order, layout.code, x, trees, owner=owner)
+    needed = derivatives_bytes(order, layout, trees.size)
+    check_memory(needed, described("the Jacobian", order, layout))
+    matrix: Vector = _core_r64.jacobian(order, layout.code, x, trees, owner=owner)
     return matrix
 
 

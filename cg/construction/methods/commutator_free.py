@@ -139,7 +139,7 @@ class CommutatorFree(Method):
             for stage in point.weights
         )
         values["third_weights"] = read_third(third, len(tree.stage_points), tree.embedded_result)
-        self._set(values)
+        vars(self).update(values)
         self._check_nominal_order()
 
     @classmethod
@@ -315,7 +315,7 @@ class MuntheKaas(Method):
         if weights and values_of(weights) in others:
             raise MethodError("third must differ from the other weights, or it estimates no error")
         values["third_weights"] = weights
-        self._set(values)
+        vars(self).update(values)
         if tableau.explicit:
             check_tree(self.tree)
 

@@ -138,7 +138,7 @@ class MagnusMethod(Method):
         values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
         if factor.value <= 0:
             raise MethodError(f"third_factor must be positive, got {third_factor!r}")
-        self._set(values)
+        vars(self).update(values)
 
     def _with(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other nodes and weights, and the same third ones."""

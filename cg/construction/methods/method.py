@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, partial
@@ -132,10 +132,6 @@ class Method(ABC):
     @abstractmethod
     def _key(self) -> tuple[Any, ...]:
         """The numbers in which equal methods of a class agree."""
-
-    def _set(self, values: Mapping[str, Any]) -> None:
-        """Set the fields of a frozen dataclass."""
-        vars(self).update(values)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: cached arrays would come back writeable."""

@@ -90,7 +90,7 @@ class Splitting(Method):
         values["kick_coefficients"] = read_row(kicks, "kicks")
         count = len(values["kick_coefficients"])
         values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
-        self._set(values)
+        vars(self).update(values)
 
     def _with(self, coefficients: Sequence[Any], **fields: Any) -> Splitting:
         return Splitting(coefficients[::2], coefficients[1::2], **fields)

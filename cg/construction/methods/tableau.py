@@ -110,7 +110,7 @@ class Tableau(Method):
                 if _values(embedded) == _values(weights):
                     raise MethodError("b_embedded must differ from b, or it estimates no error")
             rows = {"weights": weights, "embedded_weights": embedded}
-            self._set(values | rows | {"entries": _read_matrix(a, stages)})
+            vars(self).update(values | rows | {"entries": _read_matrix(a, stages)})
             self._check_nominal_order()
         except MethodError as problem:
             raise TableauError(str(problem)) from None

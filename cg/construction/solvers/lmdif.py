@@ -22,7 +22,7 @@ from cg.support import quads
 from cg.support.arrays import check_finite, real_array
 from cg.support.caches import ReadOnly
 from cg.support.checks import MAX_COUNT, check_integer, check_real
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 from cg.support.parallel import StopFlag
 from cg.support.shared_numbers import Status
 
@@ -189,10 +189,10 @@ def fit_lmdif(
     m, n = trees.size, layout.size
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
     needed = evaluation_bytes(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
-    with reserved(needed, described("lmdif", order, layout)):
-        results: tuple[Any, ...] = core.fit_lmdif(
-            order, layout.code, x, trees, tolerance, tolerance, maxfev, stop_flag
-        )
+    check_memory(needed, described("lmdif", order, layout))
+    results: tuple[Any, ...] = core.fit_lmdif(
+        order, layout.code, x, trees, tolerance, tolerance, maxfev, stop_flag
+    )
     return results
 
 

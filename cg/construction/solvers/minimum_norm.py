@@ -31,7 +31,7 @@ from cg import _core_r64
 from cg.construction.conditions.core_calls import Vector, derivatives_bytes, described
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.capsules import provide_lapack
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 from cg.support.parallel import raise_if_stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus
 
@@ -185,9 +185,9 @@ def fit_conditions(
     problem = (system.order, layout.code, x, trees, owner, moving, ftol, damping, max_iterations)
     numbers = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
     needed = derivatives_bytes(system.order, layout, m) + 8 * numbers
-    with reserved(needed, described("the fit", system.order, layout)):
-        x_end, f, evaluations, status = stoppable(
-            lambda stop_flag: _core_r64.fit_minimum_norm(*problem, stop_flag),
-            brief=max_iterations * m**2 * k <= _BRIEF,  # for the Gram matrices
-        )
+    check_memory(needed, described("the fit", system.order, layout))
+    x_end, f, evaluations, status = stoppable(
+        lambda stop_flag: _core_r64.fit_minimum_norm(*problem, stop_flag),
+        brief=max_iterations * m**2 * k <= _BRIEF,  # for the Gram matrices
+    )
     return MinimumNormFit(x_end, float(f), int(evaluations), MinimumNormStatus(status))

@@ -21,7 +21,7 @@ from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
-from cg.support.memory import reserved
+from cg.support.memory import check_memory
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
@@ -155,16 +155,14 @@ class Run:
         rows += 2 * plan.columns if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
-        addresses = plan.address, ctypes.addressof(record)
-        self.address = self._reserving(needed, self._core.loop_open, *addresses)
+        self._check_memory(needed)
+        self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
-    def _reserving(self, needed: int, function: Any, *arguments: int) -> Any:
-        if self._lanes == 1 and needed <= _MUCH:
-            return function(*arguments)
-        with reserved(needed, f"{self._lanes} trajectories of {self.plan.width} numbers"):
-            return function(*arguments)
+    def _check_memory(self, needed: int) -> None:
+        if self._lanes > 1 or needed > _MUCH:
+            check_memory(needed, f"{self._lanes} trajectories of {self.plan.width} numbers")
 
     def __del__(self) -> None:
         if self.address:
@@ -249,8 +247,8 @@ class Run:
         """Call compiled code once and collect its output."""
         try:
             # bytes of what one step of each lane stores: points, times, slopes and events
-            needed = 32 * self._lanes * (self.plan.width + self.plan.dim + 2)
-            self._reserving(needed, self._core.loop_drive, self.address)
+            self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
+            self._core.loop_drive(self.address)
         except Exception as error:
             self._add_note(error)
             raise
