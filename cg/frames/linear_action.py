@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks
 from cg.frames.user import UserFrame
-from cg.support.arrays import Array, Points, is_qobj
+from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer
 from cg.support.shared_numbers import BlockKind
 
@@ -212,7 +212,10 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
             matrix = sparse.csr_array(numbers)
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"generators[{i}] must be a matrix of numbers: {error}") from None
+            raise ValueError(
+                f"generators[{i}] must be a matrix of numbers: {error}"
+                f"{conversion_hint(generator, error)}"
+            ) from None
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
             raise ValueError(f"generators[{i}] must be square, got shape {matrix.shape}")
         if matrix.shape != (matrices or [matrix])[0].shape:

@@ -67,6 +67,18 @@ def is_qobj(value: Any) -> bool:
     return type(value).__name__ == "Qobj" and hasattr(value, "full")
 
 
+def conversion_hint(value: Any, error: BaseException | None) -> str:
+    """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
+    for part in value if isinstance(value, list | tuple) else [value]:
+        if type(part).__name__ == "Qobj":
+            return "; the numbers of a Qobj are those of its full()"
+    while error is not None:
+        if type(error).__module__.partition(".")[0] == "jax":
+            return "; cg.jax has the methods for JAX, with gradients"
+        error = error.__cause__
+    return ""
+
+
 def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
     try:
         # np.asarray would silently drop the mask
@@ -81,6 +93,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"{name} must be an array of {adjective} numbers, got {short(value)}"
+            f"{conversion_hint(value, error)}"
         ) from error
 
 

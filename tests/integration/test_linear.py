@@ -126,6 +126,14 @@ class TestStagesWithoutPoints:
         assert np.cos(angle - 302) == pytest.approx(1, abs=1e-11)
 
 
+class Qobj:
+    """Not convertible to an array."""
+
+
+def test_objects_of_qutip_are_named():
+    refuses(ValueError, r"full\(\)", SU(2).vee, Qobj())
+
+
 @pytest.mark.parametrize(("change", "error", "message"), [
     ({"f": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"f is given \(t\)$"),
     ({"args": (1.0,)}, TypeError, r"f is given \(t, args\[0\]\)$"),
@@ -133,7 +141,11 @@ class TestStagesWithoutPoints:
     ({"method": "CFM5"}, ValueError, "CFM5"),
     ({"f": lambda t: [1.0]}, ValueError, r"^f must return an array of shape \(3,\), got shape"),
     ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers"),
-    ({"f": lambda t: "123"}, ValueError, "^f must return 3 real numbers"),
+    (
+        {"f": lambda t: Qobj()},
+        ValueError,
+        r"^f must return 3 real numbers.*of a Qobj.*full\(\)",
+    ),
     ({"f": lambda t: [np.nan] * 3}, ValueError, "^f must return finite numbers"),
 ])  # fmt: skip
 def test_bad_input_is_refused(change, error, message):

@@ -19,6 +19,7 @@ from cg.support.arrays import (
     Array,
     Points,
     complex_array,
+    conversion_hint,
     real_array,
 )
 from cg.support.checks import short
@@ -53,6 +54,7 @@ def read_value(
         expected = expected if shape else "a real number"
         raise ValueError(
             f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}"
+            f"{conversion_hint(value, error)}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
