@@ -28,9 +28,8 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
     extensive run, else the first. Returns by reading the ``reference_error`` at t = 1, and
     ``methods``: by method `order_data` of the errors of B at t = 1.
     """
-    readings: tuple[top.Reading, ...] = ("momentum",)
-    if context.settings.full:
-        readings = ("momentum", "velocity")
+    full = context.settings.full
+    readings: tuple[top.Reading, ...] = ("momentum", "velocity") if full else ("momentum",)
     runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
     runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
     # nearly all the time goes into flows
@@ -67,8 +66,7 @@ def order_data(errors: Mapping[int, float]) -> dict[str, object]:
     The keys are ``h``, from the largest; ``error``; ``local`` slopes between neighbours; ``slope``
     fitted over the smallest `FIT` stepsizes; ``largest_slope`` over all local ones.
     """
-    steps = sorted(errors)
-    h, error = [1 / n for n in steps], [errors[n] for n in steps]
+    h, error = map(list, zip(*((1 / n, errors[n]) for n in sorted(errors)), strict=True))
     local = (np.diff(np.log(error)) / np.diff(np.log(h))).tolist()
     return {
         "h": h,

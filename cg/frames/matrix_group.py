@@ -17,7 +17,6 @@ from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
-from cg.support.checks import total_memory
 
 MAX_DENSE = 16
 """Largest number of rows for which products with all matrices of the fields, of n^4 operations,
@@ -109,24 +108,13 @@ class MatrixGroup(Frame):
 
     @cached_property
     def basis(self) -> Points:
-        """The matrices of the fields, shape ``(dim, size, size)``, read-only.
-
-        MemoryError if they need more memory than the machine has.
-        """
-        self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
+        """The matrices of the fields, shape ``(dim, size, size)``, read-only."""
         basis = self._make_basis()
         if isinstance(basis, Entries):
             basis = basis.array(self.dim, self.size)
         basis = np.asarray(basis, dtype=self.dtype)
         basis.flags.writeable = False
         return basis
-
-    def _check_memory(self, needed: int) -> None:
-        if needed > total_memory():
-            raise MemoryError(
-                f"{self!r} is too large: the matrices of its {self.dim} fields need "
-                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
-            )
 
     @cached_property
     def _sparse_basis(self) -> scipy.sparse.csr_array:
@@ -139,7 +127,6 @@ class MatrixGroup(Frame):
         return dual_of(self._sparse_basis).conj()
 
     def _entries(self) -> Entries:
-        self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
         basis = self._make_basis()
         if isinstance(basis, Entries):
             return basis

@@ -112,7 +112,7 @@ def test_basis_larger_than_memory_raises(frame, dim):
     assert frame.dim == dim
     assert repr(frame)
     group = frame if isinstance(frame, MatrixGroup) else frame.group
-    with pytest.raises(MemoryError, match=r"is too large: the matrices of its .* fields need"):
+    with pytest.raises(MemoryError):
         group.basis  # noqa: B018
 
 
