@@ -48,12 +48,12 @@ RECORD = {
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
     # how steps vary, as observers
-    "sized": "integer",
-    "sizers": "integer",
-    "sizer_table": "address",
-    "sizer": "address",
-    "sizer_data": "address",
-    "sizer_stride": "integer",
+    "has_step_function": "integer",
+    "step_functions": "integer",
+    "step_function_table": "address",
+    "step_function": "address",
+    "step_function_data": "address",
+    "step_function_stride": "integer",
     # the heat bath of a splitting method, see fortran/steps/heat_bath.f90
     "heated": "integer",  # whether there is one
     "friction": "real",

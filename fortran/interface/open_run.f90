@@ -37,10 +37,11 @@ contains
                         run%record%observer_stride, run%observer)
       run%output%observer => run%observer
     end if
-    if (run%record%sized > 0) then
-      call set_observer(run, 1, run%record%sizers, run%record%sizer_table, run%record%sizer, &
-                        run%record%sizer_data, run%record%sizer_stride, run%sizes)
-      run%problem%sizes => run%sizes
+    if (run%record%has_step_function > 0) then
+      call set_observer(run, 1, run%record%step_functions, run%record%step_function_table, &
+                        run%record%step_function, run%record%step_function_data, &
+                        run%record%step_function_stride, run%step_function)
+      run%problem%step_function => run%step_function
     end if
   end subroutine open_run
 
@@ -74,7 +75,7 @@ contains
                             record%first_member, record%h)
       problem%unique_flows = record%unique_flows /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
-      problem%dense = record%jacobian /= sparse_jacobian
+      problem%jacobian_is_matrix = record%jacobian /= sparse_jacobian
     end associate
   end subroutine set_problem
 

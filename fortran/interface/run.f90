@@ -38,7 +38,7 @@ module run_m
     type(callback_t) :: python
     type(events_t) :: events
     type(inner_points_t) :: inner
-    type(observer_t) :: observer, sizes       ! sizes: s of step_size_m
+    type(observer_t) :: observer, step_function    ! step_function: s of step_size_m
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
@@ -125,7 +125,7 @@ contains
       if (together .and. (stops .or. budget <= 0)) then
         exit
       else if (any(run%asks .and. run%lanes%status == needs_events)) then
-        call evaluate_events(run)
+        call answer_events(run)
       else if (any(run%asks)) then
         call evaluate(run)
       else if (waits .and. .not. stops) then
@@ -286,7 +286,7 @@ contains
 
   ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
   ! once.
-  subroutine evaluate_events(run)
+  subroutine answer_events(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: waiting(:)                 ! lanes
     integer, allocatable :: owner(:), place(:)         ! the lane of each point, and where it has it
@@ -331,6 +331,6 @@ contains
         end do
       end do
     end associate
-  end subroutine evaluate_events
+  end subroutine answer_events
 
 end module run_m

@@ -82,6 +82,7 @@ contains
     method%embedded = int(record%embedded)
     method%third = int(record%third)
     method%final_stage = int(record%final_stage)
+    ! by what only methods of a kind have; later lines overrule earlier ones
     method%kind = kind_group
     if (record%series > 0) method%kind = kind_algebra
     if (record%registers /= 0) method%kind = kind_registers

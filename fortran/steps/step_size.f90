@@ -51,7 +51,7 @@ contains
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
-      if (.not. (x%problem%adaptive .or. associated(x%problem%sizes)) .and. &
+      if (.not. (x%problem%adaptive .or. associated(x%problem%step_function)) .and. &
           (x%grid%stop /= stop &
            .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
         call make_grid(x%t, stop, x%problem%h, x%grid)
@@ -158,7 +158,7 @@ contains
     real(wp) :: longest
 
     associate (stop => x%problem%stops(x%segment))
-      if (associated(x%problem%sizes)) then
+      if (associated(x%problem%step_function)) then
         call choose_reversibly(x, stop)
         if (x%status /= finished) return
       else if (.not. x%problem%adaptive) then
@@ -261,7 +261,7 @@ contains
 
     y = x%y(:, 0)
     call apply_flows(x%frame, 1, v, y)
-    call x%problem%sizes%observe(x%member, x%t, y, values, failed)
+    call x%problem%step_function%observe(x%member, x%t, y, values, failed)
     value = values(1)
     if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))
     if (.not. failed) return

@@ -38,10 +38,10 @@ module trajectory_m
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
-    type(observer_t), pointer :: sizes => null()       ! how steps vary, see step_size_m
+    type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
     type(bath_t) :: bath                     ! for a splitting method
     logical :: has_jacobian = .false.        ! whether Python evaluates it
-    logical :: dense = .true.                ! whether it is stored as a matrix here
+    logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
   end type problem_t
 
   ! The state of implicit_m
@@ -211,10 +211,10 @@ contains
         allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       if (method%kind == kind_collocation) then
-        call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)
+        call reserve(frame, method%transformation, .not. problem%jacobian_is_matrix, x%newton, memory)
       else if (method%kind == kind_implicit) then
-        x%solver%fixed_point = .not. problem%dense
-        n = merge(size(x%f) / method%blocks, 0, problem%dense)
+        x%solver%fixed_point = .not. problem%jacobian_is_matrix
+        n = merge(size(x%f) / method%blocks, 0, problem%jacobian_is_matrix)
         allocate (x%solver%value, mold=x%f, stat=memory)
         if (memory == 0) allocate (x%solver%lu(n, n, method%blocks), &
                                    x%solver%pivot(n, method%blocks), &

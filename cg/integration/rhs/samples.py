@@ -73,7 +73,7 @@ def jumps_of_lines(times: Array, values: Array, slopes: Array) -> Array:
 
 
 _IGNORED = 0.08  # deviations between samples, of a spline whose kinks count as 1
-_BLOCKS = 2.0  # blocks in the longest step, whose nodes are closer than its ends
+_BLOCKS_PER_STEP = 2.0  # blocks in the longest step, whose nodes are closer than its ends
 _PEAK = 1.5  # the largest value of an oscillation relative to its mean deviation
 _FALL = 16.0  # ratio of the errors of cubics when distances are halved
 
@@ -115,7 +115,9 @@ class Resolution:
         sizes = 2 ** level[: self._pieces].astype(np.int64)
         first = first[first % sizes == 0]
         starts = self._times[first]
-        return np.stack([starts, _BLOCKS * (self._times[first + sizes[first]] - starts)], axis=1)
+        return np.stack(
+            [starts, _BLOCKS_PER_STEP * (self._times[first + sizes[first]] - starts)], axis=1
+        )
 
 
 def _padded(times: Array, values: Array) -> tuple[Array, Array]:
@@ -167,7 +169,7 @@ def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
 
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
-_BLOCK = 64  # number of values whose curves are made at a time
+_VALUES_AT_A_TIME = 64  # number of values whose curves are made at a time
 _ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
@@ -397,8 +399,8 @@ class Samples(ReadOnly):
         # the pieces are linear in the values, so that the transpose of this map remains
         count = len(self.values)
         rows = []
-        for first in range(0, count, _BLOCK):
-            units = np.eye(count, min(_BLOCK, count - first), -first)
+        for first in range(0, count, _VALUES_AT_A_TIME):
+            units = np.eye(count, min(_VALUES_AT_A_TIME, count - first), -first)
             pieces = curve_of(self.times, units, self.kind, self.causal)[1]
             rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
         by_values: Array = np.concatenate(rows).reshape(self.values.shape)

@@ -96,10 +96,10 @@ class Run:
             self.share_limits(problem.limits)
         self._share_inputs()
         if problem.step_function is not None:
-            self.record.sized = 1
+            self.record.has_step_function = 1
             entries, self._sizing = problem.step_function.entries(self.rhs)
             for name, value in entries.items():
-                setattr(self.record, name.replace("observer", "sizer"), value)
+                setattr(self.record, name.replace("observer", "step_function"), value)
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
             self._share("bodies", problem.inertia.columns)
