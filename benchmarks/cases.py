@@ -113,9 +113,9 @@ def _script(script: str, title: str, end: float, *, flow: str = "") -> Callable[
 
 def _converged(frame: Frame, f: Field, y0: Array, end: float) -> Array:
     """Return the end of an integration with steps so short that only rounding is left."""
-    return cg.integrate(
-        f, (0.0, end), y0, frame=frame, method="RKMK8(5,3)", h=end / 256, save_every=256
-    ).y[-1]
+    method, h = "RKMK8(5,3)", end / 256
+    run = cg.integrate(f, (0.0, end), y0, frame=frame, method=method, h=h, save_every=256)
+    return np.asarray(run.y[-1])
 
 
 def _with_reference(name: str, title: str, problem: Any, f: Field, end: float) -> Case:
