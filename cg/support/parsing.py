@@ -80,8 +80,18 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
 
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     """Return the object of a JSON text, with numbers that aren't integers as strings."""
-    parse = partial(json.loads, parse_float=str, parse_constant=str)
-    return _read("JSON", parse, text, error)
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"{max(keys, key=keys.count)!r} is there twice")
+        return dict(pairs)
+
+    parse = partial(json.loads, parse_float=str, parse_constant=str, object_pairs_hook=unique)
+    table = _read("JSON", parse, text, error)
+    if not isinstance(table, dict):
+        raise error(f"not a JSON file of this kind: an object was expected, got {text[:40]!r}")
+    return table
 
 
 def _read(

@@ -14,6 +14,7 @@ from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, 
 from cg.construction.layouts import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
+from cg.support.parsing import read_json
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
@@ -191,3 +192,11 @@ def test_core_agrees_with_reference_steps(name):
         second = step_of(method.embedded)
         assert abs(second - as_rotation(entry["embedded"])).max() < tolerance
         assert abs(second - as_rotation(entry["result"])).max() > 100 * tolerance
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("[1]", "an object was expected"), ('{"b": [1], "b": [2]}', "'b' is there twice"),
+])  # fmt: skip
+def test_json_is_one_object_with_each_key_once(text, message):
+    with pytest.raises(ValueError, match=message):
+        read_json(text, ValueError)
