@@ -323,16 +323,14 @@ def same_without_output(case: Case) -> None:
     program, solution = case.program, case.solution
     if program.output is None and not program.dense:
         return
-    plain = case.solve(t_eval=None, dense_output=False)
-    same(solution, plain, (*EVENTS, *COUNTS), CALL.replace("**options", f"**{PLAIN}"))
+    code = CALL.replace("**options", "**{**options, 't_eval': None, 'dense_output': False}")
+    plain = case.solve(code)
+    same(solution, plain, (*EVENTS, *COUNTS), code)
     of_events = {t for times in plain.t_events or () for t in times}
     at_steps = {t: y for t, y in zip(plain.t, plain.y, strict=True) if t not in of_events}
     for t, y in zip(solution.t, solution.y, strict=True):
         if t in at_steps and not np.array_equal(y, at_steps[t]):
             raise Difference(f"the point at the end of a step, {t!r}, changes with output", CALL)
-
-
-PLAIN = "{**options, 't_eval': None, 'dense_output': False}"
 
 
 def with_fixed_steps(case: Case) -> None:
