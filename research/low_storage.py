@@ -1,9 +1,9 @@
-"""Write the tables of docs/low_storage.md anew: ``python research/low_storage.py [FILE]``.
+"""Write the tables on methods of two registers anew: ``python research/low_storage.py [FOLDER]``.
 
-Methods in print satisfy their conditions to their digits only. Each is moved to the closest
-solution of the classical conditions alone, by corrections of least norm in A and B whose
-residuals are exact; the conditions on manifolds are evaluated there. Other tables have pairs and
-equal steps on the gradient flow of a lattice.
+Those of docs/low_storage.md have pairs and equal steps on the gradient flow of a lattice, that of
+docs/mathematics/two_registers.md methods in print. These satisfy their conditions to their digits
+only. Each is moved to the closest solution of the classical conditions alone, by corrections of
+least norm in A and B whose residuals are exact; the conditions on manifolds are evaluated there.
 """
 
 import runpy
@@ -211,12 +211,12 @@ def table_of_pairs() -> str:
     return table(header, cells) + "\n"
 
 
-def main(path: str = "docs/low_storage.md") -> None:
-    """Replace the tables of the page."""
-    rows = [row_of(entry) for entry in entries()]
-    replace_between(Path(path), BEGIN, END, table_of(rows))
-    replace_between(Path(path), PAIRS, END_OF_PAIRS, table_of_pairs())
-    replace_between(Path(path), STEPS, END_OF_STEPS, table_of_steps())
+def main(folder: str = "docs") -> None:
+    """Replace the tables of the pages in a folder."""
+    proof, page = Path(folder, "mathematics/two_registers.md"), Path(folder, "low_storage.md")
+    replace_between(proof, BEGIN, END, table_of([row_of(entry) for entry in entries()]))
+    replace_between(page, PAIRS, END_OF_PAIRS, table_of_pairs())
+    replace_between(page, STEPS, END_OF_STEPS, table_of_steps())
 
 
 if __name__ == "__main__":

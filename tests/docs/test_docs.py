@@ -230,33 +230,28 @@ def test_code_of_frames_page(capsys):
     assert names["course"].success
 
 
-def test_code_of_problems_page():
+def test_code_of_pages_on_problems_and_methods():
     assert run("docs/problems.md")["error"] < 1e-8
-
-
-def test_code_of_pages_on_lifting_and_low_storage():
     assert run("docs/lifting.md")["lifted"].flows == 4
     assert run("docs/low_storage.md")["williamson"].order == 3
-
-
-def test_code_of_munthe_kaas_page():
     assert run("docs/rkmk.md")["heun"].order == 2
 
 
-def test_code_of_runs_page(capsys, monkeypatch, tmp_path):
+def test_code_of_pages_on_searches(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names = run("docs/runs.md")
+    result, (first, kind, _) = names["result"], capsys.readouterr().out.splitlines()
+    assert first == repr(result)
+    assert sum(start.exact for start in result.starts) > 10
+    assert kind == "search 4 200"
+
+    names = run("docs/making.md")
     files = {"runs.jsonl", "Mine.toml", "Mine.certificate.toml"}
     assert {path.name for path in tmp_path.iterdir()} == files
-    assert names["certificate"].order == names["method"].order == 4
-    result, lines = names["result"], capsys.readouterr().out.splitlines()
-    assert lines[0] == repr(result)
-    exact = sum(start.exact for start in result.starts)
-    assert exact > 10
-    method = names["method"]
-    assert lines[1] == f"{method.name} {method.principal_error}"
+    method, lines = names["method"], capsys.readouterr().out.splitlines()
+    assert names["certificate"].order == method.order == 4
+    assert lines[:2] == [first, f"{method.name} {method.principal_error}"]
     assert method.c.max() <= 1.0
-    assert lines[2] == "search 4 200"
 
 
 GALLERY = sorted(path.stem for path in (DOCS / "gallery").glob("plot_*.py"))

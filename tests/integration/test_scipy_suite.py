@@ -92,7 +92,7 @@ class OfAnySize(cg.scipy.FrameSolver):
 
 @pytest.fixture(autouse=True)
 def replaced(monkeypatch, request):
-    if not request.node.name.startswith("test_class_"):
+    if request.cls is not TestOdeSolver:
         monkeypatch.setattr(suite, "solve_ivp", solve_ivp)
         return
     from scipy.integrate._ivp import ivp
@@ -136,15 +136,20 @@ CLASS_TESTS = {
     for name, test in vars(suite).items()
     if name.startswith("test_")
 }
-for prefix, tests, differences in (
-    ("", TESTS, DIFFERENCES), ("class_", CLASS_TESTS, CLASS_DIFFERENCES)
-):  # fmt: skip
+
+
+def collected(tests, differences):
+    """Return a class of the tests, in which those that differ must fail."""
     for name, function in tests.items():
         error, reason = differences.get(name, (None, ""))
         marks = getattr(vars(suite)[name], "pytestmark", [])
         function.pytestmark = [mark for mark in marks if mark.name == "parametrize"]
-        mark = pytest.mark.xfail(bool(reason), raises=error, reason=reason, strict=True)
-        globals()[f"test_{prefix}{name.removeprefix('test_')}"] = mark(function)
+        pytest.mark.xfail(bool(reason), raises=error, reason=reason, strict=True)(function)
+    return type("Collected", (), {name: staticmethod(test) for name, test in tests.items()})
+
+
+TestSolveIvp = collected(TESTS, DIFFERENCES)
+TestOdeSolver = collected(CLASS_TESTS, CLASS_DIFFERENCES)
 
 
 def test_differences_are_of_tests_that_exist():

@@ -80,7 +80,7 @@ class TestOrderOnManifolds:
             assert row.moved < 1e-6, row.name
             assert row.flat_refined < 1e-60, row.name
             assert row.refined < 1e-55, row.name
-        page = (ROOT / "docs" / "low_storage.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs/mathematics/two_registers.md").read_text(encoding="utf-8")
         assert tool.table_of(rows) in page, "out of date; run research/low_storage.py"
 
 

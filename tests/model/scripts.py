@@ -86,7 +86,7 @@ for goal in GOALS:
 """
 JAX = """import types, diffrax, jax
 jax.config.update("jax_enable_x64", True)
-traced = types.FunctionType(f.__code__, {**globals(), "np": jax.numpy})
+traced = types.FunctionType(f.__code__, {**f.__globals__, "np": jax.numpy})
 @jax.jit
 def points(p):
     return diffrax.diffeqsolve(

@@ -1,4 +1,4 @@
-"""Methods of two registers: the identity of docs/low_storage.md, and that of it all follows."""
+"""Methods of two registers: the identity of docs/mathematics/two_registers.md proves all others."""
 
 from fractions import Fraction
 

@@ -29,7 +29,7 @@ def outcome(case, limit):
     if not child:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         try:
-            exec(case, globals())
+            exec(case)
             os.write(writing, b"done")
         except MemoryError as error:
             os.write(writing, b"MemoryError: " + str(error).encode())
