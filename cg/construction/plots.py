@@ -19,7 +19,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.support.checks import check_instance, check_integer, check_real
+from cg.support.checks import check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _MAX_TERMS = 12  # terms of all flows together; with more, the weights of flows aren't written
@@ -279,36 +279,6 @@ def stability_region(method: Any, ax: Any = None) -> Any:
     ends = {"xlim": grid[0][0, [0, -1]], "ylim": grid[1][[0, -1], 0]}
     ax.set(aspect="equal", xlabel="Re hλ", ylabel="Im hλ", **ends)
     ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
-    return ax
-
-
-def order_star(method: str | Method, ax: Any = None, *, reach: float | None = None) -> Any:
-    """Draw the order star of a method, where ``|R(z)| > |exp(z)|``.
-
-    If the method has order p, p + 1 fingers and as many gaps meet at the origin.
-
-    Parameters
-    ----------
-    method
-    reach
-        Largest real and imaginary part that are drawn, by default 1 + stages.
-
-    Examples
-    --------
-    >>> import crouch_grossman as cg
-    >>> cg.plot.order_star("CF4").get_title()
-    'CF4'
-    """
-    method = no_splitting(resolve_method(method))
-    reach = 1.0 + method.stages if reach is None else check_real("reach", reach, positive=True)
-    grid, z = _plane((-reach, reach), (-reach, reach))
-    ax = axes_for(ax)
-    size = np.abs(growth(method, z) * np.exp(-z))
-    ax.contourf(*grid, size, levels=[1.0, np.inf], colors=[COLOURS[0]], alpha=0.35)
-    ax.contour(*grid, size, levels=[1.0], colors=[COLOURS[0]], linewidths=0.8)
-    ax.plot(0.0, 0.0, "k+")
-    title = verbatim(method.name) or "without name"
-    ax.set(aspect="equal", xlabel="Re z", ylabel="Im z", title=title)
     return ax
 
 

@@ -14,7 +14,7 @@ from cg.plot.events import phase_plane, timeline
 from cg.plot.trajectories import bands, bloch, invariants, trajectory_of_axes, trajectory_on_sphere
 
 # Imported at their first use
-_OF_METHODS = ("order_star", "points", "stability_region", "tableau", "tree")
+_OF_METHODS = ("points", "stability_region", "tableau", "tree")
 
 __all__ = [
     "attitude",
@@ -22,7 +22,6 @@ __all__ = [
     "bloch",
     "convergence",
     "invariants",
-    "order_star",
     "phase_plane",
     "points",
     "stability_region",

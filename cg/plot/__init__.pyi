@@ -1,4 +1,3 @@
-from cg.construction.plots import order_star as order_star
 from cg.construction.plots import points as points
 from cg.construction.plots import stability_region as stability_region
 from cg.construction.plots import tableau as tableau

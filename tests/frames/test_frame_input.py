@@ -9,7 +9,6 @@ from refusals import refuses
 
 from cg import frames as fr
 from cg.frames.matrix_group import MatrixGroup
-from cg.problems import AffineField
 
 TWO = fr.Product(fr.SO3(), fr.SO3())
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
@@ -79,7 +78,6 @@ def field_frame(**changes):
     (lambda: fr.LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
     (lambda: fr.LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
     (lambda: fr.LinearAction(7), ValueError, "must be a sequence of matrices"),
-    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as .*, got 3"),
 ])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
     refuses(error, message, make)

@@ -1,13 +1,13 @@
 """Equations, flows and flows between points as compiled code computes them."""
 
 import ctypes
+from types import SimpleNamespace
 
 import numpy as np
 
 import cg._core_r64 as core
 from cg import frames as fr
 from cg.integration.plan.plan import block_constants, describe_blocks, has_compiled_difference
-from cg.problems.linear import AffineField
 
 
 def compiled_flows(frame):
@@ -76,4 +76,18 @@ ORBITS = [
     fr.Product(fr.IsospectralOrbit((0.0, 3.0)), fr.IsospectralOrbit((-1.0, 0.25, 1.5))),
     fr.IsospectralOrbit(tuple(np.arange(14) / 7)), fr.Grassmann(4, 1), fr.Grassmann(13, 5),
 ]  # fmt: skip
-PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
+
+
+def affine_problem(frame, initial):
+    """Return an equation with coefficients that are affine in time and the point, at random."""
+    rng, y0 = np.random.default_rng(3), frame.check_point(initial)
+    constant, slope, *linear = rng.integers(-4, 5, (frame.dim, y0.size + 2)).T / 8
+    linear = np.array(linear).T
+
+    def f(t, y):
+        return constant + t * slope + linear @ y.ravel()
+
+    return SimpleNamespace(frame=frame, y0=y0, f=f, constant=constant, slope=slope, linear=linear)
+
+
+PROBLEMS = {name: affine_problem(*entry) for name, entry in FRAMES.items()}

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from compiled_examples import PROBLEMS
 from frame_examples import HEISENBERG
 from refusals import refuses
 from scipy.integrate import RK45
@@ -13,7 +14,6 @@ from scipy.integrate import RK45
 import cg
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean
-from cg.problems import AffineField
 
 HUGE = 10**400
 MIDPOINT = Tableau([["1/2"]], ["1"])
@@ -238,7 +238,7 @@ def test_bad_arguments_with_a_compiled_function_are_rejected(changes, message, f
 
 
 def test_parameters_are_for_compiled_functions_without_data(affine):
-    f, _data = affine(AffineField(SO3(), np.eye(3)))
+    f, _data = affine(PROBLEMS["SO3 body"])
     with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
         cg.solve_ensemble(f, (0, 1), np.eye(3), frame=SO3(), parameters=[[1.0]])
 

@@ -86,19 +86,6 @@ class TestStability:
         assert -3 < left < -2
         assert 0 < right < 1
 
-    @pytest.mark.parametrize("name", ["CG3", "CF4", "RadauIIA5"])
-    def test_fingers_of_order_stars(self, ax, name):
-        """As many as the order and one meet at the origin, thus twice as many curves leave it."""
-        cg.plot.order_star(name, ax, reach=0.6)
-        (edge,) = [c for c in ax.collections if len(c.get_edgecolors()) and not c.filled]
-        segments = [
-            line for path in edge.get_paths() for line in path.to_polygons(closed_only=False)
-        ]
-        inside = [np.hypot(*line.T) < 0.5 for line in segments]
-        crossings = sum(int(np.count_nonzero(np.diff(flags))) for flags in inside)
-        assert crossings == 2 * (cg.methods[name].order + 1)
-        assert ax.get_title() == name
-
 
 class TestErrors:
     def test_convergence(self, ax):
@@ -142,9 +129,7 @@ BAD = [
     (cg.plot.tree, "ax", [{"tree": "[]", "ax": "ax"}]),
     (cg.plot.points, "method", [{"method": "DICG4"}, {"method": "Leapfrog"}]),
     (cg.plot.tableau, "method", [{"method": "XX"}, {"method": "Leapfrog"}]),
-    (cg.plot.order_star, "reach", [{"method": "CG3", "reach": 0.0}]),
     (cg.plot.stability_region, "method", [{"method": []}, {"method": "Leapfrog"}]),
-    (cg.plot.order_star, "method", [{"method": "Leapfrog"}]),
     (cg.plot.trajectory_on_sphere, "ax", [{"y": np.eye(3), "ax": None}]),
     (cg.plot.trajectory_on_sphere, "y", [{"y": np.ones((3, 4))}, {"y": np.nan * np.eye(3)}]),
     (cg.plot.bands, "values", [{"t": [0, 1], "values": [1, 2]}]),
