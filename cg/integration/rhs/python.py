@@ -50,8 +50,9 @@ def read_value(
         array: Points = (real_array if dtype == np.float64 else complex_array)(value, name)
     except ValueError as error:
         kind = "real" if dtype == np.float64 else "complex"
-        expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else f"an array of shape {shape}"
-        expected = expected if shape else "a real number"
+        expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else "a real number"
+        if len(shape) > 1:
+            expected = f"an array of {kind} numbers of shape {shape}"
         raise ValueError(
             f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}"
             f"{conversion_hint(value, error)}"
