@@ -116,6 +116,10 @@ class TestLift:
         rounded = cg.Tableau([[], [c2], [c3 - a32, a32]], [1 - b2 - b3, b2, b3])
         refuses(cg.LiftError, "must be exact or have", cg.lift, rounded)
 
+    def test_no_tree_leads_to_a_second_stage_at_the_start(self):
+        twice = cg.Tableau([[], [0], [0, "1/2"]], [0, 0, 1])
+        refuses(ValueError, "flows must be a number", cg.lift, twice, flows=3)
+
     def test_doubles_are_taken_as_the_fractions_that_they_are_rounded_from(self):
         flat = pair("DP5(4)")
         lifted = cg.lift(cg.Tableau(flat.a, flat.b, b_embedded=flat.b_embedded))

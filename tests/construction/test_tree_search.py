@@ -35,6 +35,11 @@ def test_second_results_make_pairs():
     assert {(m.order, m.embedded_order, m.exponentials) for m in methods} == {(4, 3, 6)}
 
 
+def test_trees_of_few_stages_and_many_flows_are_drawn():
+    layout = draw_layout(3, 60, np.random.default_rng(0))
+    assert {*layout.parents, *layout.stage_points, *layout.results} >= set(range(60))
+
+
 def test_drawn_pairs_have_nonzero_estimates():
     result = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
     assert result.settings.first_same_as_last

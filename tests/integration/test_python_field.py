@@ -7,7 +7,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Power, Product, UnitQuaternion
+from cg.frames import SO3, SU, Euclidean, PhaseSpace, Power, Product, UnitQuaternion
 
 FRAME = Product(SO3(), Euclidean(3))
 Y0 = FRAME.join(np.eye(3), [0.1, -0.2, 0.3])
@@ -133,6 +133,16 @@ def test_the_derivative_of_the_point_is_recognised(frame, batch):
 
     with pytest.raises(ValueError, match='rhs="derivative" takes derivatives of y'):
         solve(lambda t, y: np.zeros_like(y))
+
+
+@pytest.mark.parametrize("options", [{"linear": True}, {"frame": PhaseSpace(SO3())}], ids=str)
+def test_derivatives_are_not_named_where_they_are_refused(options):
+    options = {"frame": SO3()} | options
+    start = options["frame"].random_point(np.random.default_rng(1))
+    refuses(
+        ValueError, r"^f must return .*, got shape \(9,\) at t = 0\nat t = 0; f is given",
+        cg.solve_ivp, lambda *given: np.zeros(9), (0, 1), start, **options,
+    )  # fmt: skip
 
 
 NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}

@@ -135,10 +135,10 @@ class TestBadInput:
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
     @pytest.mark.parametrize(("value", "message"), [
         (np.ones((2, 3)), r"{name} must return an array of shape {shape}, got shape \(2, 3\)"),
-        ("x", "{name} must return an array of shape {shape}, got 'x' at t = 0"),
-        (None, "{name} must return an array of shape {shape}, got None at t = 0"),
+        ("x", "{name} must return an array of real numbers of shape {shape}, got 'x' at t = 0"),
+        (None, "{name} must return an array of real numbers of shape {shape}, got None at t = 0"),
         (np.full((3, 3), np.nan), "{name} must return finite numbers, got"),
-        (1j * np.eye(3), "{name} must return an array of shape {shape}"),
+        (1j * np.eye(3), "{name} must return an array of real numbers of shape {shape}"),
     ], ids=["shape", "text", "None", "NaN", "complex"])  # fmt: skip
     def test_of_values_of_functions(self, name, value, message):
         arguments = {name: lambda t, y, p: value}

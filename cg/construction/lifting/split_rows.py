@@ -21,6 +21,7 @@ from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import to_decimal
 
+_DRAWS = 30_000  # of a random tree that leads to given rows
 _NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
 
 
@@ -96,10 +97,10 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
     """Return a random tree of points with a number of flows to the stages and the result.
 
     A flow has weights on the stages that a row further on contains. Trees whose weights can't add
-    up to the rows are rejected.
+    up to the rows are rejected; ValueError is raised if all are.
     """
     targets = [*(rows.stages[k] for k in rows.moved_stages), rows.result]
-    while True:
+    for _ in range(_DRAWS):
         tree = draw_layout(rows.count, flows, generator, first_same_as_last=rows.at_result)
         ends = [*tree.stage_points[1 : len(targets)], flows - 1]
         paths = [tree.path(end) for end in ends]
@@ -115,6 +116,9 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
         except ArithmeticError:  # no weights add up to the rows
             continue
         return layout
+    raise ValueError(
+        f"flows must be a number of which random trees lead to the rows of the tableau, got {flows}"
+    )
 
 
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:

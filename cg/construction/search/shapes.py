@@ -1,6 +1,7 @@
 """Trees of points for a search: given by their parents and stages, or drawn at random."""
 
 from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ _FIXED_FIRST = (0.2, 0.8)  # range of the first weight, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
+_FREE_DRAWS = 10_000  # of a tree; after that, flows start from earlier points behind stages alone
 
 
 def layout_of(tree: Any) -> Layout:
@@ -72,10 +74,12 @@ def draw_layout(
     first have points of their own, and the result is one more.
     """
     inner, ends = flows - 1, stages - first_same_as_last
-    while True:
+    for draw in count():
         places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, ends - 2)])]
         at = sorted(int(m) for m in places[: ends - 1])
         back = random.random(flows) < _BACK
+        if draw >= _FREE_DRAWS:
+            back[1:] &= np.isin(np.arange(inner), at)
         parents = [int(random.integers(START, m)) if back[m] else m - 1 for m in range(flows)]
         if {*at, *parents, inner} >= set(range(flows)):
             break

@@ -50,8 +50,9 @@ def read_value(
         array: Points = (real_array if dtype == np.float64 else complex_array)(value, name)
     except ValueError as error:
         kind = "real" if dtype == np.float64 else "complex"
-        expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else f"an array of shape {shape}"
-        expected = expected if shape else "a real number"
+        expected = f"{shape[0]} {kind} numbers" if len(shape) == 1 else "a real number"
+        if len(shape) > 1:
+            expected = f"an array of {kind} numbers of shape {shape}"
         raise ValueError(
             f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}"
             f"{conversion_hint(value, error)}"
@@ -87,8 +88,10 @@ class Check:
         self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
-        as_points = frame.rhs_shape == frame.point_shape
-        self.hint = "" if as_points else '; rhs="derivative" takes derivatives of y'
+        # functions of time, and on phase spaces, may not return derivatives
+        may = not self.of_time and frame.rhs_dim == frame.dim
+        other = may and frame.rhs_shape != frame.point_shape
+        self.hint = '; rhs="derivative" takes derivatives of y' if other else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
