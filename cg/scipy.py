@@ -14,6 +14,7 @@ from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.linear_action import LinearAction
 from cg.frames.product import Power, Product
+from cg.integration.arguments import check_step
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.plan.plan import turning_coefficients
 from cg.integration.stepper import Stepper
@@ -107,11 +108,9 @@ class FrameSolver(OdeSolver):
                 f"y0 must be the {math.prod(frame.point_shape)} entries of a point of {frame!r}, "
                 f"got {self.n}"
             )
-        if first_step is not None and not 0.0 < first_step <= abs(t_bound - t0):
-            raise ValueError(f"first_step must be positive and within t_span, got {first_step!r}")
-        if not max_angle > 0.0:
-            raise ValueError(f"max_angle must be positive, got {max_angle!r}")
-        self._max_angle = max_angle
+        if first_step is not None and check_step(first_step, "first_step") > abs(t_bound - t0):
+            raise ValueError(f"first_step must be within t_span, got {first_step!r}")
+        self._max_angle = check_step(max_angle, "max_angle", infinite=True)
         self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
         relative = self._tolerances(rtol, "rtol")

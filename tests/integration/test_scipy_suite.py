@@ -325,8 +325,10 @@ def test_events_of_the_host_are_not_stepped_over(span, tolerance):
     run = integrate.solve_ivp(f, span, y0, **options)
     expected = times[2] if span[0] == 0.0 else times[-3]
     assert abs(run.t[-1] - expected) < 4e-13
-    with pytest.raises(ValueError, match="max_angle must be positive"):
-        integrate.solve_ivp(f, span, y0, max_angle=0.0, **options)
+    for name in ("max_angle", "first_step"):
+        for wrong in (0.0, "1", np.nan):
+            with pytest.raises((TypeError, ValueError), match=f"{name} must be .*, got {wrong!r}"):
+                integrate.solve_ivp(f, span, y0, **options | {name: wrong})
 
 
 @pytest.mark.filterwarnings("ignore:The following arguments have no effect:UserWarning")
