@@ -91,6 +91,7 @@ class Operation(IntEnum):
     BRACKET = 2  # bracket of two fields
     COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
     CONSTRAINTS = 17  # those of one's own on a phase space; see ``cg/frames/joints.py``
+    RESIDUAL = 19  # the function that lmdif minimises
 
 
 class RowForm(IntEnum):
