@@ -11,7 +11,7 @@ module api_run_m
   use joints_m, only: make_linkage
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use method_m, only: kind_polynomial, kind_splitting, make_method
+  use method_m, only: polynomial_kind, splitting_kind, make_method
   use open_run_m, only: open_run, set_inputs, set_output
   use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
   use saved_state_m, only: load_state, save_state
@@ -122,7 +122,7 @@ contains
       scheme%c = used_c
       scheme%weight = result_weight
       scheme%columns = columns
-      if (plan%method%kind == kind_splitting) scheme%drift = plan%method%drift
+      if (plan%method%kind == splitting_kind) scheme%drift = plan%method%drift
     end associate
   end subroutine plan_set_scheme
 
@@ -277,7 +277,7 @@ contains
     type(frame_t), target :: frame
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
-    type(inner_points_t), target :: inner
+    type(inner_points_t) :: inner
     integer :: i, k, last, last_in_step, memory
 
     plan => plan_at(address)
@@ -286,7 +286,6 @@ contains
     if (context /= 0) frame%callback => python
     call reserve_interpolant(frame, plan%scheme, interpolant, memory)
     if (memory /= 0) return
-    frame%blocks(1)%action%inner => inner
     last = -1
     i = 0
     do while (i < count)
@@ -304,7 +303,7 @@ contains
         y(:, i) = y_ends(:, 1, k)
       else if (.not. theta(i) < 1) then
         y(:, i) = y_ends(:, 2, k)
-      else if (plan%scheme%at_stages .and. plan%method%kind == kind_polynomial) then
+      else if (plan%scheme%at_stages .and. plan%method%kind == polynomial_kind) then
         last_in_step = min(count, i + 31)
         last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                         .and. theta(i:last_in_step) < 1, .false.], .false., 1)

@@ -49,7 +49,6 @@ contains
   subroutine set_problem(plan, run)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
-    integer :: i
 
     associate (problem => run%problem, record => run%record, field => run%field)
       run%frame = plan%frame
@@ -62,9 +61,7 @@ contains
       field%data_stride = record%data_stride
       call set_inputs(run)
       problem%frame => run%frame
-      do i = 1, size(run%frame%blocks)
-        run%frame%blocks(i)%action%inner => run%inner
-      end do
+      problem%inner => run%inner
       if (record%vectorized == 0) problem%field => run%field
       problem%method => plan%method
       problem%scheme => plan%scheme

@@ -14,7 +14,7 @@ module step_events_m
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
-  use method_m, only: kind_splitting
+  use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, recalls, time_at
   use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
@@ -190,7 +190,7 @@ contains
     real(wp) :: angle, rate(x%frame%dimension, 2)
 
     rate = reshape([x%slope, x%end_slope], shape(rate))
-    if (x%method%kind == kind_splitting) then   ! its coefficients are forces alone
+    if (x%method%kind == splitting_kind) then   ! its coefficients are forces alone
       call add_free_motion(x%frame, x%y(:, 0), rate(:, 1))
       call add_free_motion(x%frame, x%y(:, x%result), rate(:, 2))
     end if
