@@ -46,8 +46,8 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
-                       x%problem%events%period) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table%direction, &
+                       x%problem%events%table%period) &
                .and. (x%events%after /= 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
@@ -69,7 +69,8 @@ contains
     logical :: may_cut(size(x%events%before))
 
     associate (events => x%problem%events)
-      may_cut = x%problem%goes_on .and. (events%jumps .or. x%events%count + 1 >= events%limit)
+      may_cut = x%problem%goes_on .and. (events%table%jumps /= 0 .or. &
+                                     x%events%count + 1 >= events%table%limit)
     end associate
   end function may_cut
 
@@ -205,7 +206,7 @@ contains
     if (ends) x%phase = phase_begin_segment
     if (.not. ended) then
       x%events%before(:) = x%events%after
-    else if (any(x%events%count >= x%problem%events%limit) .and. .not. x%problem%goes_on) then
+    else if (any(x%events%count >= x%problem%events%table%limit) .and. .not. x%problem%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
     else if (x%events%jumps_in_place > max_stuck) then
@@ -227,9 +228,9 @@ contains
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
-    if (.not. any(x%events%count >= x%problem%events%limit)) return
+    if (.not. any(x%events%count >= x%problem%events%table%limit)) return
     x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%limit) x%events%count = 0
+    where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
   end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.
