@@ -11,7 +11,7 @@ module api_run_m
   use joints_m, only: make_linkage
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use method_m, only: polynomial_kind, splitting_kind, make_method
+  use method_m, only: make_method, polynomial_kind, reals, splitting_kind
   use open_run_m, only: open_run, set_inputs, set_output
   use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
   use saved_state_m, only: load_state, save_state
@@ -188,20 +188,25 @@ contains
     call drive(run_at(address))
   end subroutine loop_drive
 
-  ! Lets trajectories continue with other ends of segments, but for members that a terminal event
+  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
+  ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
   ! has ended. There are as many lanes as members.
-  subroutine loop_continue(address, segments, stops) bind(c)
+  subroutine loop_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    integer, intent(in) :: segments
-    real(wp), intent(in) :: stops(segments)
+    logical(c_bool), intent(in) :: interpolating
     type(run_t), pointer :: run
     integer :: i
 
     run => run_at(address)
-    run%problem%stops = stops
+    run%problem%stops = reals(run%record%stops, run%record%segments)
     call wake(run)
     do i = 1, size(run%lanes)
-      if (run%busy(i)) call continue_trajectory(run%lanes(i))
+      if (.not. run%busy(i)) cycle
+      if (interpolating) then
+        call request_interpolant(run%lanes(i))
+      else
+        call continue_trajectory(run%lanes(i))
+      end if
     end do
   end subroutine loop_continue
 
@@ -225,20 +230,6 @@ contains
     end do
     call wake(run)
   end subroutine loop_restart
-
-  ! Requests the interpolants of the last steps, which the next call of loop_drive stores, but for
-  ! members that a terminal event has ended.
-  subroutine loop_interpolate(address) bind(c)
-    integer(c_intptr_t), intent(in) :: address
-    type(run_t), pointer :: run
-    integer :: i
-
-    run => run_at(address)
-    call wake(run)
-    do i = 1, size(run%lanes)
-      if (run%busy(i)) call request_interpolant(run%lanes(i))
-    end do
-  end subroutine loop_interpolate
 
   ! Reads or writes the states of all trajectories.
   subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
