@@ -70,7 +70,6 @@ contains
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp) :: changes(columns, n)                    ! differences along directions, in Python
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
-    integer :: fields                                  ! along which f is differentiated
     logical :: along
 
     f = nan
@@ -85,17 +84,15 @@ contains
       if (record%jac /= 0) then
         call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
       else if (.not. along) then
-        fields = n
-        if (record%kicks /= 0) fields = self%plan%frame%forces
-        call add_differences(self, y, f, units(fields, n), spread(0 * d(:, 1), 2, fields), a)
+        call difference_along_fields(self, y, f, a)
       end if
       if (self%code /= 0) return
       call add_brackets(record, n, f, a)
       slope = matmul(x, a)
       if (record%df_dp /= 0) then
         call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
-      else if (.not. along) then
-        call add_differences(self, y, f, spread(0 * f, 1, k), units(k, k), d)
+      else if (k > 0 .and. .not. along) then
+        call difference_by_parameters(self, y, f, d)
       end if
       if (along) then
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
@@ -105,8 +102,7 @@ contains
           call call_checked(self, record%along, record%along_data, [y, x], f_failed, changes)
           slope = slope + changes
         else
-          call add_differences(self, y, f, merge(x, 0.0_wp, record%jac == 0), &
-                               merge(p, 0.0_wp, record%df_dp == 0), slope)
+          call add_differences(self, record%jac == 0, record%df_dp == 0 .and. k > 0, y, x, p, slope)
         end if
       else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
@@ -120,79 +116,63 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Adds differences of f along each direction: along the fields and by parameters at once, unless
-  ! one part is so much smaller than the other that it would be lost.
-  subroutine add_differences(self, y, f, x, p, slope)
+  ! Adds central differences of f along each direction: along the fields and by parameters at once,
+  ! unless one part is so much smaller than the other that it would be lost.
+  subroutine add_differences(self, along_fields, along_parameters, y, x, p, slope)
     type(evaluation_t), intent(inout) :: self
-    real(wp), contiguous, intent(in) :: y(:), f(:)     ! f: at y
-    real(wp), intent(in) :: x(:, :), p(:, :)           ! (directions, dimension), (parameters, directions)
-    real(wp), intent(inout) :: slope(:, :)             ! (directions or more, dimension)
-    ! along a direction, to where a coordinate or a parameter changes by its size
-    real(wp) :: far(2)
-    real(wp) :: widths(size(f)), scales(size(p, 1))
+    logical, intent(in) :: along_fields, along_parameters
+    real(wp), contiguous, intent(in) :: y(:), x(:, :), p(:, :)
+    real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
+    real(wp) :: lengths(2), widths(size(slope, 2)), scales(size(p, 1))
     real(wp), pointer, contiguous :: parameters(:), least(:)
     integer :: j
 
     call c_f_pointer(self%parameters, parameters, [size(p, 1)])
     call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [size(p, 1)])
-    widths = 1.0_wp
-    if (any(abs(x) > 0)) call sizes(self%plan%frame, y, widths)     ! the frame is a compiled one
-    widths = max(widths, 1.0_wp)
+    if (along_fields) then                           ! the frame is a compiled one
+      call sizes(self%plan%frame, y, widths)
+      widths = max(widths, 1.0_wp)
+    end if
     scales = max(abs(parameters), least)
-    where (scales <= sqrt(tiny(1.0_wp))) scales = 1.0_wp
-    do j = 1, size(x, 1)
-      far(1) = minval(widths / abs(x(j, :)), abs(x(j, :)) > 0)
-      far(2) = minval(scales / abs(p(:, j)), abs(p(:, j)) > 0)
-      if (maxval(far) < 1000 * minval(far)) then
-        call add(minval(far), x(j, :), p(:, j))
+    scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
+    do j = 1, size(slope, 1)
+      lengths = 0.0_wp
+      if (along_fields) lengths(1) = maxval(abs(x(j, :)) / widths)
+      if (along_parameters) lengths(2) = maxval(abs(p(:, j)) / scales)
+      if (minval(lengths) * 1000 > maxval(lengths)) then
+        call add(maxval(lengths), 1.0_wp, 1.0_wp)
       else
-        call add(far(1), x(j, :), 0 * p(:, j))
-        call add(far(2), 0 * x(j, :), p(:, j))
+        call add(lengths(1), 1.0_wp, 0.0_wp)
+        call add(lengths(2), 0.0_wp, 1.0_wp)
       end if
       if (self%code /= 0) return
     end do
 
   contains
 
-    ! Adds the difference along direction j, or along a part of it. Parameters are changed in place,
-    ! since functions of Python hold a view of them.
-    subroutine add(length, along, change)
-      real(wp), intent(in) :: length, along(:), change(:)
-      real(wp) :: point(size(y)), values(size(f), 2), before(size(p, 1)), step
-      integer :: side, sides
+    ! Adds the difference along direction j, of which parts count.
+    subroutine add(length, by_fields, by_parameters)
+      real(wp), intent(in) :: length, by_fields, by_parameters
+      real(wp) :: point(size(y)), values(size(slope, 2), 2), before(size(p, 1)), step
+      integer :: side
 
-      if (.not. length < huge(length) .or. self%code /= 0) return
-      sides = 2
-      if (self%record%one_sided /= 0) sides = 1
-      values(:, 2) = f
+      if (.not. length > 0 .or. self%code /= 0) return
+      step = self%record%step / length
       before = parameters
-      step = self%record%step * length
-      do side = 1, sides
+      do side = 1, 2
+        step = merge(step, -step, side == 1)
         point = y
-        if (any(abs(along) > 0)) call apply_flows(self%plan%frame, 1, step * along, point)
-        where (abs(change) > 0) parameters = before + step * change
+        if (by_fields > 0) call apply_flows(self%plan%frame, 1, step * x(j, :), point)
+        if (by_parameters > 0) parameters = before + step * p(:, j)
         values(:, side) = nan
         call call_f(self, point, values(:, side))
         parameters = before
         if (self%code /= 0) return
-        step = -step
       end do
-      slope(j, :) = slope(j, :) + (values(:, 1) - values(:, 2)) / (real(sides, wp) * abs(step))
+      slope(j, :) = slope(j, :) - (values(:, 1) - values(:, 2)) / (2 * step)
     end subroutine add
 
   end subroutine add_differences
-
-  ! The first rows of the identity
-  pure function units(rows, n)
-    integer, intent(in) :: rows, n
-    real(wp) :: units(rows, n)
-    integer :: i
-
-    units = 0.0_wp
-    do i = 1, rows
-      units(i, i) = 1.0_wp
-    end do
-  end function units
 
   ! Adds C A^T + Q, where c(:, i) is row i of C.
   subroutine add_noise(self, y, a, c, slope)
@@ -269,6 +249,66 @@ contains
     rhs => field_at(address)
     self%code = rhs(self%t, point, values, data)
   end subroutine call_function
+
+  ! a(j, i) becomes the difference of f(i) along field j.
+  subroutine difference_along_fields(self, y, f, a)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), contiguous, intent(in) :: y(:), f(:)
+    real(wp), intent(out) :: a(:, :)
+    real(wp), dimension(size(f)) :: step, v
+    real(wp) :: point(size(y)), values(size(f), 2)     ! values: ahead and behind
+    integer :: j, side, sides
+
+    a = 0.0_wp
+    associate (record => self%record, frame => self%plan%frame)
+      call sizes(frame, y, step)
+      step = record%step * max(step, 1.0_wp)
+      sides = merge(1, 2, record%one_sided /= 0)
+      values(:, 2) = f
+      do j = 1, merge(frame%forces, size(f), record%kicks /= 0)
+        v = 0.0_wp
+        do side = 1, sides
+          v(j) = merge(step(j), -step(j), side == 1)
+          point = y
+          call apply_flows(frame, 1, v, point)
+          values(:, side) = nan
+          call call_f(self, point, values(:, side))
+          if (self%code /= 0) return
+        end do
+        a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
+      end do
+    end associate
+  end subroutine difference_along_fields
+
+  ! d(j, i) becomes the difference of f(i) by parameter j. Parameters are changed in
+  ! place, since functions of Python hold a view of them.
+  subroutine difference_by_parameters(self, y, f, d)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), intent(in) :: y(:), f(:)
+    real(wp), intent(out) :: d(:, :)
+    real(wp), pointer, contiguous :: parameters(:), scales(:)
+    real(wp) :: step, before, values(size(f), 2)       ! values: ahead and behind
+    integer :: j, side, sides
+
+    d = 0.0_wp
+    call c_f_pointer(self%parameters, parameters, [size(d, 1)])
+    call c_f_pointer(transfer(self%record%scales, c_null_ptr), scales, [size(d, 1)])
+    sides = merge(1, 2, self%record%one_sided /= 0)
+    values(:, 2) = f
+    do j = 1, size(d, 1)
+      before = parameters(j)
+      step = max(abs(before), scales(j))
+      step = self%record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
+      do side = 1, sides
+        parameters(j) = before + merge(step, -step, side == 1)
+        values(:, side) = nan
+        call call_f(self, y, values(:, side))
+        parameters(j) = before
+        if (self%code /= 0) return
+      end do
+      d(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
+    end do
+  end subroutine difference_by_parameters
 
   ! Adds the matrix of brackets with f.
   subroutine add_brackets(record, n, f, a)
