@@ -43,6 +43,16 @@ contains
     if (solver%mode == scale_as_given) proper_input = proper_input .and. all(solver%diag > 0)
   end function proper_input
 
+  ! Allocates the results.
+  pure subroutine prepare(solver, m, n)
+    type(lmdif_t), intent(inout) :: solver
+    integer, intent(in) :: m, n
+
+    allocate (solver%fjac(m, n), solver%qtf(n), source=0.0_wp)
+    allocate (solver%ipvt(n), source=0)
+    if (.not. allocated(solver%diag)) allocate (solver%diag(n), source=1.0_wp)
+  end subroutine prepare
+
   ! Minimises |f(x)|. If the settings are improper, f is never called.
   subroutine lmdif(problem, x, fvec, solver)
     class(least_squares_t), intent(inout) :: problem
@@ -56,9 +66,8 @@ contains
 
     fvec = 0
     flag = 0
-    allocate (ftrial(size(fvec)), solver%fjac(size(fvec), size(x)), solver%qtf(size(x)), source=0.0_wp)
-    allocate (solver%ipvt(size(x)), source=0)
-    if (.not. allocated(solver%diag)) allocate (solver%diag(size(x)), source=1.0_wp)
+    allocate (ftrial(size(fvec)), source=0.0_wp)
+    call prepare(solver, size(fvec), size(x))
     main: block
       if (.not. proper_input(solver, size(x), size(fvec))) exit main
       call problem%residual(x, fvec, flag)
