@@ -301,7 +301,8 @@ contains
     real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: s, k, t, c0, unknowns
-    integer :: first_for(self%weights%order)     ! first condition that weights with so many nodes enter
+    ! first condition that weights with so many nodes enter
+    integer :: first_for(self%weights%order)
 
     call self%weights%evaluate(x)
     associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees, &

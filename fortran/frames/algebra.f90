@@ -48,7 +48,8 @@ contains
         else if (any(block%kind == [su_block, u_block])) then
           call unitary_bracket(block%n, side(block) * u(first:last), v(first:last), w(first:last))
         else
-          call orthogonal_bracket(block%n, side(block) * u(first:last), v(first:last), w(first:last))
+          call orthogonal_bracket(block%n, side(block) * u(first:last), v(first:last), &
+                                  w(first:last))
         end if
       end associate
     end do

@@ -6,9 +6,10 @@
  * results, a function check(value, t, y) that returns results as an array, or raises what is wrong
  * with them, a list of two entries, whether f takes no point, whether the first further argument is
  * a function of time whose value f gets in its place, and whether the last argument is an array
- * whose numbers change between calls.  The check is called for all but the plainest results.  In the list are the arrays that f was
- * given last, a point and such numbers, or None: if nobody else has kept one, the next go into it,
- * except without a global lock, where another thread may be about to take it.
+ * whose numbers change between calls.  The check is called for all but the plainest results.  In
+ * the list are the arrays that f was given last, a point and such numbers, or None: if nobody else
+ * has kept one, the next go into it, except without a global lock, where another thread may be
+ * about to take it.
  */
 #include <math.h>
 #include <string.h>

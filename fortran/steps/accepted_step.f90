@@ -304,7 +304,8 @@ contains
       associate (first => x%method%path_first(x%method%result), &
                  last => x%method%path_first(x%method%result + 1) - 1)
         call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, end, inner)
+        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, end, &
+                               inner)
       end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate
