@@ -52,6 +52,19 @@ class FieldFlag(IntEnum):
     SIZE_FAILED = -(2**31) + 3  # the function of step sizes
 
 
+class StepKind(IntEnum):
+    """How a method takes a step in compiled code: its `Kind`, or a special case of it."""
+
+    GROUP = 1
+    ALGEBRA = 2
+    IMPLICIT = 3
+    COLLOCATION = 4
+    LINEAR = 5
+    SPLITTING = 6
+    REGISTERS = 7  # explicit stages by flows, of two registers
+    POLYNOMIAL = 8  # of a linear equation, whose flows are one along a polynomial
+
+
 class BlockKind(IntEnum):
     """The manifold of a block of a compiled frame."""
 
@@ -91,6 +104,7 @@ class Operation(IntEnum):
     BRACKET = 2  # bracket of two fields
     COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
     CONSTRAINTS = 17  # those of one's own on a phase space; see ``cg/frames/joints.py``
+    RESIDUAL = 19  # the function that lmdif minimises
 
 
 class RowForm(IntEnum):
@@ -270,6 +284,7 @@ ERROR_ESTIMATE: dict[str, float | int] = {
 _SUFFIXES = {
     Stop: "",
     FieldFlag: "",
+    StepKind: "_kind",
     BlockKind: "_block",
     BlockOption: "",
     Operation: "_operation",

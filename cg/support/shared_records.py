@@ -107,6 +107,7 @@ RECORD = {
 """What the compiled loop over steps reads and writes."""
 
 METHOD = {
+    "kind": "integer",  # a `StepKind`
     # numbers of paths, of their flows, of terms of these, and of stages
     "paths": "integer",
     "flows": "integer",
@@ -121,10 +122,10 @@ METHOD = {
     # doubles
     "weight": "address",  # (terms)
     "c": "address",  # (stages)
-    "registers": "address",  # A and B of a method of two registers, else 0
+    "registers": "address",  # A and B of a method of two registers
     "error": "address",  # (stages, errors) weights
     "transformation": "address",  # the numbers of transformation_t, of a collocation method
-    "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them, else 0
+    "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them
     "errors": "integer",
     "brackets": "address",  # (stages + brackets, 2, brackets) weights of their sides
     "bracket_count": "integer",
@@ -137,7 +138,6 @@ METHOD = {
     "power": "integer",  # exponent of the quotient of two error estimates
     "factor": "real",  # factor of the second estimate in that quotient
     "blocks": "integer",  # groups of stages that an implicit method solves together
-    "polynomial": "integer",  # whether the flows of a path are one along a polynomial
 }
 """A method as paths of flows."""
 

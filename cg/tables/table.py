@@ -15,6 +15,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
+from cg.support.shared_numbers import StepKind
 from cg.support.shared_records import METHOD, fields_of
 
 MAX_ANGLE = 20.0
@@ -198,7 +199,13 @@ class MethodTable:
     def record(self) -> MethodRecord:
         """The record in compiled code, whose arrays this object keeps alive."""
         addresses = {name: array.ctypes.data for name, array in self.arrays.items()}
-        return MethodRecord(**self.numbers, **addresses)
+        numbers = {name: x for name, x in self.numbers.items() if name in METHOD}
+        kind = StepKind[self.kind.name]
+        if "registers" in self.arrays:
+            kind = StepKind.REGISTERS
+        if self.is_polynomial:
+            kind = StepKind.POLYNOMIAL
+        return MethodRecord(kind=kind, **numbers, **addresses)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as data for JSON."""

@@ -42,38 +42,6 @@ module conditions_m
 
 contains
 
-  ! Derivatives by all unknowns, after weights%evaluate; a row of zeros where the list of trees has
-  ! a zero.
-  subroutine weights_jacobian(weights, trees, owner, jac)
-    class(weights_t), intent(in) :: weights
-    integer, intent(in) :: trees(:)       ! (conditions)
-    integer, intent(in) :: owner(:)       ! (conditions) a result, or a stage with an assumption
-    real(wp), intent(out) :: jac(:, :)    ! (conditions, unknowns)
-    real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
-    real(wp), allocatable :: adjoint(:, :, :)  ! (conditions, stage_trees, inner segments)
-    integer :: s, k, t, c0, unknowns
-    integer :: first_for(weights%order)   ! first condition that weights with so many nodes enter
-
-    first_for = [(first_condition(trees, owner, s), s=1, weights%order)]
-    associate (pattern => weights%pattern)
-      unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
-      allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)
-      allocate (adjoint(size(trees), weights%stage_trees, pattern%inner), source=0.0_wp)
-      jac = 0.0_wp
-      call seed(weights, weights%result_path, trees, owner == first_result, jac, adjoint)
-      call seed(weights, weights%second_path, trees, owner == second_result, jac, adjoint)
-      call seed_assumptions(weights, trees, owner, jac, adjoint)
-      if (unknowns == 0) return
-      call sweep(weights, first_for, direct, adjoint)
-      do t = 2, weights%stage_trees
-        c0 = first_for(node_count(t))
-        do k = 1, unknowns
-          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
-        end do
-      end do
-    end associate
-  end subroutine weights_jacobian
-
   ! Products of the flows after a point, up to the end of the chain that it is in, and of all.
   subroutine later_points(weights, start, e, right, whole)
     class(weights_t), intent(in) :: weights
@@ -324,15 +292,37 @@ contains
     if (.not. all(abs(f) <= huge(f))) flag = -1
   end subroutine residual
 
-  ! Computes the derivatives of all residuals.
+  ! Computes the derivatives of all residuals; a row of zeros where the list of trees has a zero.
   subroutine jacobian(self, x, jac, flag)
     class(order_conditions_t), intent(inout) :: self
-    real(wp), intent(in) :: x(:)        ! (unknowns)
-    real(wp), intent(out) :: jac(:, :)  ! (conditions, unknowns)
+    real(wp), intent(in) :: x(:)          ! (unknowns)
+    real(wp), intent(out) :: jac(:, :)    ! (conditions, unknowns)
     integer, intent(inout) :: flag
+    real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
+    real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
+    integer :: s, k, t, c0, unknowns
+    ! first condition that weights with so many nodes enter
+    integer :: first_for(self%weights%order)
 
     call self%weights%evaluate(x)
-    call weights_jacobian(self%weights, self%trees, self%owner, jac)
+    associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees, &
+               owner => self%owner)
+      first_for = [(first_condition(trees, owner, s), s=1, weights%order)]
+      unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
+      allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)
+      allocate (adjoint(size(trees), weights%stage_trees, pattern%inner), source=0.0_wp)
+      jac = 0.0_wp
+      call seed(weights, weights%result_path, trees, owner == first_result, jac, adjoint)
+      call seed(weights, weights%second_path, trees, owner == second_result, jac, adjoint)
+      call seed_assumptions(weights, trees, owner, jac, adjoint)
+      if (unknowns > 0) call sweep(weights, first_for, direct, adjoint)
+      do t = 2, weights%stage_trees
+        c0 = first_for(node_count(t))
+        do k = 1, unknowns
+          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
+        end do
+      end do
+    end associate
     if (.not. all(abs(jac) <= huge(jac))) flag = -1
   end subroutine jacobian
 

@@ -4,33 +4,17 @@
 ! blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: algebra_coefficients, algebra_matrix, as_complex, block_t, largest_own
+  use blocks_m, only: beta, block_t, commute, last_term, radius
   use frames_m, only: frame_t
   use shared_numbers
-  use orthogonal_m, only: multiply_real => multiply
-  use unitary_m, only: multiply
+  use orthogonal_m, only: orthogonal_bracket, orthogonal_dexpinv
+  use unitary_m, only: unitary_bracket, unitary_dexpinv
   use vectors_m, only: cross
   implicit none
   private
   public :: bracket, dexpinv
 
-  ! |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's numbers
-  real(wp), parameter :: beta(11) = [ &
-    1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
-    691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
-    43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
-    77683 / 1.4101100039391805e22_wp]
-  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
-  ! precision, which no frame exceeds.
-  integer, parameter :: last_term = 11
   real(wp), parameter :: series_below = 1.0_wp             ! the largest square of an angle
-  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
-  ! The radius of the series: at a full turn of rotations
-  real(wp), parameter :: radius = 8 * atan(1.0_wp)
-  ! relative brackets below this are rounding
-  real(wp), parameter :: commute = 1024 * epsilon(1.0_wp)  ! sums of weights up to 40 in DOP853
-  ! Number of powers computed; the growth of the latter half is taken for that of all.
-  integer, parameter :: powers = 20
 
 contains
 
@@ -61,8 +45,11 @@ contains
             [block%dimension])
         else if (is_rotation(block)) then
           w(first:last) = side(block) * cross(u(first:last), v(first:last))
+        else if (any(block%kind == [su_block, u_block])) then
+          call unitary_bracket(block%n, side(block) * u(first:last), v(first:last), w(first:last))
         else
-          call bracket_matrices(block, side(block) * u(first:last), v(first:last), w(first:last))
+          call orthogonal_bracket(block%n, side(block) * u(first:last), v(first:last), &
+                                  w(first:last))
         end if
       end associate
     end do
@@ -75,19 +62,6 @@ contains
     is_rotation = block%dimension == 3 .and. block%n == 3 &
                   .or. all(block%kind /= [so_block, isospectral_block, su_block, u_block])
   end function is_rotation
-
-  ! The bracket in matrices
-  subroutine bracket_matrices(block, u, v, w)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: u(:), v(:)
-    real(wp), intent(out) :: w(:)
-    real(wp), dimension(block%point_size), target :: x, y, spare
-
-    call make_matrix(block, u, x)
-    call make_matrix(block, v, y)
-    call apply_bracket(block, x, y, spare)
-    call get_coefficients(block, y, w)
-  end subroutine bracket_matrices
 
   ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
@@ -112,8 +86,10 @@ contains
           call dexpinv_motion(block%k, sign, u(first:last), v(first:last), exists)
         else if (is_rotation(block)) then
           call dexpinv_rotation(sign, u(first:last), v(first:last), exists)
+        else if (any(block%kind == [su_block, u_block])) then
+          call unitary_dexpinv(block%n, order, sign * u(first:last), v(first:last), exists)
         else
-          call dexpinv_matrix(block, sign, order, u(first:last), v(first:last), exists)
+          call orthogonal_dexpinv(block%n, order, sign * u(first:last), v(first:last), exists)
         end if
       end associate
     end do
@@ -145,127 +121,6 @@ contains
     end if
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
-
-  ! Replaces v by the series in matrices up to the power `order` of u. The order of a step needs two
-  ! powers less, but then errors of long steps exceed their estimates by far. Beyond the radius of
-  ! convergence it is used only if the brackets of this v don't grow.
-  subroutine dexpinv_matrix(block, sign, order, u, v, exists)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: sign
-    integer, intent(in) :: order
-    real(wp), intent(in) :: u(:)
-    real(wp), intent(inout) :: v(:)
-    logical, intent(inout) :: exists
-    real(wp), dimension(block%point_size), target :: x, power, total, spare
-    real(wp) :: bound                  ! no sum of two angles or difference of eigenvalues is larger
-    integer :: j
-
-    call make_matrix(block, sign * u, x)
-    call make_matrix(block, v, power)
-    bound = norm2(u) * merge(sqrt(2.0_wp), 1.0_wp, is_real(block))
-    if (is_real(block) .and. block%n > largest_own) &
-      bound = min(bound, 2 * maxval(sum(reshape(abs(x), [block%n, block%n]), dim=1)))
-    if (bound >= radius) then
-      total = power / max(norm2(power), smallest)
-      call apply_bracket(block, x, total, spare)
-      if (norm2(total) <= commute * bound) return
-      if (.not. growth(total) < radius) then
-        exists = .false.
-        return
-      end if
-    end if
-    total = power
-    call apply_bracket(block, x, power, spare)
-    total = total - power / 2
-    do j = 1, min(order / 2, last_term)
-      if (j > 1) call apply_bracket(block, x, power, spare)
-      call apply_bracket(block, x, power, spare)
-      total = total + merge(beta(j), -beta(j), modulo(j, 2) == 1) * power
-    end do
-    call get_coefficients(block, total, v)
-
-  contains
-
-    ! The factor by which repeated brackets with x grow
-    real(wp) function growth(power)
-      real(wp), contiguous, target, intent(inout) :: power(:)
-      real(wp) :: factor
-      integer :: k
-
-      growth = 1.0_wp
-      factor = norm2(power)
-      do k = 2, powers
-        power = power / factor
-        call apply_bracket(block, x, power, spare)
-        factor = norm2(power)
-        if (factor <= commute * bound) then
-          growth = 0.0_wp
-          return
-        end if
-        if (k > powers / 2) growth = growth * factor**(2 / real(powers, wp))
-      end do
-    end function growth
-
-  end subroutine dexpinv_matrix
-
-  ! Whether matrices of the Lie algebra are real; complex ones are held in twice as many numbers.
-  pure logical function is_real(block)
-    type(block_t), intent(in) :: block
-
-    is_real = block%kind == so_block .or. block%kind == isospectral_block
-  end function is_real
-
-  ! Makes the matrix with given coefficients.
-  subroutine make_matrix(block, coefficients, matrix)
-    type(block_t), intent(in) :: block
-    real(wp), intent(in) :: coefficients(:)
-    real(wp), contiguous, target, intent(out) :: matrix(:)
-    real(wp), pointer, contiguous :: real_view(:, :)
-    complex(wp), pointer, contiguous :: view(:, :)
-
-    if (is_real(block)) then
-      real_view(1:block%n, 1:block%n) => matrix
-      call algebra_matrix(block%n, coefficients, real_view)
-    else
-      view => as_complex(block%n, matrix)
-      call algebra_matrix(block%n, coefficients, view)
-    end if
-  end subroutine make_matrix
-
-  ! Computes the coefficients of a matrix.
-  subroutine get_coefficients(block, matrix, v)
-    type(block_t), intent(in) :: block
-    real(wp), contiguous, target, intent(in) :: matrix(:)
-    real(wp), intent(out) :: v(:)
-    real(wp), pointer, contiguous :: view(:, :)
-
-    if (is_real(block)) then
-      view(1:block%n, 1:block%n) => matrix
-      call algebra_coefficients(block%n, view, v)
-    else
-      call algebra_coefficients(block%n, as_complex(block%n, matrix), v)
-    end if
-  end subroutine get_coefficients
-
-  ! Replaces a matrix by its bracket with x, the difference of their product and its adjoint.
-  subroutine apply_bracket(block, x, matrix, spare)
-    type(block_t), intent(in) :: block
-    real(wp), contiguous, target, intent(in) :: x(:)
-    real(wp), contiguous, target, intent(inout) :: matrix(:), spare(:)
-    real(wp), pointer, contiguous :: product(:, :)
-    complex(wp), pointer, contiguous :: view(:, :)
-
-    if (is_real(block)) then
-      product(1:block%n, 1:block%n) => spare
-      call multiply_real(block%n, x, matrix, product)
-      product = product - transpose(product)
-    else
-      view => as_complex(block%n, spare)
-      call multiply(block%n, as_complex(block%n, x), as_complex(block%n, matrix), view)
-      view = view - conjg(transpose(view))
-    end if
-    matrix = spare
-  end subroutine apply_bracket
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad

@@ -12,6 +12,21 @@ module blocks_m
 
   integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied without BLAS
 
+  ! Of the series of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's
+  ! numbers
+  real(wp), parameter, public :: beta(11) = [ &
+    1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
+    691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
+    43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
+    77683 / 1.4101100039391805e22_wp]
+  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
+  ! precision, which no frame exceeds.
+  integer, parameter, public :: last_term = 11
+  ! its radius, at a full turn of rotations
+  real(wp), parameter, public :: radius = 8 * atan(1.0_wp)
+  ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
+  real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)
+
   ! The element of a Lie algebra with given coefficients, and the coefficients of the orthogonal
   ! projection of a matrix onto it: real matrices for SO(n), complex ones for SU(n) and U(n)
   interface algebra_matrix

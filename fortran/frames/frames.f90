@@ -208,7 +208,7 @@ contains
       end do
     case (linear_action_block)
       if (block%polynomial) then
-        call move_polynomially(block%action, v, y)
+        call move_polynomially(block%action, v, 0.0_wp, y)
       else
         call move_linearly(block%action, v, y)
       end if

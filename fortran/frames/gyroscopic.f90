@@ -118,12 +118,12 @@ contains
     u = fraction * u
     do j = 1, size(x, 1)
       xi = 0.0_wp
+      xi(:frame%forces) = x(j, :frame%forces)
       moved = 0.0_wp                         ! J^-1 eta times a piece
       do i = 1, size(frame%bodies)
         associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
                    m => frame%forces)
           if (body%turns) cycle
-          xi(v:last) = x(j, v:last)
           call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
           moved(v:last) = time * fraction * moved(v:last)
         end associate
@@ -137,11 +137,7 @@ contains
           xi = xi + term
         end do
       end do
-      do i = 1, size(frame%bodies)
-        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
-          if (.not. frame%bodies(i)%turns) x(j, v:last) = xi(v:last)
-        end associate
-      end do
+      x(j, :frame%forces) = xi(:frame%forces)
     end do
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, m => frame%forces)

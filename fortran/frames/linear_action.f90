@@ -20,9 +20,8 @@ module linear_action_m
 
   ! Points within a flow along a polynomial
   type :: inner_points_t
-    logical :: awaited = .false.             ! whether the next flow computes them
     integer :: owner = 0, count = 0          ! owner: the member of the step
-    real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
+    real(wp), allocatable :: theta(:)        ! (count) or more, fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
   end type inner_points_t
 
@@ -40,10 +39,7 @@ module linear_action_m
     real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
-    ! tolerances of the point, zero if steps are fixed, and which part of them the flow of a step
-    ! along a polynomial may use; other flows are as accurate as rounding
-    real(wp) :: rtol = 0.0_wp, atol = 0.0_wp, granted = 0.0_wp
-    type(inner_points_t), pointer :: inner => null()
+    real(wp) :: rtol = 0.0_wp, atol = 0.0_wp ! tolerances of the point, zero if steps are fixed
   end type linear_action_t
 
   ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less
@@ -322,12 +318,14 @@ contains
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation; the parts share the tolerance that the step is granted, since their errors add up.
+  ! cancellation; the parts share the tolerance that is granted, since their errors add up.
   ! Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their tolerance only.
-  subroutine move_polynomially(action, v, y)
+  subroutine move_polynomially(action, v, granted, y, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
+    real(wp), intent(in) :: granted          ! part of the tolerances, 0 for the accuracy of rounding
     real(wp), intent(inout) :: y(:)          ! (point_size)
+    type(inner_points_t), optional, intent(inout) :: inner   ! its points are computed
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
     integer :: first, i, last, part, parts
 
@@ -348,23 +346,20 @@ contains
         where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
       end do
       first = last + 1
-      if (associated(action%inner)) then
-        if (action%inner%awaited) last = count(action%inner%theta(:action%inner%count) &
-                                              <= real(part, wp) / real(parts, wp))
-      end if
+      if (present(inner)) &
+        last = count(inner%theta(:inner%count) <= real(part, wp) / real(parts, wp))
       if (last < first) then
-        call apply_polynomial(action, d, action%granted / real(parts, wp), y)
+        call apply_polynomial(action, d, granted / real(parts, wp), y)
       else
-        call apply_polynomial(action, d, action%granted / real(parts, wp), y, &
-                              real(parts, wp) * action%inner%theta(first:last) &
-                              - real(part - 1, wp), action%inner%y(:, first:last))
+        call apply_polynomial(action, d, granted / real(parts, wp), y, &
+                              real(parts, wp) * inner%theta(first:last) - real(part - 1, wp), &
+                              inner%y(:, first:last))
         if (.not. (action%skew .and. length > 0)) cycle
         do i = first, last
-          action%inner%y(:, i) = action%inner%y(:, i) * (length / length_of(action%inner%y(:, i)))
+          inner%y(:, i) = inner%y(:, i) * (length / length_of(inner%y(:, i)))
         end do
       end if
     end do
-    if (associated(action%inner)) action%inner%awaited = .false.
     if (action%skew .and. length > 0) y = y * (length / norm2(y))
 
   contains

@@ -1,61 +1,55 @@
 ! Interface for f2py of lmdif on a function in Python, in double precision.
 ! It is never `threadsafe`, since the function needs the interpreter's lock.
-module lmdif_callback_m
-  use, intrinsic :: iso_fortran_env, only: real64
+module api_lmdif_m
+  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
+  use callback_m, only: callback_t
+  use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
   use linalg_m, only: least_squares_t
+  use shared_numbers, only: residual_operation, stopped_by_user
   implicit none
   private
-  public :: core_lmdif_callback
+  public :: lmdif_of_python
 
-  abstract interface
-    subroutine evaluate_i(n, x, m, f, flag) bind(c)
-      import :: real64
-      integer, intent(in) :: n, m
-      real(real64), intent(in) :: x(n)
-      real(real64), intent(out) :: f(m)
-      integer, intent(out) :: flag
-    end subroutine evaluate_i
-  end interface
-
-  type, extends(least_squares_t) :: callback_t
-    procedure(evaluate_i), pointer, nopass :: evaluate => null()
+  type, extends(least_squares_t) :: python_function_t
+    type(callback_t) :: python
   contains
     procedure :: residual
-  end type callback_t
+  end type python_function_t
 
 contains
 
   subroutine residual(self, x, f, flag)
-    class(callback_t), intent(inout) :: self
-    real(real64), intent(in) :: x(:)   ! (n)
-    real(real64), intent(out) :: f(:)  ! (m)
+    class(python_function_t), intent(inout) :: self
+    real(wp), intent(in) :: x(:)   ! (n)
+    real(wp), intent(out) :: f(:)  ! (m)
     integer, intent(inout) :: flag
+    logical :: failed
 
-    call self%evaluate(size(x), x, size(f), f, flag)
+    call self%python%apply(residual_operation, x, x(:0), f, failed)
+    if (failed) flag = stopped_by_user
   end subroutine residual
 
-  subroutine core_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, &
-      mode, factor, info, nfev, fjac, ipvt, qtf) bind(c)
-    procedure(evaluate_i) :: evaluate
+  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, mode, &
+                             factor, x, fvec, info, nfev, fjac, ipvt, qtf) bind(c)
+    integer(c_intptr_t), intent(in) :: context     ! the function
     integer, intent(in) :: n, m, maxfev, mode
-    real(real64), intent(inout) :: x(n), diag(n)
-    real(real64), intent(in) :: ftol, xtol, gtol, epsfcn, factor
-    real(real64), intent(out) :: fvec(m), fjac(m, n), qtf(n)
+    real(wp), intent(in) :: x0(n), diag(n), ftol, xtol, gtol, epsfcn, factor
+    real(wp), intent(out) :: x(n), fvec(m), fjac(m, n), qtf(n)
     integer, intent(out) :: info, nfev, ipvt(n)
-    type(callback_t) :: problem
+    type(python_function_t) :: problem
     type(lmdif_t) :: solver
 
-    problem%evaluate => evaluate
+    problem%python%context = transfer(context, c_null_ptr)
     solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
-                      factor=factor, diag=diag)
+                     factor=factor, diag=diag)
+    x = x0
     call lmdif(problem, x, fvec, solver)
-    diag = solver%diag
     info = solver%info
     nfev = solver%nfev
     fjac = solver%fjac
     ipvt = solver%ipvt
     qtf = solver%qtf
-  end subroutine core_lmdif_callback
+  end subroutine lmdif_of_python
 
-end module lmdif_callback_m
+end module api_lmdif_m

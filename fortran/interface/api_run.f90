@@ -11,7 +11,7 @@ module api_run_m
   use joints_m, only: make_linkage
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use method_m, only: kind_polynomial, kind_splitting, make_method
+  use method_m, only: make_method, polynomial_kind, reals, splitting_kind
   use open_run_m, only: open_run, set_inputs, set_output
   use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
   use saved_state_m, only: load_state, save_state
@@ -122,7 +122,7 @@ contains
       scheme%c = used_c
       scheme%weight = result_weight
       scheme%columns = columns
-      if (plan%method%kind == kind_splitting) scheme%drift = plan%method%drift
+      if (plan%method%kind == splitting_kind) scheme%drift = plan%method%drift
     end associate
   end subroutine plan_set_scheme
 
@@ -188,20 +188,25 @@ contains
     call drive(run_at(address))
   end subroutine loop_drive
 
-  ! Lets trajectories continue with other ends of segments, but for members that a terminal event
+  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
+  ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
   ! has ended. There are as many lanes as members.
-  subroutine loop_continue(address, segments, stops) bind(c)
+  subroutine loop_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    integer, intent(in) :: segments
-    real(wp), intent(in) :: stops(segments)
+    logical(c_bool), intent(in) :: interpolating
     type(run_t), pointer :: run
     integer :: i
 
     run => run_at(address)
-    run%problem%stops = stops
+    run%problem%stops = reals(run%record%stops, run%record%segments)
     call wake(run)
     do i = 1, size(run%lanes)
-      if (run%busy(i)) call continue_trajectory(run%lanes(i))
+      if (.not. run%busy(i)) cycle
+      if (interpolating) then
+        call request_interpolant(run%lanes(i))
+      else
+        call continue_trajectory(run%lanes(i))
+      end if
     end do
   end subroutine loop_continue
 
@@ -225,20 +230,6 @@ contains
     end do
     call wake(run)
   end subroutine loop_restart
-
-  ! Requests the interpolants of the last steps, which the next call of loop_drive stores, but for
-  ! members that a terminal event has ended.
-  subroutine loop_interpolate(address) bind(c)
-    integer(c_intptr_t), intent(in) :: address
-    type(run_t), pointer :: run
-    integer :: i
-
-    run => run_at(address)
-    call wake(run)
-    do i = 1, size(run%lanes)
-      if (run%busy(i)) call request_interpolant(run%lanes(i))
-    end do
-  end subroutine loop_interpolate
 
   ! Reads or writes the states of all trajectories.
   subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
@@ -277,7 +268,7 @@ contains
     type(frame_t), target :: frame
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
-    type(inner_points_t), target :: inner
+    type(inner_points_t) :: inner
     integer :: i, k, last, last_in_step, memory
 
     plan => plan_at(address)
@@ -286,7 +277,6 @@ contains
     if (context /= 0) frame%callback => python
     call reserve_interpolant(frame, plan%scheme, interpolant, memory)
     if (memory /= 0) return
-    frame%blocks(1)%action%inner => inner
     last = -1
     i = 0
     do while (i < count)
@@ -304,7 +294,7 @@ contains
         y(:, i) = y_ends(:, 1, k)
       else if (.not. theta(i) < 1) then
         y(:, i) = y_ends(:, 2, k)
-      else if (plan%scheme%at_stages .and. plan%method%kind == kind_polynomial) then
+      else if (plan%scheme%at_stages .and. plan%method%kind == polynomial_kind) then
         last_in_step = min(count, i + 31)
         last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                         .and. theta(i:last_in_step) < 1, .false.], .false., 1)

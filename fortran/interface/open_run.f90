@@ -49,7 +49,6 @@ contains
   subroutine set_problem(plan, run)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
-    integer :: i
 
     associate (problem => run%problem, record => run%record, field => run%field)
       run%frame = plan%frame
@@ -62,9 +61,7 @@ contains
       field%data_stride = record%data_stride
       call set_inputs(run)
       problem%frame => run%frame
-      do i = 1, size(run%frame%blocks)
-        run%frame%blocks(i)%action%inner => run%inner
-      end do
+      problem%inner => run%inner
       if (record%vectorized == 0) problem%field => run%field
       problem%method => plan%method
       problem%scheme => plan%scheme
@@ -166,20 +163,12 @@ contains
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)
     type(run_t), target, intent(inout) :: run
-    type(event_record_t), pointer, contiguous :: table(:)
 
-    call c_f_pointer(transfer(run%record%event_table, c_null_ptr), table, &
-                     [int(run%record%event_functions)])
-    run%events%count = size(table)
+    run%events%count = int(run%record%event_functions)
+    call c_f_pointer(transfer(run%record%event_table, c_null_ptr), run%events%table, &
+                     [run%events%count])
     run%events%width = int(run%record%event_width)
-    run%events%address = table%function
-    run%events%data = table%data
-    run%events%direction = int(table%direction)
-    run%events%limit = table%limit
-    run%events%jumps = table%jumps /= 0
-    run%events%period = table%period
-    run%events%vectorized = table%vectorized /= 0
-    run%events%together = any(run%events%vectorized) .and. run%record%lanes > 1
+    run%events%together = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
     run%events%member_data = run%record%data
     run%events%stride = run%record%data_stride
     run%events%callback = run%python
@@ -193,15 +182,11 @@ contains
     integer(int64), intent(in) :: functions, stride
     integer(c_intptr_t), intent(in) :: table_address, function, data
     type(observer_t), intent(inout) :: observer
-    type(event_record_t), pointer, contiguous :: table(:)
 
     observer%count = count
     if (functions > 0) then
-      call c_f_pointer(transfer(table_address, c_null_ptr), table, [functions])
-      observer%functions%count = size(table)
-      observer%functions%address = table%function
-      observer%functions%data = table%data
-      observer%functions%period = table%period
+      observer%functions%count = int(functions)
+      call c_f_pointer(transfer(table_address, c_null_ptr), observer%functions%table, [functions])
       observer%functions%member_data = data
       observer%functions%stride = int(stride, c_intptr_t)
       observer%functions%inputs = run%field%inputs

@@ -1,15 +1,15 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, type, result shape, check, spare, of time, with input, result type, changing)
- * of the function, its further arguments, the shape of its points, the type of their entries, the
- * shape of its results, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, a list of two entries, whether f takes no point, whether the first
- * further argument is a function of time whose value f gets in its place, the type of results, and
- * the shape of the last argument if it is an array whose numbers change between calls, else None.
- * The check is called for all but the plainest results.  In the list are the arrays that f was
- * given last, a point and such numbers, or None: if nobody else has kept one, the next go into it,
- * except without a global lock, where another thread may be about to take it.
+ *   (f, args, point, result, check, spare, of time, with input, changing)
+ * of the function, its further arguments, arrays of the shape and the type of its points and of its
+ * results, a function check(value, t, y) that returns results as an array, or raises what is wrong
+ * with them, a list of two entries, whether f takes no point, whether the first further argument is
+ * a function of time whose value f gets in its place, and whether the last argument is an array
+ * whose numbers change between calls.  The check is called for all but the plainest results.  In
+ * the list are the arrays that f was given last, a point and such numbers, or None: if nobody else
+ * has kept one, the next go into it, except without a global lock, where another thread may be
+ * about to take it.
  */
 #include <math.h>
 #include <string.h>
@@ -23,28 +23,19 @@ enum { REUSE = 0 };
 #else
 enum { REUSE = 1 };
 #endif
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT, RESULT_TYPE,
-       CHANGING };
+enum { FUNCTION, ARGUMENTS, LIKE_POINT, LIKE_RESULT, CHECK, SPARE, OF_TIME, INPUT, CHANGING };
 enum { POINT, NUMBERS }; /* places in the list */
 
-/* Whether an array has a shape, given as a tuple */
-static int has_shape(PyArrayObject *array, PyObject *shape)
+/* Whether an array has the shape and the type of another one, and plain memory */
+static int is_like(PyArrayObject *array, PyArrayObject *other)
 {
-    const int rank = (int)PyTuple_GET_SIZE(shape);
-    if (PyArray_NDIM(array) != rank) {
-        return 0;
-    }
-    for (int i = 0; i < rank; i++) {
-        if (PyArray_DIM(array, i) != PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i))) {
-            return 0;
-        }
-    }
-    return 1;
+    return PyArray_TYPE(array) == PyArray_TYPE(other) && PyArray_SAMESHAPE(array, other)
+           && PyArray_ISCARRAY_RO(array);
 }
 
 /* The array of the call before, out of its place: f may call itself by way of another integration.
  * NULL if somebody has it still, as a whole or as a part, or has turned it into another one. */
-static PyObject *take_spare(PyObject *context, int place, PyObject *shape, int type)
+static PyObject *take_spare(PyObject *context, int place, PyArrayObject *like)
 {
     PyObject *spare = PyTuple_GET_ITEM(context, SPARE);
     PyObject *kept = PyList_GET_ITEM(spare, place);
@@ -52,8 +43,7 @@ static PyObject *take_spare(PyObject *context, int place, PyObject *shape, int t
         return NULL;
     }
     PyArrayObject *array = (PyArrayObject *)kept;
-    if (PyArray_TYPE(array) != type || !has_shape(array, shape) || !PyArray_ISCARRAY_RO(array)
-        || !PyArray_CHKFLAGS(array, NPY_ARRAY_OWNDATA)) {
+    if (!is_like(array, like) || !PyArray_CHKFLAGS(array, NPY_ARRAY_OWNDATA)) {
         return NULL;
     }
     Py_INCREF(Py_None);
@@ -70,17 +60,12 @@ static void keep_spare(PyObject *context, int place, PyObject *array)
 }
 
 /* Numbers are given as arrays of their own, which the function may keep but not change. */
-static PyObject *make_array(PyObject *context, int place, PyObject *shape, int type,
-                            const void *numbers)
+static PyObject *make_array(PyObject *context, int place, PyObject *example, const void *numbers)
 {
-    PyObject *array = take_spare(context, place, shape, type);
+    PyArrayObject *like = (PyArrayObject *)example;
+    PyObject *array = take_spare(context, place, like);
     if (array == NULL) {
-        int rank = (int)PyTuple_GET_SIZE(shape);
-        npy_intp lengths[NPY_MAXDIMS];
-        for (int i = 0; i < rank; i++) {
-            lengths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i));
-        }
-        array = PyArray_SimpleNew(rank, lengths, type);
+        array = PyArray_SimpleNew(PyArray_NDIM(like), PyArray_DIMS(like), PyArray_TYPE(like));
     }
     if (array != NULL) {
         memcpy(PyArray_DATA((PyArrayObject *)array), numbers,
@@ -101,10 +86,9 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     arguments[0] = NULL; /* the function may use this place during the call */
     Py_ssize_t nargs = 0, first = 0;
     PyObject *value = NULL, *input = NULL, *numbers = NULL;
-    PyObject *shape = PyTuple_GET_ITEM(context, CHANGING);
-    if (shape != Py_None) {
-        PyArrayObject *last = (PyArrayObject *)PyTuple_GET_ITEM(extra, --count);
-        numbers = make_array(context, NUMBERS, shape, NPY_DOUBLE, PyArray_DATA(last));
+    if (PyTuple_GET_ITEM(context, CHANGING) == Py_True) {
+        PyObject *last = PyTuple_GET_ITEM(extra, --count);
+        numbers = make_array(context, NUMBERS, last, PyArray_DATA((PyArrayObject *)last));
         if (numbers == NULL) {
             goto done;
         }
@@ -140,14 +124,14 @@ done:
 
 /* Copies a list or a tuple of numbers, which are all floats, or of such rows along an axis; returns
  * how many, 0 if it isn't one. */
-static Py_ssize_t copy_sequence(PyObject *value, PyObject *shape, Py_ssize_t axis, double *f)
+static Py_ssize_t copy_sequence(PyObject *value, PyArrayObject *like, int axis, double *f)
 {
     if (!(PyList_CheckExact(value) || PyTuple_CheckExact(value))) {
         return 0;
     }
     const Py_ssize_t count = PySequence_Fast_GET_SIZE(value);
-    const Py_ssize_t inner = PyTuple_GET_SIZE(shape) - 1 - axis;
-    if (inner < 0 || count != PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, axis))) {
+    const int inner = PyArray_NDIM(like) - 1 - axis;
+    if (inner < 0 || count != PyArray_DIM(like, axis)) {
         return 0;
     }
     PyObject **items = PySequence_Fast_ITEMS(value);
@@ -155,7 +139,7 @@ static Py_ssize_t copy_sequence(PyObject *value, PyObject *shape, Py_ssize_t axi
     Py_ssize_t copied = 0;
     for (Py_ssize_t i = 0; i < count; i++) {
         if (inner > 0) {
-            const Py_ssize_t more = copy_sequence(items[i], shape, axis + 1, f + copied);
+            const Py_ssize_t more = copy_sequence(items[i], like, axis + 1, f + copied);
             if (more == 0) {
                 return 0;
             }
@@ -177,20 +161,20 @@ static Py_ssize_t copy_sequence(PyObject *value, PyObject *shape, Py_ssize_t axi
  * a list; returns 0 if it is another one. */
 static int copy_plain(PyObject *value, PyObject *context, double *f)
 {
-    PyObject *shape = PyTuple_GET_ITEM(context, RESULT);
-    const int type = (int)PyLong_AsLong(PyTuple_GET_ITEM(context, RESULT_TYPE));
+    PyArrayObject *like = (PyArrayObject *)PyTuple_GET_ITEM(context, LIKE_RESULT);
+    const int is_real = PyArray_TYPE(like) == NPY_DOUBLE;
     if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
-        return type == NPY_DOUBLE && copy_sequence(value, shape, 0, f) > 0;
+        return is_real && copy_sequence(value, like, 0, f) > 0;
     }
-    if (PyFloat_Check(value) && type == NPY_DOUBLE) { /* of Python or NumPy */
+    if (PyFloat_Check(value) && is_real) { /* of Python or NumPy */
         f[0] = PyFloat_AS_DOUBLE(value);
-        return PyTuple_GET_SIZE(shape) == 0 && isfinite(f[0]);
+        return PyArray_NDIM(like) == 0 && isfinite(f[0]);
     }
     if (!PyArray_CheckExact(value)) {
         return 0;
     }
     PyArrayObject *array = (PyArrayObject *)value;
-    if (PyArray_TYPE(array) != type || !PyArray_ISCARRAY_RO(array) || !has_shape(array, shape)) {
+    if (!is_like(array, like)) {
         return 0;
     }
     const double *numbers = PyArray_DATA(array);
@@ -216,8 +200,7 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
         return code;
     }
     PyObject *time = PyFloat_FromDouble(t);
-    PyObject *point = make_array(context, POINT, PyTuple_GET_ITEM(context, SHAPE),
-                                 (int)PyLong_AsLong(PyTuple_GET_ITEM(context, TYPE)), y);
+    PyObject *point = make_array(context, POINT, PyTuple_GET_ITEM(context, LIKE_POINT), y);
     PyObject *value = NULL;
     if (time != NULL && point != NULL) {
         value = call(context, time, point);

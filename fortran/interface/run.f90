@@ -317,7 +317,7 @@ contains
             end do
           end associate
         end do
-        if (k > 0 .and. run%events%vectorized(event)) then
+        if (k > 0 .and. run%events%table(event)%vectorized /= 0) then
           call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
                                 points(:n * k), values(:k))
         else

@@ -1,9 +1,9 @@
 """Write the C wrapper of an extension module for the procedures of Fortran sources.
 
-f2py reads their signatures itself, except those with callbacks, which the last file has. The
-procedures have binding labels, so that they are called as if they belonged to no module. In
-sources of the wide kind real numbers become 16 bytes each, which are never a C type; ``inout`` is
-the one intent with which f2py never copies, so that a flag set during a call is seen.
+f2py reads their signatures itself. The procedures have binding labels, so that they are called as
+if they belonged to no module. In sources of the wide kind real numbers become 16 bytes each, which
+are never a C type; ``inout`` is the one intent with which f2py never copies, so that a flag set
+during a call is seen.
 """
 
 import io
@@ -29,9 +29,8 @@ def main(folder: Path, name: str, wide: bool, sources: list[Path]) -> None:
     kinds, signatures = folder / f"{name}.f2cmap", folder / f"{name}.pyf"
     kinds.write_text(_KINDS, encoding="utf-8")
     options = ["--quiet", "--lower", "--f2cmap", str(kinds), "--build-dir", str(folder)]
-    *files, extra = sources if sources[-1].suffix == ".pyf" else [*sources, None]
     copies = []
-    for source in files:
+    for source in sources:
         copies.append(folder / f"{name}_{source.name}")
         text = source.read_text(encoding="utf-8")
         copies[-1].write_text(in_bytes(text) if wide else text, encoding="utf-8")
@@ -41,10 +40,6 @@ def main(folder: Path, name: str, wide: bool, sources: list[Path]) -> None:
     lines = signatures.read_text(encoding="utf-8").split("\n")
     text = "\n".join(line for line in lines if not re.match(r" *(use|(end )?module) ", line))
     aligned = re.sub(r"(dimension\(16,.*intent\((?:in|out))", r"\1,aligned16", text)
-    if extra is not None:  # modules of callbacks go before, procedures with callbacks inside
-        text = extra.read_text(encoding="utf-8")
-        before, inside = re.split(r"(?<=__user__routines)\n(?=!)", text)
-        aligned = f"{before}\n{aligned.replace('  end interface', inside + '  end interface', 1)}"
     signatures.write_text(aligned, encoding="utf-8")
     if np.lib.NumpyVersion(np.__version__) >= "2.1.0":
         # compiled code has no state that threads share, so that it needs no global lock

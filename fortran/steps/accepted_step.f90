@@ -4,10 +4,9 @@ module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
-  use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
-  use linear_action_m, only: inner_points_t
-  use method_m, only: kind_polynomial
+  use linear_action_m, only: move_polynomially
+  use method_m, only: polynomial_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
   use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step, time_at
@@ -47,8 +46,8 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%direction, &
-                       x%problem%events%period) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table%direction, &
+                       x%problem%events%table%period) &
                .and. (x%events%after /= 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
@@ -70,7 +69,8 @@ contains
     logical :: may_cut(size(x%events%before))
 
     associate (events => x%problem%events)
-      may_cut = x%problem%goes_on .and. (events%jumps .or. x%events%count + 1 >= events%limit)
+      may_cut = x%problem%goes_on .and. (events%table%jumps /= 0 .or. &
+                                     x%events%count + 1 >= events%table%limit)
     end associate
   end function may_cut
 
@@ -206,7 +206,7 @@ contains
     if (ends) x%phase = phase_begin_segment
     if (.not. ended) then
       x%events%before(:) = x%events%after
-    else if (any(x%events%count >= x%problem%events%limit) .and. .not. x%problem%goes_on) then
+    else if (any(x%events%count >= x%problem%events%table%limit) .and. .not. x%problem%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
     else if (x%events%jumps_in_place > max_stuck) then
@@ -228,9 +228,9 @@ contains
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
-    if (.not. any(x%events%count >= x%problem%events%limit)) return
+    if (.not. any(x%events%count >= x%problem%events%table%limit)) return
     x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%limit) x%events%count = 0
+    where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
   end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.
@@ -247,9 +247,9 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (time == t) then
             point = y
-          else if (x%method%kind == kind_polynomial) then
+          else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
+            point = x%problem%inner%y(:, x%outputs_done - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
@@ -267,29 +267,26 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
-    type(inner_points_t), pointer :: inner
     real(wp) :: theta
     integer :: most
 
-    inner => x%frame%blocks(1)%action%inner
     most = min(max_count, max(1, max_numbers / x%frame%point_size), output%outputs - x%outputs_done)
     x%inner_from = x%outputs_done
-    inner%owner = x%member
-    inner%count = 0
-    if (most <= 0) return
-    if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
-    do while (inner%count < most)
-      theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
-      if (.not. theta < 1) exit
-      inner%count = inner%count + 1
-      inner%theta(inner%count) = theta
-    end do
-    inner%awaited = inner%count > 0
-    if (.not. inner%awaited) return
-    if (allocated(inner%y)) then
-      if (size(inner%y, 2) < inner%count) deallocate (inner%y)
-    end if
-    if (.not. allocated(inner%y)) allocate (inner%y(x%frame%point_size, inner%count))
+    associate (inner => x%problem%inner)
+      inner%owner = x%member
+      inner%count = 0
+      if (.not. allocated(inner%theta)) &
+        allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
+      do while (inner%count < most)
+        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
+        if (.not. theta < 1) exit
+        inner%count = inner%count + 1
+        inner%theta(inner%count) = theta
+      end do
+      if (size(inner%y, 2) >= inner%count) return
+      deallocate (inner%y)
+      allocate (inner%y(x%frame%point_size, inner%count))
+    end associate
   end subroutine prepare_inner
 
   ! Prepares the point at the last output time passed where it isn't yet.
@@ -297,7 +294,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (end => x%request%y, inner => x%frame%blocks(1)%action%inner)
+    associate (end => x%request%y, inner => x%problem%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
@@ -307,7 +304,8 @@ contains
       associate (first => x%method%path_first(x%method%result), &
                  last => x%method%path_first(x%method%result + 1) - 1)
         call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call apply_flows(x%frame, last - first + 1, x%v, end)
+        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, end, &
+                               inner)
       end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate

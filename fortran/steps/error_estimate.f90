@@ -33,7 +33,7 @@ module error_estimate_m
   use kinds, only: wp
   use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
-  use method_m, only: kind_collocation, kind_polynomial, method_t
+  use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
   use newton_m, only: filtered
   use shared_numbers, only: resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
@@ -106,7 +106,7 @@ contains
       place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
       if (x%method%power == 0) place = 1 + i
       error = norm_of_u(x)
-      if (x%method%kind == kind_polynomial) error = hypot(errors(place), error)
+      if (x%method%kind == polynomial_kind) error = hypot(errors(place), error)
       if (.not. error <= errors(place)) errors(place) = error
     end do
     first = [errors(1), 0.0_wp]
@@ -131,7 +131,7 @@ contains
     errors = 0.0_wp
     associate (last => size(x%method%error, 2))
       do i = 1, last
-        if (x%method%third == 0 .and. x%method%stages_at_start) then
+        if (x%method%third == 0 .and. x%method%kind == linear_kind) then
           place = merge(1, 2, i <= 2)
           call sum_of_stages(x, i)
           call count_part(merge(1, 2, mod(i, 2) == 1), norm_of_u(x))
@@ -155,9 +155,9 @@ contains
       end do
       first = errors(1, :)
       associate (parts => [(combined(x%method, errors(i, 1), errors(i, 2)), i=1, 2)])
-        x%error = merge(sum(parts), maxval(parts), x%method%stages_at_start)
+        x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
       end associate
-      if (x%method%stages_at_start .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+      if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
 
   contains
@@ -207,7 +207,7 @@ contains
     integer, intent(in) :: i
 
     call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
-    if (x%method%kind == kind_collocation) call filtered(x%newton, x%u)
+    if (x%method%kind == collocation_kind) call filtered(x%newton, x%u)
     call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
 
@@ -218,7 +218,7 @@ contains
     real(wp) :: excess
     integer :: k
 
-    if (any(x%method%kind == [kind_collocation, kind_polynomial])) return
+    if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
     excess = (abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle) &
              **(1 / x%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return

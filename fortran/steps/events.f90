@@ -4,26 +4,19 @@
 module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, &
                                          c_null_ptr, c_ptr
-  use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
   use inputs_m, only: evaluate, inputs_t, vector_field_t
   use kinds, only: wp
-  use shared_numbers, only: event_operation, jump_operation
+  use shared_numbers, only: event_operation, event_record_t, jump_operation
   implicit none
   private
   public :: events_t, observer_t
 
   type :: events_t
     integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
-    integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
-    integer(int64), allocatable :: limit(:)  ! (count) the event of this number ends the trajectory
-    logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
-    ! (count) of a function whose multiples are zeros too, positive; its values are next to zero
-    real(wp), allocatable :: period(:)
-    logical, allocatable :: vectorized(:)    ! (count) whether it takes many members at a time
+    type(event_record_t), pointer, contiguous :: table(:) => null()    ! (count)
     logical :: together = .false.            ! whether trajectories request values, see requests_m
     type(callback_t) :: callback
-    integer(c_intptr_t), allocatable :: address(:), data(:)    ! (count)
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next
     type(inputs_t) :: inputs                 ! written into the data of the members
@@ -52,7 +45,7 @@ module events_m
 
 contains
 
-  ! Evaluates the function of an event.
+  ! Evaluates the function of an event. Values of one with a period are next to zero.
   subroutine event_value(self, member, event, t, y, g, flag)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event               ! from 1
@@ -65,21 +58,23 @@ contains
     integer(c_intptr_t) :: data, member_data
     real(wp) :: answer(1)
 
-    if (self%address(event) /= 0) then
-      pointer = transfer(self%address(event), pointer)
-      call c_f_procpointer(pointer, function)
-      data = self%data(event)
-      member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
-      if (data == 0) data = member_data
-      if (data == -1) data = 0               ! a null pointer
-      if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
-      g = function(t, y, transfer(data, c_null_ptr))
-      if (self%period(event) > 0) g = g - self%period(event) * anint(g / self%period(event))
-    else
-      call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
-                               answer)
-      g = answer(1)
-    end if
+    associate (row => self%table(event))
+      if (row%function /= 0) then
+        pointer = transfer(row%function, pointer)
+        call c_f_procpointer(pointer, function)
+        data = row%data
+        member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
+        if (data == 0) data = member_data
+        if (data == -1) data = 0             ! a null pointer
+        if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
+        g = function(t, y, transfer(data, c_null_ptr))
+        if (row%period > 0) g = g - row%period * anint(g / row%period)
+      else
+        call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                                 answer)
+        g = answer(1)
+      end if
+    end associate
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 

@@ -38,7 +38,7 @@ module interpolant_m
   use frames_m, only: apply_flows, frame_t
   use free_motion_m, only: make_tangential, move_by_impulses, without_opening
   use kinds, only: wp
-  use linear_action_m, only: inner_points_t
+  use linear_action_m, only: inner_points_t, move_polynomially
   use shared_numbers, only: nearby_operation, nearest_operation
   use vectors_m, only: combine
   implicit none
@@ -164,11 +164,13 @@ contains
     end if
   end subroutine difference_nearby
 
-  ! Moves the start of the step to the point at a fraction of it.
-  subroutine follow_flows(self, theta, y)
+  ! Moves the start of the step to the point at a fraction of it, by one flow along a polynomial to
+  ! others on the way.
+  subroutine follow_flows(self, theta, y, inner)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
+    type(inner_points_t), optional, intent(inout) :: inner
     real(wp) :: basis(self%known, size(self%scheme%c)), begin, w
     integer :: i
 
@@ -190,6 +192,8 @@ contains
         call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
         call make_tangential(self%frame, y, y(self%frame%before + 1:))
+      else if (present(inner)) then
+        call move_polynomially(self%frame%blocks(1)%action, v, 0.0_wp, y, inner)
       else
         call apply_flows(self%frame, last, v, y)
       end if
@@ -402,7 +406,7 @@ contains
   ! Evaluates the interpolant at some fractions by one flow along a polynomial.
   subroutine evaluate_inner(self, inner, theta, y)
     type(interpolant_t), intent(inout) :: self
-    type(inner_points_t), intent(inout) :: inner       ! that of the frame
+    type(inner_points_t), intent(inout) :: inner       ! workspace
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
     real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
@@ -417,8 +421,8 @@ contains
     inner%count = size(theta)
     inner%theta = theta(order)
     inner%y = y
-    inner%awaited = .true.
-    call evaluate_interpolant(self, 1.0_wp, reached)
+    reached = self%y0
+    call follow_flows(self, 1.0_wp, reached, inner)
     y(:, order) = inner%y
   end subroutine evaluate_inner
 

@@ -15,7 +15,7 @@
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
-  use method_m, only: kind_polynomial
+  use method_m, only: polynomial_kind
   use output_m, only: has_room, output_t
   use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
                              prepare_inner, store_output
@@ -94,7 +94,7 @@ contains
     case (phase_error_received)
       call store_error(x)
     case (phase_finish_step)
-      if (x%method%kind == kind_polynomial) call prepare_inner(x, output)
+      if (x%method%kind == polynomial_kind) call prepare_inner(x, output)
       call finish_step(x)
     case (phase_decide_step)
       call accept_or_reject(x)

@@ -5,27 +5,18 @@ module method_m
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
   use newton_m, only: transformation_t
-  use shared_numbers, only: method_record_t
+  use shared_numbers, only: algebra_kind, collocation_kind, implicit_kind, linear_kind, &
+       method_record_t, polynomial_kind, registers_kind, splitting_kind
   implicit none
   private
   public :: method_t, make_method, middle_path, reals
-  public :: kind_algebra, kind_registers, kind_polynomial, kind_splitting, &
-            kind_implicit, kind_collocation
-
   ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
   ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
-  enum, bind(c)
-    enumerator :: kind_group = 1, &          ! explicit stages by flows
-                  kind_algebra, &            ! explicit stages by coordinates on the Lie algebra
-                  kind_registers, &          ! explicit stages by flows, of two registers
-                  kind_polynomial, &         ! functions of time; one flow along a polynomial
-                  kind_splitting, &          ! flows are kicks, each followed by a drift
-                  kind_implicit, &           ! stages by flows, solved for
-                  kind_collocation           ! stages but the first solved together, by coordinates
-  end enum
+  public :: algebra_kind, collocation_kind, implicit_kind, linear_kind, polynomial_kind, &
+            registers_kind, splitting_kind
 
   type :: method_t
-    integer :: kind = kind_group
+    integer :: kind = 0                      ! a StepKind
     ! paths, in an order in which each can be followed when it is reached
     ! (paths) the path to its start, 0 for the start of the step
     integer, allocatable :: origin(:)
@@ -45,7 +36,6 @@ module method_m
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
     logical :: uses_last_nodes = .false.
-    logical :: stages_at_start = .false.     ! whether no stage needs a point, of a Magnus method
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
     type(transformation_t) :: transformation ! for a collocation method
@@ -70,6 +60,7 @@ contains
     integer :: k, stages
 
     stages = int(record%stages)
+    method%kind = int(record%kind)
     columns = record%stages + record%bracket_count
     method%origin = integers(record%origin, record%paths)
     method%path_first = integers(record%path_first, record%paths + 1)
@@ -82,14 +73,7 @@ contains
     method%embedded = int(record%embedded)
     method%third = int(record%third)
     method%final_stage = int(record%final_stage)
-    ! by what only methods of a kind have; later lines overrule earlier ones
-    method%kind = kind_group
-    if (record%series > 0) method%kind = kind_algebra
-    if (record%registers /= 0) method%kind = kind_registers
-    if (record%polynomial /= 0) method%kind = kind_polynomial
-    if (record%drifts /= 0) method%kind = kind_splitting
-    if (record%blocks > 0) method%kind = merge(kind_collocation, kind_implicit, record%series > 0)
-    if (method%kind == kind_registers) then
+    if (method%kind == registers_kind) then
       numbers = reals(record%registers, 2 * record%stages)
       method%a = numbers(:stages)
       method%b = numbers(stages + 1:)
@@ -101,15 +85,14 @@ contains
     method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
                              [columns, 2_c_int64_t, record%bracket_count])
     method%blocks = int(record%blocks)
-    if (method%kind == kind_collocation) then
+    if (method%kind == collocation_kind) then
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    if (method%kind == kind_splitting) method%drift = reals(record%drifts, record%flows)
+    if (method%kind == splitting_kind) method%drift = reals(record%drifts, record%flows)
     method%uses_last_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
-    method%stages_at_start = method%kind == kind_group .and. all(method%stage_path == 0)
-    method%in_parts = record%errors > 1 .and. (method%kind == kind_algebra .or. &
-                                               method%stages_at_start .or. method%third > 0)
+    method%in_parts = record%errors > 1 .and. &
+                      (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
     allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &
               source=.false.)
     method%goes_on([0, method%origin, method%result, method%embedded, method%third]) = .true.

@@ -30,8 +30,9 @@ module paths_m
   use heat_bath_m, only: exchange_heat
   use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
   use kinds, only: wp
-  use method_m, only: kind_algebra, kind_collocation, kind_polynomial, kind_registers, &
-       kind_splitting, middle_path
+  use linear_action_m, only: move_polynomially
+  use method_m, only: algebra_kind, collocation_kind, polynomial_kind, registers_kind, &
+       splitting_kind, middle_path
   use phases_m
   use requests_m, only: reject_stage, request
   use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
@@ -175,10 +176,10 @@ contains
       end = x%method%path_first(i + 1)
       call copy(x%frame%point_size, x%y(:, x%method%origin(i)), x%y(:, i))
       select case (x%method%kind)
-      case (kind_algebra, kind_collocation)
+      case (algebra_kind, collocation_kind)
         call combine_coordinates(x, i)
         call apply_flows(x%frame, 1, x%u, x%y(:, i))
-      case (kind_splitting)
+      case (splitting_kind)
         if (x%frame%jointed) then
           call move_with_joints(x, i, x%y(:, i))
           if (x%status /= finished) return
@@ -190,11 +191,11 @@ contains
           call move_by_kicks(x%frame, x%method%flows, x%weight, x%h * x%method%drift, begin, &
                              end - 1, x%f, x%y(:, i))
         end if
-      case (kind_polynomial)
+      case (polynomial_kind)
         call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
-        x%frame%blocks%action%granted = abs(x%h) / max(abs(x%h), x%problem%duration)
-        call apply_flows(x%frame, end - begin, x%v, x%y(:, i))
-        x%frame%blocks%action%granted = 0.0_wp
+        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :end - begin), &
+                               abs(x%h) / max(abs(x%h), x%problem%duration), x%y(:, i), &
+                               x%problem%inner)
         end = begin + 1                      ! they are one flow
       case default
         call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
@@ -257,7 +258,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%f(:, 1) = x%slope
-    if (x%method%kind == kind_registers) then
+    if (x%method%kind == registers_kind) then
       x%y(:, 1) = x%y(:, 0)
       call move_along_register(x)
     end if
@@ -271,7 +272,7 @@ contains
     integer :: path
 
     associate (t => x%t + x%method%c(x%stage) * x%h)
-      if (x%method%kind == kind_registers) then
+      if (x%method%kind == registers_kind) then
         path = merge(0, 1, x%problem%of_time)
         call request(x, t, x%y(:, path), phase_stage_received, x%request%answer)
       else
@@ -289,7 +290,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    if (x%method%kind == kind_registers) then
+    if (x%method%kind == registers_kind) then
       x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%answer
       call move_along_register(x)
     else
@@ -300,7 +301,7 @@ contains
         x%end_known = .true.
       end if
     end if
-    if (x%method%kind == kind_algebra .and. x%method%stage_path(x%stage) > 0) then
+    if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
       if (x%path_of_u /= x%method%stage_path(x%stage)) &
         call combine_coordinates(x, x%method%stage_path(x%stage))
       if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)

@@ -9,7 +9,7 @@ module requests_m
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use shared_numbers
-  use method_m, only: kind_splitting
+  use method_m, only: splitting_kind
   use phases_m
   use trajectory_m, only: fail, forget_values, trajectory_t
   use inputs_m, only: evaluate
@@ -88,7 +88,7 @@ contains
     if (x%request%flag == 0) then
       if (x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
-        splits = x%method%kind == kind_splitting
+        splits = x%method%kind == splitting_kind
         if (.not. splits) call add_free_motion(x%frame, y, f)
         ! splitting methods add impulses of joints to kicks, their interpolants need the forces
         if (x%frame%jointed .and. finite(size(f), f) .and. &

@@ -11,7 +11,7 @@ module step_m
   use paths_m, only: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, store_implicit
-  use method_m, only: kind_collocation, kind_implicit, kind_registers
+  use method_m, only: collocation_kind, implicit_kind, registers_kind
   use requests_m, only: reject_stage, request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t
@@ -31,10 +31,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     select case (x%method%kind)
-    case (kind_collocation)
+    case (collocation_kind)
       call request_collocation(x)
       return
-    case (kind_implicit)
+    case (implicit_kind)
       call request_implicit(x)
       return
     end select
@@ -51,9 +51,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     select case (x%method%kind)
-    case (kind_collocation)
+    case (collocation_kind)
       call store_collocation(x)
-    case (kind_implicit)
+    case (implicit_kind)
       call store_implicit(x)
     case default
       call store_explicit(x)
@@ -76,7 +76,7 @@ contains
 
     times = [x%request%t]
     if (x%problem%of_time .and. x%phase == phase_stage_received &
-        .and. all(x%method%kind /= [kind_collocation, kind_implicit])) &
+        .and. all(x%method%kind /= [collocation_kind, implicit_kind])) &
       times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
   end function times_of_request
 
@@ -105,7 +105,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: last
 
-    if (x%method%kind /= kind_registers) then
+    if (x%method%kind /= registers_kind) then
       last = x%method%result
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
       call add_brackets(x)
@@ -116,7 +116,7 @@ contains
     if (x%problem%adaptive) then
       x%error = huge(1.0_wp)
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
-      if (x%method%kind == kind_collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
+      if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
           .and. (x%control%after_rejection .or. x%newton%moved &
                  .or. x%newton%last_h == 0)) then
         call request_error(x)
@@ -158,7 +158,7 @@ contains
 
     associate (exponent => x%tolerances%exponent, control => x%control, &
                newton => x%newton, &
-               collocation => x%method%kind == kind_collocation)
+               collocation => x%method%kind == collocation_kind)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (x%problem%adaptive) then

@@ -14,7 +14,7 @@ module step_events_m
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
-  use method_m, only: kind_splitting
+  use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, recalls, time_at
   use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
@@ -102,7 +102,7 @@ contains
   ! is a wrap.
   pure elemental logical function crosses(before, after, direction, period)
     real(wp), intent(in) :: before, after
-    integer, intent(in) :: direction
+    integer(int64), intent(in) :: direction
     real(wp), intent(in) :: period           ! 0 without one
 
     crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
@@ -190,7 +190,7 @@ contains
     real(wp) :: angle, rate(x%frame%dimension, 2)
 
     rate = reshape([x%slope, x%end_slope], shape(rate))
-    if (x%method%kind == kind_splitting) then   ! its coefficients are forces alone
+    if (x%method%kind == splitting_kind) then   ! its coefficients are forces alone
       call add_free_motion(x%frame, x%y(:, 0), rate(:, 1))
       call add_free_motion(x%frame, x%y(:, x%result), rate(:, 2))
     end if
@@ -307,7 +307,8 @@ contains
     real(wp) :: zero
 
     associate (events => x%problem%events)
-      if (.not. crosses(low(2), high(2), events%direction(event), events%period(event))) return
+      if (.not. crosses(low(2), high(2), events%table(event)%direction, &
+                         events%table(event)%period)) return
     end associate
     zero = high(1)
     if (high(2) /= 0 .and. .not. detects) call find_root(x, event, low, high, zero)
@@ -372,7 +373,7 @@ contains
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < rests .or. .not. x%problem%events%jumps(event)) then
+        if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
           state%came_from(event) = 0
           return
         end if
@@ -436,8 +437,8 @@ contains
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         happen = zeros%at <= zeros(k)%at + together
-        ended = any(happen .and. (events%jumps(zeros%event) &
-                                  .or. state%count(zeros%event) + 1 >= events%limit(zeros%event)))
+        ended = any(happen .and. (events%table(zeros%event)%jumps /= 0 .or. &
+                                  state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
@@ -503,8 +504,8 @@ contains
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1
-          jumps(k) = happen(k) .and. events%jumps(of) .and. (x%problem%goes_on &
-                     .or. x%events%count(of) < events%limit(of))
+          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%goes_on &
+                     .or. x%events%count(of) < events%table(of)%limit)
           if (.not. happen(k)) cycle
           x%events%time(of) = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)

@@ -20,7 +20,7 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: longest_step, make_grid
   use requests_m, only: evaluate_at_start, request
-  use method_m, only: kind_splitting
+  use method_m, only: splitting_kind
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
@@ -211,7 +211,7 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (x%method%kind == kind_splitting .and. x%method%c(1) /= 0) return
+      if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step

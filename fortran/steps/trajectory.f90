@@ -8,8 +8,9 @@ module trajectory_m
   use heat_bath_m, only: bath_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use joints_m, only: constraints_t
-  use method_m, only: kind_algebra, kind_collocation, kind_implicit, kind_registers, &
-       kind_splitting, method_t
+  use linear_action_m, only: inner_points_t
+  use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
+       splitting_kind, method_t
   use newton_m, only: newton_t, reserve
   use phases_m
   use inputs_m, only: grid_t, vector_field_t
@@ -38,6 +39,8 @@ module trajectory_m
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
+    ! points at output times within the step, of a method along polynomials
+    type(inner_points_t), pointer :: inner => null()
     type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
     type(bath_t) :: bath                     ! for a splitting method
     logical :: has_jacobian = .false.        ! whether Python evaluates it
@@ -196,10 +199,10 @@ contains
     x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin))
-      x%result = merge(1, method%result, method%kind == kind_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, method%kind == kind_registers)), &
+      x%result = merge(1, method%result, method%kind == registers_kind)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, method%kind == registers_kind)), &
                 x%f(frame%dimension, merge(1, size(method%error, 1), &
-                                           method%kind == kind_registers)), &
+                                           method%kind == registers_kind)), &
                 x%request%y(frame%point_size), &
                 x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
                 x%request%answer(frame%dimension), x%slope(frame%dimension), &
@@ -207,12 +210,12 @@ contains
                 x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
                 x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%uses_last_nodes) allocate (x%f_before, mold=x%f, stat=memory)
-      if (memory == 0 .and. method%kind == kind_algebra .and. method%in_parts) &
+      if (memory == 0 .and. method%kind == algebra_kind .and. method%in_parts) &
         allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
       if (memory /= 0) return
-      if (method%kind == kind_collocation) then
+      if (method%kind == collocation_kind) then
         call reserve(frame, method%transformation, .not. problem%jacobian_is_matrix, x%newton, memory)
-      else if (method%kind == kind_implicit) then
+      else if (method%kind == implicit_kind) then
         x%solver%fixed_point = .not. problem%jacobian_is_matrix
         n = merge(size(x%f) / method%blocks, 0, problem%jacobian_is_matrix)
         allocate (x%solver%value, mold=x%f, stat=memory)
@@ -220,7 +223,7 @@ contains
                                    x%solver%pivot(n, method%blocks), &
                                    x%solver%factored_h(method%blocks), stat=memory)
       end if
-      if (memory == 0 .and. frame%jointed .and. method%kind == kind_splitting) &
+      if (memory == 0 .and. frame%jointed .and. method%kind == splitting_kind) &
         allocate (x%joints%impulse(frame%dimension, 2, paths), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       n = 0

@@ -7,7 +7,7 @@ module within_step_m
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
        flows_of_evaluation, make_cubic, next_node, reserve_interpolant
   use requests_m, only: reject_stage, request
-  use method_m, only: kind_registers, kind_splitting
+  use method_m, only: registers_kind, splitting_kind
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use iso_fortran_env, only: int64
@@ -135,7 +135,7 @@ contains
 
     allocate (flows(0))
     if (.not. any(x%frame%blocks%kind == callback_block) .or. &
-        x%method%kind == kind_registers .or. x%method%kind == kind_splitting) return
+        x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
     path = x%method%result
     do while (path > 0)
       associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)

@@ -151,19 +151,19 @@ def lmdif(
     n = start.size
     limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
     arguments = (
+        np.ones(n) if diag is None else _scale_factors(diag, n),
         check_real("ftol", ftol),
         check_real("xtol", xtol),
         check_real("gtol", gtol),
         limit,
         check_real("epsfcn", epsfcn),
-        np.ones(n) if diag is None else _scale_factors(diag, n),
         _SCALE_BY_COLUMNS if diag is None else _SCALE_AS_GIVEN,
         check_real("factor", factor, positive=True),
     )
-    evaluate, rows, failures = _callback(f, start)
-    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif(evaluate, rows, start, *arguments)
-    if failures:
-        raise failures.pop()  # kept by no frame, so that the solver's arrays aren't either
+    evaluate, rows = _callback(f, start)
+    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif_of_python(
+        id(evaluate), rows, start, *arguments
+    )
     if not np.isfinite(fjac).all():
         raise ValueError(f"f varies too much: its differences overflow near x = {x}")
     ipvt = ipvt.astype(np.intp) - 1
@@ -196,10 +196,8 @@ def fit_lmdif(
     return results
 
 
-def _callback(
-    f: Residual, start: Vector
-) -> tuple[Callable[[Vector], tuple[Vector, int]], int, list[BaseException]]:
-    """Return the function that compiled code calls, its number of rows, and what f raises in it."""
+def _callback(f: Residual, start: Vector) -> tuple[Callable[[int, Vector, Vector], Vector], int]:
+    """Return the function that compiled code calls, and its number of rows."""
     first = _residuals(f, start, None)
     rows = first.size
     if rows < start.size:
@@ -207,17 +205,12 @@ def _callback(
             f"f must return at least as many residuals as x0 has elements: "
             f"{rows} residuals, {start.size} unknowns"
         )
-    # the solver's first call is at the start
-    known, failures = [first], list[BaseException]()
+    known = [first]  # the solver's first call is at the start
 
-    def evaluate(x: Vector) -> tuple[Vector, int]:
-        try:
-            return known.pop() if known else _residuals(f, x, rows), 0
-        except BaseException as error:
-            failures.append(error)
-            return np.zeros(rows), int(Status.STOPPED_BY_USER)
+    def evaluate(operation: int, x: Vector, _: Vector) -> Vector:
+        return known.pop() if known else _residuals(f, x, rows)
 
-    return evaluate, rows, failures
+    return evaluate, rows
 
 
 def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:

@@ -235,9 +235,8 @@ def context_of(
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
-    rest = check, [None, None], of_time, with_input, np.dtype(dtype).num
-    shape_of_changing = args[-1].shape if changing else None
-    return function, args, frame.point_shape, frame.dtype.num, shape, *rest, shape_of_changing
+    like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
+    return function, args, *like, check, [None, None], of_time, with_input, changing
 
 
 @dataclass(frozen=True, eq=False)

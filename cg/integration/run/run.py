@@ -322,7 +322,7 @@ class Run:
     def last_interpolants(self) -> Steps:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
         self.allocate_interpolants(self.members)
-        self._core.loop_interpolate(self.address)
+        self._core.loop_continue(self.address, True)
         self.record.budget = 0
         try:
             self.call()
@@ -344,7 +344,8 @@ class Run:
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
-        self._core.loop_continue(self.address, stops)
+        self.record.segments = len(self._share("stops", stops))
+        self._core.loop_continue(self.address, False)
 
     def saved(self) -> dict[str, Any]:
         """Return what another run of the same problem needs to go on."""
