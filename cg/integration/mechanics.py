@@ -40,7 +40,7 @@ def refuse_friction(
     Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
     took few calls, ``nfev``. Exceptions of ``f`` are left to the integration.
     """
-    if plan.method.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
+    if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     most, count = max(_LEAST, min(_MOST, nfev // (2 * _SHARE))), len(times) * points.shape[1]
     sample = np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)  # with both ends
@@ -141,22 +141,22 @@ class Langevin:
         object.__setattr__(self, "seed", seed)
 
 
-def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: bool) -> None:
+def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool) -> None:
     """Raise TypeError or ValueError unless a heat bath fits the integration."""
     if bath is None:
         return
     if not isinstance(bath, Langevin):
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
-    if method.kind is not Kind.SPLITTING:
+    if table.kind is not Kind.SPLITTING:
         raise ValueError(
             "thermostat must be given with a splitting method on a phase space, 'Leapfrog' or, "
             "with joints, 'RATTLE': others have no part of a step that is noise alone, got "
-            f"{method!r}"
+            f"{table!r}"
         )
-    if not is_symmetric(method):
+    if not is_symmetric(table):
         raise ValueError(
             "thermostat must be given with a symmetric method, in whose middle the noise is, got "
-            f"{method!r}"
+            f"{table!r}"
         )
     if options["derivatives"] is not None:
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
@@ -168,9 +168,9 @@ def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: boo
         )
 
 
-def is_symmetric(method: MethodTable) -> bool:
+def is_symmetric(table: MethodTable) -> bool:
     """Return whether a splitting method is symmetric."""
-    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
+    drifts, kicks = table.arrays["drifts"], table.arrays["weight"]
     if len(drifts) == len(kicks):
         drifts = np.append(0.0, drifts)
     return all(
@@ -203,7 +203,7 @@ class MemberInertia(NamedTuple):
 
     def plan(self, member: int, plan: Plan) -> Plan:
         """Return the plan of the phase space of a member, for output between its steps."""
-        return plan_of(self.frame(member, plan.frame), plan.method)
+        return plan_of(self.frame(member, plan.frame), plan.table)
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
@@ -254,10 +254,10 @@ def step_function_of(
     function = options["step_function"]
     if function is None:
         return None
-    if plan.method.kind is not Kind.SPLITTING or not is_symmetric(plan.method):
+    if plan.table.kind is not Kind.SPLITTING or not is_symmetric(plan.table):
         raise ValueError(
             "step_function must be given with a symmetric splitting method, whose steps can be "
-            f"reversed, got {plan.method!r}"
+            f"reversed, got {plan.table!r}"
         )
     for name in ("thermostat", "derivatives", "common_steps"):
         if options[name]:

@@ -165,7 +165,7 @@ class Stepper:
         numbers = problem.rhs.given.parameters
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
-        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
+        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._many = many

@@ -100,11 +100,11 @@ class Jacobian:
 
 
 def jacobian_of(
-    jac: Any, frame: Frame, method: MethodTable, rhs: Rhs, t: float, y: Points
+    jac: Any, frame: Frame, table: MethodTable, rhs: Rhs, t: float, y: Points
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if method.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {method!r}')
+    if table.kind is not Kind.COLLOCATION:
+        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {table!r}')
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     if constant:
@@ -149,7 +149,7 @@ class Callbacks:
 
     @cached_property
     def _dexpinv(self) -> Dexpinv:
-        return dexpinv_of(self.frame, self.plan.table.output.series)
+        return dexpinv_of(self.frame, self.plan.step_table.output.series)
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""

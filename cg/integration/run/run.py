@@ -79,8 +79,8 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.table.kept + plan.table.kept_nodes + plan.impulses
-        if not plan.table.explicit:
+        self.kept = plan.step_table.kept + plan.step_table.kept_nodes + plan.impulses
+        if not plan.step_table.explicit:
             self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
         self._dense: list[list[Array]] = []
@@ -126,23 +126,23 @@ class Run:
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
-            exponent=plan.table.exponent, max_step=control.max_step,
+            exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
             every=max(problem.every, 1), dense=problem.dense, **heat,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
         """Set how implicit stages are solved; return how many vectors are kept for it."""
-        plan, problem, stages = self.plan, self.problem, self.plan.method.stages
+        plan, problem, stages = self.plan, self.problem, self.plan.table.stages
         jacobian = problem.jacobian
         if jacobian is not None:
             self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
-        elif problem.stage_solver == "fixed-point" and plan.table.kind is not Kind.COLLOCATION:
+        elif problem.stage_solver == "fixed-point" and plan.step_table.kind is not Kind.COLLOCATION:
             self.record.jacobian = JacobianKind.SPARSE
         factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
-        if plan.table.kind is Kind.COLLOCATION:
+        if plan.step_table.kind is Kind.COLLOCATION:
             return stages - 1 + factors
-        blocks = plan.table.blocks
+        blocks = plan.step_table.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
     def _open(self) -> None:
@@ -151,7 +151,7 @@ class Run:
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
+        rows = plan.step_table.kept + 4 * (self.kept - plan.step_table.kept)
         rows += 2 * plan.columns if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
