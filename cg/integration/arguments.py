@@ -333,8 +333,8 @@ _DEFAULTS: dict[str, Any] = {
     "method": AUTO,
     "rhs": "coefficients",
     "max_step": math.inf,
-    # Fewer evaluations than fixed-point corrections on the free rigid body at all step sizes: 9, not
-    # 11, in a step where corrections decrease by a factor of 20, and 13, not 18, where by 5.
+    # It takes fewer evaluations on the free rigid body at all step sizes: 9 instead of 11 in a step
+    # where fixed-point corrections decrease by a factor of 20, 13 instead of 18 where by 5.
     "stage_solver": "newton",
     "store": "all",
 }

@@ -130,21 +130,6 @@ class JacobianKind(IntEnum):
     SPARSE = 2  # evaluated and factored in Python; or none, for the fixed-point iteration
 
 
-class StateSize(IntEnum):
-    """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
-
-    REALS = 14
-    INTEGERS = 18
-
-
-class StatePlace(IntEnum):
-    """Places of some of its real numbers, from 0, as ``save_state`` writes them."""
-
-    NEXT_STEP = 1
-    LAST_T = 3
-    H = 5
-
-
 class FailedFunction(IntEnum):
     """The function of a right-hand side with derivatives that failed last."""
 
@@ -276,7 +261,6 @@ _SUFFIXES = {
     RowForm: "",
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
-    StateSize: "_of_state",
     FailedFunction: "_failed",
     Status: "",
     MinimumNormStatus: "",

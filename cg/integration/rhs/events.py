@@ -19,10 +19,9 @@ from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, rea
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.checks import check_choice, check_flag
-from cg.support.shared_records import EVENT
+from cg.support.shared_records import EVENT, columns_of
 
 _UNLIMITED = 2**62  # the event never ends the integration
-_ROW = np.dtype([(name, "f8" if kind == "real" else "i8") for name, kind in EVENT.items()])
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,7 @@ class EventTable:
             rows.append(tuple(entries[name] for name in EVENT))
         if inputs:
             self.events = [_with_input(event) for event in self.events]
-        self.rows: NDArray[np.void] = np.array(rows, dtype=_ROW)
+        self.rows: NDArray[np.void] = np.array(rows, dtype=columns_of(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
         events, *flags = self._arguments

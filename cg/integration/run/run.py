@@ -22,8 +22,15 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
-from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
-from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
+from cg.support.shared_numbers import FieldFlag, JacobianKind, Stop
+from cg.support.shared_records import (
+    COUNTERS,
+    COUNTS,
+    RECORD,
+    STATE,
+    columns_of,
+    fields_of,
+)
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
@@ -353,7 +360,7 @@ class Run:
         return {
             "states": self._buffers["states"].copy(),
             "counters": self.counters.copy(),
-            "trajectories": self.state(),
+            "trajectories": self._trajectories(),
             "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
@@ -362,20 +369,24 @@ class Run:
         """Go on from what another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
+        self.counters[...] = saved["counters"]
         self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
         self.events_of_calls[:] = saved["events"]
         self._buffers["states"][...] = saved["states"]
-        self.counters[...] = saved["counters"]
 
-    def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    def state(self) -> NDArray[np.void]:
+        """Return the `STATE` of each trajectory."""
+        numbers = np.ascontiguousarray(self._trajectories()[0][:, : len(STATE)])
+        return numbers.view(columns_of(STATE))[:, 0]
+
+    def _trajectories(self) -> tuple[Array, Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
-        integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
+        numbers = np.empty((lanes, len(STATE) + 5 * self._functions))
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
-        self._core.loop_state(self.address, False, reals.T, integers.T, points.T, slopes.T)
-        return reals, integers, points, slopes
+        self._core.loop_state(self.address, False, numbers.T, points.T, slopes.T)
+        return numbers, points, slopes
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
