@@ -20,7 +20,9 @@ from cg.frames.base import Frame
 from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
-from cg.integration.rhs.events import Observer, observer_of
+from cg.integration.rhs.compiled import compiled_event
+from cg.integration.rhs.events import Observer
+from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import read_finite
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
@@ -237,9 +239,11 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
 class StepFunction(Observer):
     """The function of step sizes, after checking."""
 
+    name = entry = "step_function"
+
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
-        number = read_finite(value, "step_function", (), t, number=True)
+        number = read_finite(value, self.name, (), t, number=True)
         if not number > 0.0:
             raise ValueError(
                 f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
@@ -262,28 +266,28 @@ def step_function_of(
     for name in ("thermostat", "derivatives", "common_steps"):
         if options[name]:
             raise ValueError(f"step_function must be None with {name}, got {short(function)}")
-    try:
-        observer = observer_of(function, "all", plan.frame, rhs, t, y)
-    except TypeError as error:
-        raise TypeError(f"{error}".replace("observe", "step_function")) from None
-    assert observer is not None
-    checked = StepFunction(observer.function, plan.frame, (), True)
-    if not isinstance(checked.function, list):
+    if compiled_event(function) is not None:
+        return StepFunction([function], plan.frame, (), True)
+    if not callable(function):
+        raise TypeError(
+            f"step_function must be callable as step_function(t, y), got {short(function)}"
+        )
+    if rhs.given.inputs is not None:
+        function = WithInput(function)
+    checked = StepFunction(function, plan.frame, (), True)
 
-        def size_at(time: float, point: Points) -> Array:
-            return checked.check(
-                checked.function(time, point.copy(), *rhs.arguments(0)), time, point
+    def size_at(time: float, point: Points) -> Array:
+        return checked.check(function(time, point.copy(), *rhs.arguments(0)), time, point)
+
+    assert isinstance(plan.frame, PhaseSpace)
+    size = size_at(t, y)
+    # a time at which a function of it that repeats with h has another value
+    later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
+    for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
+        other = size_at(*place)
+        if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
+            raise ValueError(
+                "step_function must depend on the configuration alone, or steps can't be "
+                f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
             )
-
-        assert isinstance(plan.frame, PhaseSpace)
-        size = size_at(t, y)
-        # a time at which a function of it that repeats with h has another value
-        later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
-        for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
-            other = size_at(*place)
-            if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
-                raise ValueError(
-                    "step_function must depend on the configuration alone, or steps can't be "
-                    f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
-                )
     return checked

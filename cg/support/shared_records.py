@@ -48,7 +48,6 @@ RECORD = {
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
     # how steps vary, as observers
-    "has_step_function": "integer",
     "step_functions": "integer",
     "step_function_table": "address",
     "step_function": "address",

@@ -94,27 +94,14 @@ class Run:
         self._steps: list[list[Array]] = []
         self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
         self._share_members(plan.doubles(problem.points))
-        if problem.t_eval is not None or problem.observer is not None:
-            self._share_output(y, observed)
+        for name, array in (("y", y), ("observed", observed)):
+            if array is not None and len(array):
+                self.record.outputs = len(array)
+                self._share("times", np.array(problem.t_eval))
+                self._share(name, array)
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
-        self._share("stops", problem.stops)
-        if problem.limits.size:
-            self.share_limits(problem.limits)
-        self._share_inputs()
-        if problem.step_function is not None:
-            self.record.has_step_function = 1
-            entries, self._sizing = problem.step_function.entries(self.rhs)
-            for name, value in entries.items():
-                setattr(self.record, name.replace("observer", "step_function"), value)
-        if problem.inertia is not None:
-            self.record.body_numbers = problem.inertia.numbers.shape[1]
-            self._share("bodies", problem.inertia.columns)
-            self._share("body_constants", problem.inertia.numbers)
-        self._share("rtols", self.control.rtol.ravel())
-        self._share("atol", self.control.atol.ravel())
-        if events is not None and self._functions:
-            self._share("event_table", events.rows)
+        self._share_problem()
         self._open()
 
     def _make_record(self, keep_last: bool) -> Record:
@@ -192,18 +179,28 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
-    def _share_output(self, y: Array | None, observed: Array | None) -> None:
-        """Share the arrays for output at given times, and the functions that are observed."""
-        for name, array in (("y", y), ("observed", observed)):
-            if array is not None and len(array):
-                self.record.outputs = len(array)
-                self._share("times", np.array(self.problem.t_eval))
-                self._share(name, array)
-        if self.problem.observer is not None:
-            self.record.observations = self.problem.observer.count
-            entries, self._observing = self.problem.observer.entries(self.rhs)
-            for name, value in entries.items():
-                setattr(self.record, name, value)
+    def _share_problem(self) -> None:
+        """Share the arrays and the functions of the problem."""
+        problem, control = self.problem, self.control
+        self._share("stops", problem.stops)
+        if problem.limits.size:
+            self.share_limits(problem.limits)
+        self._share_inputs()
+        if problem.observer is not None:
+            self.record.observations = problem.observer.count
+        for function in (problem.observer, problem.step_function):
+            if function is not None:
+                entries, self._buffers[function.name] = function.entries(self.rhs)
+                for name, value in entries.items():
+                    setattr(self.record, name, value)
+        if problem.inertia is not None:
+            self.record.body_numbers = problem.inertia.numbers.shape[1]
+            self._share("bodies", problem.inertia.columns)
+            self._share("body_constants", problem.inertia.numbers)
+        self._share("rtols", control.rtol.ravel())
+        self._share("atol", control.atol.ravel())
+        if problem.events is not None and self._functions:
+            self._share("event_table", problem.events.rows)
 
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
