@@ -58,13 +58,14 @@ def test_steppers_take_samples_as_they_arrive(in_c, way, function):
 
 
 HELD = cg.Samples([0.0, 1.0], [1.0, 2.0])
+EACH = cg.Samples([0.0, 1.0], [[1.0, 2.0]], members=True)
 REFUSED = [
     ({"inputs": [1.0, 2.0]}, TypeError, "inputs must be cg.Samples"),
     ({"inputs": (HELD, 3.0)}, TypeError, r"inputs\[1\] must be cg.Samples"),
     ({"inputs": ()}, ValueError, "at least one"),
     ({"inputs": cg.Samples([0.5, 1], [1, 2])}, ValueError, "t_span must lie within the times"),
     ({"inputs": cg.Samples([0, 1], [1, 2], end=1.5)}, ValueError, "t_span must lie within"),
-    ({"inputs": cg.Samples([0, 1], [[1, 2]], members=True)}, ValueError, "no members, got 1"),
+    ({"inputs": EACH}, ValueError, r"inputs must be without members=True here, got Samples\(2 times"),
     ({"inputs": HELD, "method": "CG4", "h": 0.1}, ValueError, "method must evaluate f within"),
 ]
 

@@ -15,7 +15,7 @@ from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, check_finite, real_array
 from cg.tables import MethodTable
 
-_ROUNDING = 1e-15  # error of abscissae
+_ABSCISSA_ERROR = 1e-15  # largest one from rounding
 
 
 def address(array: Any) -> int:
@@ -326,11 +326,11 @@ def check_inputs(
             raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
         curve.check_span(start, stop, name)
         if curve.members is not None and curve.members != members:
-            expected = "no members" if members is None else f"{members} members"
-            raise ValueError(f"{which} must have {expected}, got {curve.members}")
+            expected = f"be for {members} members" if members else "be without members=True here"
+            raise ValueError(f"{which} must {expected}, got {curve!r}")
     if table is not None:
         low, high = float(table.c.min()), float(table.c.max())
-        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+        if low < -_ABSCISSA_ERROR or high > 1.0 + _ABSCISSA_ERROR:
             raise ValueError(
                 f"method must evaluate f within the step with inputs, got {table!r}, whose "
                 f"abscissae lie between {low:g} and {high:g}"
