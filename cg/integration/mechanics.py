@@ -277,7 +277,7 @@ def step_function_of(
     checked = StepFunction(function, plan.frame, (), True)
 
     def size_at(time: float, point: Points) -> Array:
-        return checked.check(function(time, point.copy(), *rhs.arguments(0)), time, point)
+        return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
 
     assert isinstance(plan.frame, PhaseSpace)
     size = size_at(t, y)

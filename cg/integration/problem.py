@@ -149,8 +149,8 @@ class Problem:
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
         if not self.own_inputs:
-            return self.rhs.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.arguments(0)
+            return self.rhs.given.arguments(member)
+        return self.part(slice(member, member + 1)).rhs.given.arguments(0)
 
 
 def _make_rhs(

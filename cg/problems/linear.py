@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from typing import Any, Literal
@@ -180,9 +180,6 @@ class AffineField(AffineProblem):
     frame: Frame
     initial: ArrayLike
     seed: int = 0
-    constant: Array = field(init=False, repr=False)
-    linear: Array = field(init=False, repr=False)
-    slope: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_frame(self.frame)

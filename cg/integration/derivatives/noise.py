@@ -53,7 +53,7 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.given.inputs, Noise)
     assert isinstance(function, Noise)
     if isinstance(function.function, CompiledRhs) and rhs.given.inputs is None:
-        arguments = rhs.arguments(0)
+        arguments = rhs.given.arguments(0)
         data = int(arguments[-1].ctypes.data) if rhs.given.parameters is not None else 0
         data = data or (rhs.user_data if isinstance(rhs, CompiledRhs) else 0)
         function(problem.t0, problem.points[0], arguments, data)

@@ -290,7 +290,7 @@ class Observer:
             entries |= {"observer_data": data, "observer_stride": stride}
         else:
             rest = self.frame, self.shape, self.check
-            kept = Contexts(self.function, rhs.arguments, rhs.given.members, *rest)
+            kept = Contexts(self.function, rhs.given, rhs.given.members, *rest)
             names = "observer", "observer_data", "observer_stride"
             entries = dict(zip(names, kept.addresses(), strict=True))
         return {name.replace("observer", self.entry): x for name, x in entries.items()}, kept
@@ -322,7 +322,7 @@ def observer_of(
         )
     if rhs.given.inputs is not None:
         observe = WithInput(observe)
-    shape = np.shape(observe(t, read_only(y.copy()), *rhs.arguments(0)))
+    shape = np.shape(observe(t, read_only(y.copy()), *rhs.given.arguments(0)))
     if 0 in shape:
         raise ValueError(f"observe must return at least one number, got shape {shape}")
     return Observer(observe, frame, shape, keeps_points)
