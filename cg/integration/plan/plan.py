@@ -9,11 +9,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.coadjoint import CoadjointOrbit
-from cg.frames.compiled import compared_by_entries, needs_lapack
+from cg.frames.compiled import compared_by_entries, constants_of, describe_blocks, dexpinv
 from cg.frames.euclidean import Euclidean
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.linear_action import LinearAction
@@ -29,25 +28,6 @@ from cg.tables import Kind, MethodTable
 
 Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
-
-
-def describe_blocks(frame: Frame) -> NDArray[np.int32]:
-    """Return the blocks of a compiled frame, shape ``(3, blocks)``."""
-    blocks = frame.compiled_blocks() or ()
-    if any(map(needs_lapack, blocks)):
-        provide_lapack()
-    return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T
-
-
-def block_constants(frame: Frame) -> NDArray[np.float64]:
-    """Return the constants of all blocks of a frame, and a zero, since no array may be empty.
-
-    A frame in Python has one block, whose constants are its `turning_coefficients`.
-    """
-    if not is_compiled(frame):
-        return turning_coefficients(frame)
-    constants = [np.ravel(x) for block in frame.compiled_blocks() or () for x in block[3:]]
-    return np.concatenate([*constants, [0.0]])
 
 
 def turning_coefficients(frame: Frame) -> Array:
@@ -77,22 +57,10 @@ def has_compiled_difference(frame: Frame) -> bool:
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     """Return `Frame.dexpinv` for a method of some order."""
-    import cg._core_r64 as core
-
     if isinstance(frame, HomogeneousSpace) and is_compiled(frame.group):
         frame = frame.group
-    if not is_compiled(frame):
-        return partial(frame.dexpinv, order=order)
-    description = describe_blocks(frame)
-
-    def dexpinv(u: Array, v: Array) -> Array:
-        result = np.array(v, order="C")
-        if result.size:
-            coordinates = np.ascontiguousarray(u).reshape(-1)
-            core.frame_dexpinv(description, order, coordinates, result.reshape(-1))
-        return result
-
-    return dexpinv
+    blocks = frame.compiled_blocks()
+    return partial(frame.dexpinv if blocks is None else partial(dexpinv, blocks), order=order)
 
 
 class Plan:
@@ -125,16 +93,18 @@ class Plan:
     def _open(self) -> int:
         """Open the plan in compiled code and return its address."""
         frame, table = self.frame, self.step_table
-        if self.compiled:
-            blocks = describe_blocks(frame)
-        else:
+        known = frame.compiled_blocks()
+        if known is None:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
+            constants = turning_coefficients(frame)
+        else:
+            blocks, constants = describe_blocks(known).copy(), constants_of(known)
         if table.is_polynomial or not table.explicit:
             provide_lapack()
         if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
         address: int = self.core.plan_open(
-            blocks, block_constants(frame), frame._given is not None, ctypes.addressof(table.record)
+            blocks, constants, frame._given is not None, ctypes.addressof(table.record)
         )
         return address
 
