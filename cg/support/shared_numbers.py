@@ -222,9 +222,12 @@ STEP_CONTROL: dict[str, float | int] = {
     "before_last_power": 0.4,
     "min_last_error": 1e-4,
     "first_error": 0.01,  # target of the error of the first step, in tolerances
-    # If a norm is below this many tolerances, the first guess is this fraction of the span.
-    "negligible": 1e-5,
+    # The first guess is a fraction of the time in which the point changes by its size, or of the span
+    # if a norm is below this many tolerances. The first size is at most so many guesses.
+    "guess_fraction": 0.01,
     "blind_fraction": 1e-6,
+    "negligible": 1e-5,
+    "largest_growth": 100.0,
     "smallest_step": 10.0,  # in spacings of numbers at the time
     # At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
     # raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion`

@@ -24,8 +24,8 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, needs_minimum, raised, size_failed, slope_not_finite, &
-                            step_too_small, time_not_finite, too_many_steps
+  use shared_numbers, only: finished, largest_growth, needs_minimum, raised, size_failed, &
+                            slope_not_finite, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
@@ -111,7 +111,7 @@ contains
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
       curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
                   / x%control%guessed_size
-      x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
+      x%request%shared = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     x%phase = phase_size_shared
