@@ -29,7 +29,7 @@ __all__ = ["LinearIntegrator"]
 _KINDS = {1: "hold", 2: "linear"}  # by number of coefficients of a piece, else splines
 
 _INTERVALS = 10.0  # between output times in a step, which has nine nodes
-_ROUNDING = 1e-14  # error of entries of generators, relative to the largest one
+_ENTRY_ERROR = 1e-14  # of generators, relative to the largest entry
 
 
 class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
@@ -88,7 +88,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         if self._is_skew:
             adjoints = values[:, pattern.transposed()].conj()
             sums, values = values + adjoints, 0.5 * (values - adjoints)
-            if np.abs(sums).max(initial=0.0) > _ROUNDING * np.abs(values).max(initial=0.0):
+            if np.abs(sums).max(initial=0.0) > _ENTRY_ERROR * np.abs(values).max(initial=0.0):
                 self._hermitian = np.linalg.qr(sums.T, mode="r")
         self._generators = pattern, values
         self._frames: dict[int, LinearAction] = {}
@@ -208,7 +208,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             raise _WrongAssumptionError
         if len(self._hermitian):
             size = float(np.abs(self._hermitian).max(axis=0, initial=0.0) @ np.abs(v))
-            if np.abs(self._hermitian @ v).max() > _ROUNDING * max(size, 1.0):
+            if np.abs(self._hermitian @ v).max() > _ENTRY_ERROR * max(size, 1.0):
                 self._is_skew = False
                 raise _WrongAssumptionError
         return v

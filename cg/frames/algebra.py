@@ -198,7 +198,7 @@ class FieldAlgebra(ABC):
         """Return dexpinv of checked coefficients, in closed form or as a series."""
         if sign := self._rotation_sign:
             options = BlockOption.SPACE_AXES if sign > 0.0 else 0
-            return dexpinv((BlockKind.SO3, 3, options), u, v)
+            return dexpinv(((BlockKind.SO3, 3, options),), u, v)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)

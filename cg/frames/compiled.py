@@ -44,9 +44,21 @@ def compared_by_entries(blocks: Blocks) -> bool:
     return any(block[0] in _WITHOUT_COORDINATES for block in blocks)
 
 
+def describe_blocks(blocks: Blocks) -> NDArray[np.int32]:
+    """Return kinds, sizes and options of blocks, shape ``(3, blocks)``."""
+    if any(map(needs_lapack, blocks)):
+        provide_lapack()
+    return _columns(*[block[:3] for block in blocks])
+
+
 @lru_cache
-def _description(kind: int, n: int, options: int) -> NDArray[np.int32]:
-    return np.array([[kind], [n], [options]], dtype=np.int32)
+def _columns(*blocks: tuple[int, int, int]) -> NDArray[np.int32]:
+    return np.array(blocks, dtype=np.int32).T
+
+
+def constants_of(blocks: Blocks) -> Array:
+    """Return the constants of blocks, and a zero, since no array may be empty."""
+    return np.concatenate([*[np.ravel(x) for block in blocks for x in block[3:]], [0.0]])
 
 
 def _flat(array: Points) -> Array:
@@ -60,12 +72,10 @@ def move(block: Block, v: Array, y: Points) -> Points:
     """
     import cg._core_r64 as core
 
-    if needs_lapack(block):
-        provide_lapack()
     moved = np.array(y, order="C")
     if moved.size:
-        constants = np.concatenate([*map(np.ravel, block[3:]), [0.0]])  # never empty
-        core.frame_move(_description(*block[:3]), constants, 1, _flat(v), True, _flat(moved))
+        description = describe_blocks((block,))
+        core.frame_move(description, constants_of((block,)), 1, _flat(v), True, _flat(moved))
     return moved
 
 
@@ -77,17 +87,17 @@ def coordinates_between(block: Block, dim: int, rank: int, y0: Points, y1: Point
         y0, y1 = np.broadcast_arrays(y0, y1)
     v = np.empty((*y0.shape[: y0.ndim - rank], dim))
     if v.size:
-        core.frame_difference(_description(*block[:3]), _flat(y0), _flat(y1), _flat(v))
+        core.frame_difference(describe_blocks((block,)), _flat(y0), _flat(y1), _flat(v))
     return v
 
 
-def dexpinv(block: Block, u: Array, v: Array) -> Array:
-    """Return the closed form of `Frame.dexpinv` for a block of rotations or motions."""
+def dexpinv(blocks: Blocks, u: Array, v: Array, order: int = 1) -> Array:
+    """Return `Frame.dexpinv`; the order matters where it has no closed form."""
     import cg._core_r64 as core
 
     if u.shape != v.shape:
         u, v = np.broadcast_arrays(u, v)
     result = np.array(v, order="C")
     if result.size:
-        core.frame_dexpinv(_description(*block[:3]), 1, _flat(u), _flat(result))
+        core.frame_dexpinv(describe_blocks(blocks), order, _flat(u), _flat(result))
     return result

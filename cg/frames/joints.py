@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.frames.compiled import describe_blocks
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import times
 from cg.frames.product import Power, Product
@@ -244,9 +245,8 @@ class Linkage:
         self.slices = [np.array(places[k], dtype=np.intp) for k in range(len(self.joints))]
         self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
         reader = self._evaluate  # the only reference of compiled code to this object
-        blocks = frame.compiled_blocks() or ()
-        description = np.array([block[:3] for block in blocks], dtype=np.intc).T
-        self.address: int = core.plan_open(description, np.zeros(1), False, 0)
+        blocks = describe_blocks(frame.compiled_blocks() or ())
+        self.address: int = core.plan_open(blocks, np.zeros(1), False, 0)
         weakref.finalize(self, core.plan_close, self.address)
         core.plan_set_bodies(self.address, *frame.compiled_bodies(), 0)
         core.plan_set_joints(

@@ -104,7 +104,7 @@ class Semidirect(MatrixGroup):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         if self.group._rotation_sign:
             block = BlockKind.SE3, self.copies, convention_option(self.convention)
-            return dexpinv(block, u, v)
+            return dexpinv((block,), u, v)
         return super()._dexpinv(u, v, order)
 
     def _log1p(self, difference: Points) -> Array:

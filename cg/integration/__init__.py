@@ -7,9 +7,8 @@ from cg.integration.ensemble import (
 )
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
 from cg.integration.mechanics import Langevin
-from cg.integration.messages import StepTooLongError
+from cg.integration.messages import ConvergenceError, StepTooLongError
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution, Solution
-from cg.integration.plan.plan import ConvergenceError
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.samples import Samples

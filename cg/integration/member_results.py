@@ -143,7 +143,7 @@ class Collector:
             "messages": dict(sorted(joint.messages.items())),
             "message": message,
             "success": not failures,
-            "table": problem.plan.method,
+            "table": problem.plan.table,
             "frame": problem.plan.user_frame,
             "h": problem.control.h,
             "observed": joint.observed,
@@ -177,7 +177,7 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
     ends = problem.direction, results.reached.item(0), results.status[0], results.counts[0].tolist()
     return filled(Solution, {
         **member_fields(results, 0, *ends), "sol": None, "t_events": None, "y_events": None,
-        "y_after": None, "table": problem.plan.method, "frame": problem.plan.user_frame,
+        "y_after": None, "table": problem.plan.table, "frame": problem.plan.user_frame,
         "h": problem.control.h,
     })  # fmt: skip
 

@@ -20,6 +20,7 @@ from cg.integration.arguments import (
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
     FLAGS,
+    STAGE_SOLVERS,
     Control,
     EnsembleOptions,
     check_algebra,
@@ -45,13 +46,7 @@ from cg.integration.mechanics import (
 )
 from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
-from cg.integration.plan.plan import (
-    STAGE_SOLVERS,
-    Plan,
-    for_derivatives,
-    has_brackets,
-    plan_of,
-)
+from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
@@ -154,8 +149,8 @@ class Problem:
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
         if not self.own_inputs:
-            return self.rhs.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.arguments(0)
+            return self.rhs.given.arguments(member)
+        return self.part(slice(member, member + 1)).rhs.given.arguments(0)
 
 
 def _make_rhs(
@@ -194,7 +189,7 @@ def _make_control(
         for name in ("rtol", "atol", "first_step", "max_steps"):
             if options[name] is not None:
                 raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
-        _warn(plan.method, pair=False)
+        _warn(plan.table, pair=False)
         size = check_step(h, "h")
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
@@ -202,17 +197,17 @@ def _make_control(
             limit, got = apart(largest, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
         return Control(h=size)
-    if plan.method.kind is Kind.SPLITTING:
+    if plan.table.kind is Kind.SPLITTING:
         raise ValueError(
-            f"h must be given with {plan.method!r}: steps of splitting methods have a fixed size"
+            f"h must be given with {plan.table!r}: steps of splitting methods have a fixed size"
         )
-    if not plan.table.exponent:
+    if not plan.step_table.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
     # one flow along a polynomial has another estimate than that of the method
-    _warn(plan.method, pair=plan.table is plan.method)
+    _warn(plan.table, pair=plan.step_table is plan.table)
     shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
     atol = check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
@@ -232,13 +227,13 @@ def _make_control(
     return Control(None, rtol, atol, largest, first, max_steps)
 
 
-def _warn(method: MethodTable, pair: bool = True) -> None:
+def _warn(table: MethodTable, pair: bool = True) -> None:
     """Warn if solutions don't converge, or the error estimate of a ``pair`` is unreliable."""
-    name = method.name or "the method"
-    if not method.converges:
+    name = table.name or "the method"
+    if not table.converges:
         warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=5)
-    if pair and method.fault:
-        warnings.warn(f"{name}: {method.fault}", stacklevel=5)
+    if pair and table.fault:
+        warnings.warn(f"{name}: {table.fault}", stacklevel=5)
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
@@ -411,10 +406,10 @@ def _read_inputs(
     inputs: Any = options["inputs"]
     name = "the initial time" if start == stop else "t_span"
     if members is None or not isinstance(inputs, list):
-        return check_inputs(inputs, start, stop, members, plan.method, name), ()
+        return check_inputs(inputs, start, stop, members, plan.table, name), ()
     if options["common_steps"]:
         raise ValueError("common_steps must be False with a list of inputs, of each member")
-    own = check_own_inputs(inputs, start, stop, members, plan.method, name)
+    own = check_own_inputs(inputs, start, stop, members, plan.table, name)
     return own[0], own
 
 
@@ -439,7 +434,7 @@ def make_problem(
     frame = plan.frame
     points, numbers, inertia = _read_members(plan, options, y0, many)
     start, stop = check_span(t_span)
-    check_thermostat(options["thermostat"], plan.method, options, stop < start)
+    check_thermostat(options["thermostat"], plan.table, options, stop < start)
     inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     refuse_friction(plan, rhs, [start], points[None])
@@ -447,7 +442,7 @@ def make_problem(
         refuse_friction(plan, rhs, [stop], points[None])
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
-        jacobian = jacobian_of(options["jac"], frame, plan.method, rhs, start, points[0])
+        jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
     if options["linear"] and not isinstance(rhs, PythonRhs):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)

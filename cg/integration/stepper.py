@@ -45,7 +45,7 @@ from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, apart, check_finite
 from cg.support.checks import short
-from cg.support.shared_numbers import STEP_CONTROL, StatePlace, Stop
+from cg.support.shared_numbers import STEP_CONTROL, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import made
 
@@ -165,7 +165,7 @@ class Stepper:
         numbers = problem.rhs.given.parameters
         if numbers is not None:
             check_finite(numbers if many else numbers[0], "parameters")
-        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.method
+        self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
         self._first_step = None if first is None else check_step(first, "first_step")
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._many = many
@@ -194,7 +194,7 @@ class Stepper:
         if not self._has_step:
             return None
         member = self._stopped.argmin()  # one that hasn't stopped
-        return float(self._run.state()[0][member, StatePlace.LAST_T])
+        return float(self._run.state()["last_t"][member])
 
     @property
     def step_size(self) -> float | None:
@@ -248,7 +248,7 @@ class Stepper:
     @property
     def next_step(self) -> float | Array | None:
         """Absolute size that the next step tries."""
-        h, sizes = self._run.control.h, self._run.state()[0][:, StatePlace.NEXT_STEP]
+        h, sizes = self._run.control.h, self._run.state()["next_step"]
         sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
         if self._many:
             return sizes

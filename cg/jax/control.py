@@ -184,7 +184,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         slope = self.norm(tangent(start, y0) / scale)
         telling = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
         guess = jnp.where(
-            telling, 0.01 * size / jnp.where(telling, slope, 1.0), _CONTROL.blind_fraction * span
+            telling,
+            _CONTROL.guess_fraction * size / jnp.where(telling, slope, 1.0),
+            _CONTROL.blind_fraction * span,
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, most), least)
         h = guess.astype(scale.dtype)
@@ -193,7 +195,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         change = tangent(end, moved) - tangent(start, y0)
         curvature = self.norm(change / scale) / h
         first = _by_derivatives(size, slope, curvature, error_order).astype(time)
-        first = jnp.minimum(jnp.minimum(100.0 * guess, first), most)
+        first = jnp.minimum(jnp.minimum(_CONTROL.largest_growth * guess, first), most)
         return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, least), guess)
 
     def adapt_step_size(

@@ -31,7 +31,7 @@ from cg.jax.term import (
     unwrapped,
 )
 from cg.support.checks import check_flag
-from cg.tables import HasTable, Kind, MethodTable, made, unique_table
+from cg.tables import HasTable, Kind, MethodTable, unique_table
 
 _DENSE = ("accurate", "steps")
 _LARGEST_ANGLE = math.pi / 6  # that between comparisons in fortran/steps/step_events.f90
@@ -131,11 +131,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         suffix += ", unroll=True" if self.unroll else ""
         suffix += "" if self.max_angle == _LARGEST_ANGLE else f", max_angle={self.max_angle}"
         return f"Solver({label}{suffix})"
-
-    @property
-    def method(self) -> Any:
-        """The method, a `cg.Method`."""
-        return made(self.table)
 
     def order(self, terms: Any) -> int:
         """Return the order of the method."""

@@ -245,7 +245,7 @@ def _caller(module: str, name: str) -> dict[str, Any] | None:
     return None
 
 
-def check_noise(terms: diffrax.MultiTerm, method: MethodTable) -> None:
+def check_noise(terms: diffrax.MultiTerm, table: MethodTable) -> None:
     """Raise an error unless terms are a FrameTerm and noise on its frame, and the method fits."""
     drift, *noises = users = [unwrapped(term) for term in terms.terms]
     if not (isinstance(drift, FrameTerm) and all(isinstance(g, NoiseTerm) for g in noises)):
@@ -256,9 +256,9 @@ def check_noise(terms: diffrax.MultiTerm, method: MethodTable) -> None:
         )
     if any(noise.frame != drift.frame for noise in noises):
         raise ValueError(f"terms must have one frame, got {[term.frame for term in users]}")
-    if method.order < 2:
+    if table.order < 2:
         raise ValueError(
-            f"method must be of order two or more for noise, got {method!r}, whose steps have the "
+            f"method must be of order two or more for noise, got {table!r}, whose steps have the "
             "limit of Itô"
         )
 

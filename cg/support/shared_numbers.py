@@ -144,21 +144,6 @@ class JacobianKind(IntEnum):
     SPARSE = 2  # evaluated and factored in Python; or none, for the fixed-point iteration
 
 
-class StateSize(IntEnum):
-    """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
-
-    REALS = 14
-    INTEGERS = 18
-
-
-class StatePlace(IntEnum):
-    """Places of some of its real numbers, from 0, as ``save_state`` writes them."""
-
-    NEXT_STEP = 1
-    LAST_T = 3
-    H = 5
-
-
 class FailedFunction(IntEnum):
     """The function of a right-hand side with derivatives that failed last."""
 
@@ -251,9 +236,12 @@ STEP_CONTROL: dict[str, float | int] = {
     "before_last_power": 0.4,
     "min_last_error": 1e-4,
     "first_error": 0.01,  # target of the error of the first step, in tolerances
-    # If a norm is below this many tolerances, the first guess is this fraction of the span.
-    "negligible": 1e-5,
+    # The first guess is a fraction of the time in which the point changes by its size, or of the span
+    # if a norm is below this many tolerances. The first size is at most so many guesses.
+    "guess_fraction": 0.01,
     "blind_fraction": 1e-6,
+    "negligible": 1e-5,
+    "largest_growth": 100.0,
     "smallest_step": 10.0,  # in spacings of numbers at the time
     # At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
     # raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion`
@@ -291,7 +279,6 @@ _SUFFIXES = {
     RowForm: "",
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
-    StateSize: "_of_state",
     FailedFunction: "_failed",
     Status: "",
     MinimumNormStatus: "",

@@ -48,7 +48,6 @@ RECORD = {
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
     # how steps vary, as observers
-    "has_step_function": "integer",
     "step_functions": "integer",
     "step_function_table": "address",
     "step_function": "address",
@@ -156,6 +155,38 @@ COUNTERS = {
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member in results, in the order of compiled code."""
 
+STATE = {
+    "t": "real",
+    "h": "real",  # of the step before, signed
+    "h_before": "real",  # of one whose coefficients the next step uses
+    "slope_known": "integer",  # whether the coefficients at the present point are kept
+    # step size control
+    "next_step": "real",  # size that the next step tries
+    "last_error": "real",
+    "after_rejection": "integer",
+    "suspicion": "integer",  # of a discontinuity
+    "attempts": "integer",  # steps, rejected ones included
+    # the last step, which output is computed of
+    "last_t": "real",
+    "last_h": "real",
+    # Newton's method of a collocation method
+    "newton_last_h": "real",
+    "newton_rate_factor": "real",
+    "newton_factored_h": "real",
+    "newton_has_jacobian": "integer",
+    "newton_fresh": "integer",
+    "newton_moved": "integer",
+    # equal steps
+    "grid_start": "real",
+    "grid_step": "real",
+    "grid_last": "real",
+    "grid_stop": "real",
+    "grid_steps": "integer",
+    "grid_done": "integer",
+    "events_known": "integer",  # whether the values of events at the present point are kept
+}
+"""What a trajectory needs between steps, besides counters, points, slopes and events."""
+
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none
@@ -205,6 +236,7 @@ RECORDS = {
     "record_t": RECORD,
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
+    "state_record_t": STATE,
     "event_record_t": EVENT,
     "variation_t": VARIATION,
 }
@@ -220,6 +252,11 @@ _KINDS: dict[str, tuple[Any, str]] = {
 def fields_of(entries: dict[str, str]) -> list[tuple[str, Any]]:
     """Return the entries of a record as fields of ctypes."""
     return [(name, _KINDS[kind][0]) for name, kind in entries.items()]
+
+
+def columns_of(entries: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the entries of a record as fields of a type of NumPy."""
+    return [(name, "f8" if kind == "real" else "i8") for name, kind in entries.items()]
 
 
 def record_type(name: str, entries: dict[str, str]) -> list[str]:

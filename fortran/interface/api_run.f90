@@ -232,13 +232,12 @@ contains
   end subroutine loop_restart
 
   ! Reads or writes the states of all trajectories.
-  subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
-                        slopes) bind(c)
+  subroutine loop_state(address, write, n, m, columns, members, count, numbers, points, slopes) &
+      bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: write
-    integer, intent(in) :: n, m, columns, members, nr, ni  ! nr, ni: see save_state
-    real(wp), intent(inout) :: reals(nr, members)
-    integer(c_int64_t), intent(inout) :: integers(ni, members)
+    integer, intent(in) :: n, m, columns, members, count
+    real(wp), intent(inout) :: numbers(count, members)     ! see save_state
     real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
     type(run_t), pointer :: run
     integer :: i
@@ -246,10 +245,11 @@ contains
     run => run_at(address)
     do i = 1, members
       if (write) then
-        call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+        call load_state(run%lanes(i), run%counters(i), numbers(:, i), points(:, :, i), &
+                        slopes(:, :, i))
         call refactor(run%lanes(i))
       else
-        call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+        call save_state(run%lanes(i), numbers(:, i), points(:, :, i), slopes(:, :, i))
       end if
     end do
     if (write) call wake(run)

@@ -37,7 +37,7 @@ contains
                         run%record%observer_stride, run%observer)
       run%output%observer => run%observer
     end if
-    if (run%record%has_step_function > 0) then
+    if (run%record%step_functions > 0 .or. run%record%step_function /= 0) then
       call set_observer(run, 1, run%record%step_functions, run%record%step_function_table, &
                         run%record%step_function, run%record%step_function_data, &
                         run%record%step_function_stride, run%step_function)

@@ -116,7 +116,8 @@ contains
     real(wp), intent(in) :: point, slope, span           ! span: of the whole integration
 
     first_guess = blind_fraction * span
-    if (point > negligible .and. slope * span > negligible) first_guess = 0.01_wp * point / slope
+    if (point > negligible .and. slope * span > negligible) &
+      first_guess = guess_fraction * point / slope
   end function first_guess
 
   ! The first size, huge if there is no limit. The rate at which the solution changes stands for its

@@ -113,6 +113,26 @@ contains
       x%phase = phase_next_stage
       if (x%stage <= solver%last) return
       call rewind_paths(x)
+      call prepare_correction(x, block, info)
+      if (info /= 0) then
+        call give_up(x, block)
+      else if (solver%column > 0) then
+        call move_unknown(x)
+      else
+        call correct(x, block)
+      end if
+    end associate
+  end subroutine store_implicit
+
+  ! Goes on to the next column of the Jacobian of a block, if it is needed, or factors it after the
+  ! last one; column 0 means that the unknowns can be corrected.
+  subroutine prepare_correction(x, block, info)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: block
+    integer, intent(out) :: info             ! nonzero if the matrix is singular
+
+    info = 0
+    associate (solver => x%solver, n => size(x%f, 1))
       if (solver%column > 0) then
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
         solver%column = solver%column + 1
@@ -121,23 +141,13 @@ contains
         solver%column = 1
         solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
       end if
-      if (solver%column > size(solver%lu, 1)) then
-        call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
-        x%counts%nlu = x%counts%nlu + 1
-        solver%factored_h(block) = x%h
-        solver%column = 0
-        if (info /= 0) then
-          call give_up(x, block)
-          return
-        end if
-      end if
-      if (solver%column > 0) then
-        call move_unknown(x)
-      else
-        call correct(x, block)
-      end if
+      if (solver%column <= size(solver%lu, 1)) return
+      call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
+      x%counts%nlu = x%counts%nlu + 1
+      solver%factored_h(block) = x%h
+      solver%column = 0
     end associate
-  end subroutine store_implicit
+  end subroutine prepare_correction
 
   ! Moves the unknown of a column of the Jacobian.
   subroutine move_unknown(x)

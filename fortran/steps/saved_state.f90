@@ -3,7 +3,7 @@ module saved_state_m
   use kinds, only: wp
   use inputs_m, only: grid_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: integers_of_state, reals_of_state, terminal_event
+  use shared_numbers, only: counters_t, state_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, trajectory_t
   implicit none
   private
@@ -12,25 +12,29 @@ module saved_state_m
 contains
 
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
-  pure subroutine save_state(x, reals, integers, points, slopes)
+  pure subroutine save_state(x, numbers, points, slopes)
     type(trajectory_t), intent(in) :: x
-    real(wp), intent(out) :: reals(:)        ! reals_of_state, then of each event five numbers
-    integer(int64), intent(out) :: integers(integers_of_state)
+    real(wp), intent(out) :: numbers(:)      ! those of state_record_t, then five of each event
     ! (point_size, 2), (dimension, 2 + columns of f, then f_before, impulse, last and jacobian of
     ! newton_t, or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
+    type(state_record_t) :: state
     integer, allocatable :: pivot(:, :)
 
-    reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
-             x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, &
-             x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, &
-             x%events%residual, x%events%time, &
-             real(x%events%came_from, wp), real(x%events%count, wp)]
-    integers = [transfer(x%counts, integers), merge(1_int64, 0_int64, &
-                [x%slope_known, x%events%known, x%control%after_rejection, &
-                 x%newton%has_jacobian, x%newton%fresh, x%newton%moved]), &
-                int(x%control%suspicion, int64), x%control%attempts, x%grid%steps, x%grid_done]
-    integers(1) = int(x%status, int64)       ! counts have it in results alone
+    associate (control => x%control, newton => x%newton, grid => x%grid)
+      state = state_record_t( &
+        t=x%t, h=x%h, h_before=x%h_before, slope_known=flag(x%slope_known), &
+        next_step=control%step_size, last_error=control%last_error, &
+        after_rejection=flag(control%after_rejection), suspicion=control%suspicion, &
+        attempts=control%attempts, last_t=x%last%t, last_h=x%last%h, &
+        newton_last_h=newton%last_h, newton_rate_factor=newton%rate_factor, &
+        newton_factored_h=newton%factored_h, newton_has_jacobian=flag(newton%has_jacobian), &
+        newton_fresh=flag(newton%fresh), newton_moved=flag(newton%moved), &
+        grid_start=grid%start, grid_step=grid%step, grid_last=grid%last, grid_stop=grid%stop, &
+        grid_steps=grid%steps, grid_done=x%grid_done, events_known=flag(x%events%known))
+    end associate
+    numbers = [transfer(state, numbers), x%events%before, x%events%residual, x%events%time, &
+               real(x%events%came_from, wp), real(x%events%count, wp)]
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
     slopes(:, 3:2 + size(x%f, 2)) = x%f
@@ -52,45 +56,49 @@ contains
   end subroutine save_state
 
   ! Restores what save_state has copied.
-  pure subroutine load_state(x, reals, integers, points, slopes)
+  pure subroutine load_state(x, counts, numbers, points, slopes)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: reals(:)
-    integer(int64), intent(in) :: integers(integers_of_state)
-    real(wp), intent(in) :: points(:, :), slopes(:, :)
-    real(wp), allocatable :: numbers(:)
+    type(counters_t), intent(in) :: counts
+    real(wp), intent(in) :: numbers(:), points(:, :), slopes(:, :)
+    type(state_record_t) :: state
+    real(wp), allocatable :: factors(:)
 
-    x%t = reals(1)
-    x%control%step_size = reals(2)
-    x%control%last_error = reals(3)
-    x%last%t = reals(4)
-    x%last%h = reals(5)
-    x%h = reals(6)
-    x%newton%last_h = reals(7)
-    x%newton%rate_factor = reals(8)
-    x%counts = transfer(integers(:8), x%counts)
-    x%slope_known = integers(9) == 1
-    x%events%known = integers(10) == 1
-    x%control%after_rejection = integers(11) == 1
-    x%newton%has_jacobian = integers(12) == 1
-    x%newton%fresh = integers(13) == 1
-    x%newton%moved = integers(14) == 1
-    x%control%suspicion = int(integers(15))
-    x%control%attempts = integers(16)
+    state = transfer(numbers, state)
+    x%counts = counts
+    x%t = state%t
+    x%h = state%h
+    x%h_before = state%h_before
+    x%slope_known = state%slope_known == 1
+    x%control%step_size = state%next_step
+    x%control%last_error = state%last_error
+    x%control%after_rejection = state%after_rejection == 1
+    x%control%suspicion = int(state%suspicion)
+    x%control%attempts = state%attempts
+    x%last%t = state%last_t
+    x%last%h = state%last_h
+    x%newton%last_h = state%newton_last_h
+    x%newton%rate_factor = state%newton_rate_factor
+    x%newton%factored_h = state%newton_factored_h
+    x%newton%has_jacobian = state%newton_has_jacobian == 1
+    x%newton%fresh = state%newton_fresh == 1
+    x%newton%moved = state%newton_moved == 1
+    x%grid = grid_t(state%grid_start, state%grid_step, state%grid_last, state%grid_stop, &
+                    state%grid_steps)
+    x%grid_done = state%grid_done
+    x%events%known = state%events_known == 1
     x%y(:, 0) = points(:, 1)
     x%slope = slopes(:, 1)
     x%last%y = points(:, 2)
     x%last%slope = slopes(:, 2)
     x%f = slopes(:, 3:2 + size(x%f, 2))
-    x%newton%factored_h = reals(9)
-    x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(17))
-    x%grid_done = integers(18)
-    x%h_before = reals(14)
-    associate (events => x%events, n => size(x%events%before), k => reals_of_state)
-      events%before = reals(k + 1:k + n)
-      events%residual = reals(k + n + 1:k + 2 * n)
-      events%time = reals(k + 2 * n + 1:k + 3 * n)
-      events%came_from = nint(reals(k + 3 * n + 1:k + 4 * n))
-      events%count = nint(reals(k + 4 * n + 1:k + 5 * n), int64)
+    associate (events => x%events, n => size(x%events%before))
+      associate (rows => reshape(numbers(size(numbers) - 5 * n + 1:), [n, 5]))
+        events%before = rows(:, 1)
+        events%residual = rows(:, 2)
+        events%time = rows(:, 3)
+        events%came_from = nint(rows(:, 4))
+        events%count = nint(rows(:, 5), int64)
+      end associate
     end associate
     associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver, newton => x%newton)
       if (allocated(x%f_before)) then
@@ -101,15 +109,21 @@ contains
         newton%last = rest(:, :size(newton%last, 2))
         newton%jacobian = rest(:, size(newton%last, 2) + 1:)
       else if (allocated(solver%lu)) then
-        numbers = reshape(rest, [size(rest)])
-        solver%lu = reshape(numbers, shape(solver%lu))
-        solver%pivot = reshape(nint(numbers(size(solver%lu) + 1:)), shape(solver%pivot))
+        factors = reshape(rest, [size(rest)])
+        solver%lu = reshape(factors, shape(solver%lu))
+        solver%pivot = reshape(nint(factors(size(solver%lu) + 1:)), shape(solver%pivot))
         solver%factored_h = merge(x%h, 0.0_wp, any(solver%pivot > 0, dim=1))
       end if
     end associate
     x%weighted_by = 0.0_wp
     call continue_trajectory(x)
-    if (integers(1) == terminal_event) x%status = terminal_event
+    if (counts%status == terminal_event) x%status = terminal_event
   end subroutine load_state
+
+  pure integer(int64) function flag(condition)
+    logical, intent(in) :: condition
+
+    flag = merge(1_int64, 0_int64, condition)
+  end function flag
 
 end module saved_state_m

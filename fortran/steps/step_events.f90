@@ -250,9 +250,9 @@ contains
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
-    real(wp) :: theta(3), v(3), first, second, near, nearest, inner(2, 2)
+    real(wp) :: theta(3), v(3), near, nearest
     integer :: edge, i
-    logical :: lies_within
+    logical :: bends, lies_within
 
     theta = ends
     v = abs(values)
@@ -260,12 +260,9 @@ contains
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
-      first = (v(2) - v(1)) / (theta(2) - theta(1))
-      second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
-      if (.not. second > 0) return
+      call minimise_parabola(theta, v, turning(1), nearest, bends)
+      if (.not. bends) return
       associate (at => turning(1))
-        at = (theta(1) + theta(2) - first / second) / 2
-        nearest = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
         near = margin * (maxval(v) - minval(v))
         lies_within = at > theta(1) .and. at < theta(3)
         if (.not. (lies_within .and. (detects .or. nearest <= minval(v) / 2))) then
@@ -284,18 +281,44 @@ contains
         if (x%status /= finished) return
         exists = turning(2) * sign(1.0_wp, values(1)) <= 0
         if (exists) return
-        inner = reshape([theta(2), v(2), at, abs(turning(2))], [2, 2])
-        if (at < theta(2)) inner = inner(:, 2:1:-1)
+        call narrow(theta, v, at, abs(turning(2)))
       end associate
-      if (inner(2, 1) < inner(2, 2)) then
-        theta(2:) = inner(1, :)
-        v(2:) = inner(2, :)
-      else
-        theta(:2) = inner(1, :)
-        v(:2) = inner(2, :)
-      end if
     end do
   end subroutine find_turning_point
+
+  ! Finds the minimum of the parabola through three values.
+  pure subroutine minimise_parabola(theta, v, at, least, bends)
+    real(wp), intent(in) :: theta(3), v(3)
+    real(wp), intent(out) :: at, least                 ! its place, and the value there
+    logical, intent(out) :: bends                      ! whether there is one
+    real(wp) :: first, second
+
+    first = (v(2) - v(1)) / (theta(2) - theta(1))
+    second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
+    bends = second > 0
+    at = 0.0_wp
+    least = 0.0_wp
+    if (.not. bends) return
+    at = (theta(1) + theta(2) - first / second) / 2
+    least = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
+  end subroutine minimise_parabola
+
+  ! Puts a point between three and leaves out the end that is farther from the smaller inner value.
+  pure subroutine narrow(theta, v, at, value)
+    real(wp), intent(inout) :: theta(3), v(3)
+    real(wp), intent(in) :: at, value
+    real(wp) :: inner(2, 2)
+
+    inner = reshape([theta(2), v(2), at, value], [2, 2])
+    if (at < theta(2)) inner = inner(:, 2:1:-1)
+    if (inner(2, 1) < inner(2, 2)) then
+      theta(2:) = inner(1, :)
+      v(2:) = inner(2, :)
+    else
+      theta(:2) = inner(1, :)
+      v(:2) = inner(2, :)
+    end if
+  end subroutine narrow
 
   ! Adds the zero of an event between two points if there is one, any number in between if it is only
   ! detected.

@@ -24,8 +24,8 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, needs_minimum, raised, size_failed, slope_not_finite, &
-                            step_too_small, time_not_finite, too_many_steps
+  use shared_numbers, only: finished, largest_growth, needs_minimum, raised, size_failed, &
+                            slope_not_finite, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
@@ -111,7 +111,7 @@ contains
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
       curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
                   / x%control%guessed_size
-      x%request%shared = limited(x, min(100 * x%control%guessed_size, first_size( &
+      x%request%shared = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     x%phase = phase_size_shared
@@ -153,52 +153,21 @@ contains
   ! differences of rounded times, so that all are equal.
   subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
-    ! Sums of stages over a step don't overflow before it; an infinite step isn't made shorter.
-    real(wp), parameter :: largest_time = 1e-3_wp * huge(1.0_wp)
-    real(wp) :: longest
 
     associate (stop => x%problem%stops(x%segment))
       if (associated(x%problem%step_function)) then
         call choose_reversibly(x, stop)
-        if (x%status /= finished) return
-      else if (.not. x%problem%adaptive) then
+      else if (x%problem%adaptive) then
+        call choose_adaptively(x, stop)
+      else
         x%h = x%grid%step
         x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
         if (x%grid_done + 1 == x%grid%steps) then
           x%h = x%grid%last
           x%t_end = stop
         end if
-      else
-        if (x%control%attempts >= x%problem%max_steps) then
-          call fail(x, too_many_steps, x%t)
-          return
-        end if
-        longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
-        x%control%unshortened_size = min(x%control%step_size, x%tolerances%max_step)
-        x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
-                                         min(longest_turn(x), longest), &
-                                         x%control%after_rejection)
-        if (x%control%step_size < 0) then
-          if (.not. (x%problem%common .and. x%error <= 1)) then
-            call fail(x, step_too_small, x%t)
-            return
-          end if
-          ! others with common steps fail here, and this one goes on without them
-          x%control%step_size = min(smallest_size(x%t), abs(stop - x%t), x%tolerances%max_step)
-        end if
-        x%control%attempts = x%control%attempts + 1
-        x%h = sign(x%control%step_size, stop - x%t)
-        x%t_end = x%t + x%h
-        ! A rest that is smaller than the smallest step belongs to this step.
-        x%control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
-        if (x%control%shortened) x%t_end = stop
-        x%control%shortened = x%control%shortened .or. x%control%unshortened_size > longest
-        x%h = x%t_end - x%t
-        if (abs(stop) > huge(stop) .and. .not. abs(x%t_end) <= largest_time) then
-          call fail(x, time_not_finite, x%t)
-          return
-        end if
       end if
+      if (x%status /= finished) return
       if (x%h /= x%weighted_by) then
         x%weight(:) = x%h * x%method%flows%weight
         x%weighted_by = x%h
@@ -215,6 +184,44 @@ contains
       if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
+
+  ! Chooses the size and the end of the next step: the proposed one, within limits.
+  subroutine choose_adaptively(x, stop)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: stop
+    ! Sums of stages over a step don't overflow before it; an infinite step isn't made shorter.
+    real(wp), parameter :: largest_time = 1e-3_wp * huge(1.0_wp)
+    real(wp) :: longest
+
+    associate (control => x%control, max_step => x%tolerances%max_step)
+      if (control%attempts >= x%problem%max_steps) then
+        call fail(x, too_many_steps, x%t)
+        return
+      end if
+      longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
+      control%unshortened_size = min(control%step_size, max_step)
+      control%step_size = tried_size(control%step_size, x%t, stop, min(longest_turn(x), longest), &
+                                     control%after_rejection)
+      if (control%step_size < 0) then
+        if (.not. (x%problem%common .and. x%error <= 1)) then
+          call fail(x, step_too_small, x%t)
+          return
+        end if
+        ! others with common steps fail here, and this one goes on without them
+        control%step_size = min(smallest_size(x%t), abs(stop - x%t), max_step)
+      end if
+      control%attempts = control%attempts + 1
+      x%h = sign(control%step_size, stop - x%t)
+      x%t_end = x%t + x%h
+      ! A rest that is smaller than the smallest step belongs to this step.
+      control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
+      if (control%shortened) x%t_end = stop
+      control%shortened = control%shortened .or. control%unshortened_size > longest
+      x%h = x%t_end - x%t
+      if (abs(stop) > huge(stop) .and. .not. abs(x%t_end) <= largest_time) &
+        call fail(x, time_not_finite, x%t)
+    end associate
+  end subroutine choose_adaptively
 
   ! Chooses the size and the end of the next step. A step that a stop cuts leaves the size unchanged
   ! with which the next one goes on.

@@ -8,7 +8,8 @@ from exact import doubles, flint_matrix
 from flint import ctx
 
 from cg import frames as fr
-from cg.integration.plan.plan import block_constants, is_compiled
+from cg.frames.compiled import constants_of
+from cg.integration.plan.plan import is_compiled
 from cg.support.shared_numbers import BlockKind
 
 FRAMES = [
@@ -129,7 +130,8 @@ def test_coordinates_of_half_turns(frame):
 def test_which_orbits_are_compiled():
     orbit = fr.IsospectralOrbit((4.0, 1.0, 2.0))
     assert orbit.compiled_blocks() == ((BlockKind.ISOSPECTRAL, 3, 0, 1.0, 2.0, 4.0),)
-    assert block_constants(fr.Product(orbit, orbit)).tolist() == [1.0, 2.0, 4.0, 1.0, 2.0, 4.0, 0.0]
+    blocks = fr.Product(orbit, orbit).compiled_blocks()
+    assert constants_of(blocks).tolist() == [1.0, 2.0, 4.0, 1.0, 2.0, 4.0, 0.0]
     assert all(is_compiled(frame) for frame in ORBITS)
     # errors of rotations are angles, those of these matrices are differences of entries
     assert not is_compiled(fr.Product(orbit, fr.SO3()))

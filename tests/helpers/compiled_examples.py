@@ -7,12 +7,14 @@ import numpy as np
 
 import cg._core_r64 as core
 from cg import frames as fr
-from cg.integration.plan.plan import block_constants, describe_blocks, has_compiled_difference
+from cg.frames.compiled import constants_of, describe_blocks
+from cg.integration.plan.plan import has_compiled_difference
 
 
 def compiled_flows(frame):
     """Return a function that moves points, shape (..., *shape), along flows (..., count, dim)."""
-    blocks = describe_blocks(frame), block_constants(frame)
+    known = frame.compiled_blocks()
+    blocks = describe_blocks(known), constants_of(known)
 
     def move(v, y, restore=True):
         moved, fields = np.array(y, dtype=frame.dtype, order="C"), np.ascontiguousarray(v)
@@ -27,7 +29,7 @@ def difference_of(frame):
     """Return `Frame.exp_coordinates`, compiled where possible."""
     if not has_compiled_difference(frame):
         return frame.exp_coordinates
-    description, rank = describe_blocks(frame), len(frame.point_shape)
+    description, rank = describe_blocks(frame.compiled_blocks()), len(frame.point_shape)
 
     def difference(y0, y1):
         v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frame_examples import generic
+from interpolants import extra_evaluations
 from kinds import FROZEN
 from numpy.polynomial import Polynomial
 from refusals import refuses
@@ -10,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import cg
 from cg import frames as fr
-from cg.construction.methods.interpolant import extra_evaluations, nodes_of
+from cg.construction.methods.interpolant import nodes_of
 from cg.integration.plan.callbacks import _HANDLERS
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation

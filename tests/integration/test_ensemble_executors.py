@@ -76,9 +76,9 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     renamed = catalogue.loads(catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
     for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
-    again = [pickle.loads(pickle.dumps(part)).plan.method for part in known]
+    again = [pickle.loads(pickle.dumps(part)).plan.table for part in known]
     assert again[0] is again[1] is stored_table(pair.name)
-    assert again[2] is known[2].plan.method
+    assert again[2] is known[2].plan.table
     assert again[3].source == renamed
 
 

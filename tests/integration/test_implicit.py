@@ -7,7 +7,7 @@ from kinds import FROZEN
 import cg
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean, Product
-from cg.integration.plan.plan import STAGE_SOLVERS
+from cg.integration.arguments import STAGE_SOLVERS
 from cg.problems import StateDependentRotation
 
 MIDPOINT = Tableau([["1/2"]], ["1"], name="implicit midpoint")

@@ -58,13 +58,14 @@ def test_steppers_take_samples_as_they_arrive(in_c, way, function):
 
 
 HELD = cg.Samples([0.0, 1.0], [1.0, 2.0])
+EACH = cg.Samples([0.0, 1.0], [[1.0, 2.0]], members=True)
 REFUSED = [
     ({"inputs": [1.0, 2.0]}, TypeError, "inputs must be cg.Samples"),
     ({"inputs": (HELD, 3.0)}, TypeError, r"inputs\[1\] must be cg.Samples"),
     ({"inputs": ()}, ValueError, "at least one"),
     ({"inputs": cg.Samples([0.5, 1], [1, 2])}, ValueError, "t_span must lie within the times"),
     ({"inputs": cg.Samples([0, 1], [1, 2], end=1.5)}, ValueError, "t_span must lie within"),
-    ({"inputs": cg.Samples([0, 1], [[1, 2]], members=True)}, ValueError, "no members, got 1"),
+    ({"inputs": EACH}, ValueError, "inputs must be without members=True here"),
     ({"inputs": HELD, "method": "CG4", "h": 0.1}, ValueError, "method must evaluate f within"),
 ]
 
@@ -82,7 +83,7 @@ def test_compiled_functions_with_data_of_their_own_are_refused(function, library
     level = cg.CompiledFunction(library._name, "gust_level")
     with pytest.raises(ValueError, match=r"events\[0\] must be in Python"):
         cg.solve_ivp(lambda t, y, u: [u], (0, 1), [0.0], frame=LINE, inputs=HELD, events=level)
-    with pytest.raises(ValueError, match="3 members, got 2"):
+    with pytest.raises(ValueError, match=r"for 3 members, got Samples\(1 times.*members=2"):
         cg.solve_ensemble(
             lambda t, y, u: [u], (0, 1), np.ones((3, 1)), frame=LINE,
             inputs=cg.Samples([0.0], [[1.0], [2.0]], members=True),

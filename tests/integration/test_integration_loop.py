@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from equal_grids import make_grid
+from interpolants import extra_evaluations
 from refusals import refuses
 
 import cg
 from cg.construction.catalogue import resolve_method
-from cg.construction.methods.interpolant import extra_evaluations
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.run import drive as loop_drive
 from cg.integration.run.drive import StepBudget

@@ -4,13 +4,13 @@ import ctypes
 
 import numpy as np
 import pytest
+from interpolants import extra_evaluations
 from mechanics import INERTIA, MATRIX, SPLITTINGS, system
 from quotients import jacobian
 from refusals import refuses
 from scipy import LowLevelCallable
 
 import cg
-from cg.construction.methods.interpolant import extra_evaluations
 from cg.frames import SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, UnitQuaternion
 
 TOP = system(SO3(), INERTIA)

@@ -122,3 +122,15 @@ def test_on_rotations_and_parameters():
 ])  # fmt: skip
 def test_what_is_refused(options, message):
     refuses(ValueError, message, run, 0.5, 1, **options)
+
+
+def test_a_list_is_refused_and_an_exception_of_the_function_is_its_own():
+    refuses(TypeError, "step_function must be callable as", run, 0.5, 1, step_function=[size, size])
+    own = TypeError("observe my own words")
+
+    def fails(t, y):
+        raise own
+
+    with pytest.raises(TypeError) as caught:
+        run(0.5, 1, step_function=fails)
+    assert caught.value is own

@@ -144,13 +144,6 @@ def _inner_nodes(method: Method) -> int:
     return enough + (enough > 2 and _evaluations(enough + 1, step) <= method.stages)
 
 
-def extra_evaluations(method: Method) -> int:
-    """Return the number of evaluations of an interpolant, besides those at both ends."""
-    if isinstance(method, MuntheKaas):
-        return len(_extension_of(method)[1])
-    return _evaluations(_inner_nodes(method), 2 if isinstance(method, Splitting) else 1)
-
-
 def _series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):

@@ -70,7 +70,7 @@ class ViolatedCondition:
     bound: Decimal
 
     def __post_init__(self) -> None:
-        _check_decimal(self.bound)
+        _check_decimal(self.bound, "bound")
 
     @property
     def tree(self) -> str:
@@ -88,9 +88,9 @@ class Box:
     bound: Decimal | None = None  # bound of their residuals; None if they follow by orthogonality
 
     def __post_init__(self) -> None:
-        _check_decimal(self.radius)
+        _check_decimal(self.radius, "radius")
         if self.bound is not None:
-            _check_decimal(self.bound)
+            _check_decimal(self.bound, "bound")
             if not self.left_out or not 0 < self.bound <= MAX_SMALL:
                 raise CertificationError(
                     f"the bound of conditions that are left out must be at most {MAX_SMALL:e}, "
@@ -260,14 +260,14 @@ def _read_box(entry: dict[str, Any]) -> Box:
             for row, key in enumerate(_TREES)
             for tree in table[key]
         ]
-        bound = _read_decimal(table["bound"]) if optional else None
+        bound = _read_decimal(table, "bound") if optional else None
     fixed = tuple(map(str, entry["fixed"]))
-    return Box(_read_decimal(entry["radius"]), fixed, tuple(left_out), bound)
+    return Box(_read_decimal(entry, "radius"), fixed, tuple(left_out), bound)
 
 
 def _read_beyond(table: dict[str, Any], where: str) -> ViolatedCondition:
     _check(table, _KINDS_OF_BEYOND, where)
-    return ViolatedCondition(_read_tree(table["tree"]), _read_decimal(table["bound"]))
+    return ViolatedCondition(_read_tree(table["tree"]), _read_decimal(table, "bound"))
 
 
 def _read_tree(tree: Any) -> Word:
@@ -277,19 +277,21 @@ def _read_tree(tree: Any) -> Word:
         raise CertificationError(str(error)) from None
 
 
-def _read_decimal(text: str) -> Decimal:
+def _read_decimal(table: dict[str, Any], key: str) -> Decimal:
+    text = table[key]
     # other readers of numbers don't take all that `Decimal` does
     value = Decimal(text) if _PLAIN.fullmatch(text) else text
-    return _check_decimal(value)
+    return _check_decimal(value, key)
 
 
-def _check_decimal(value: object) -> Decimal:
+def _check_decimal(value: object, name: str) -> Decimal:
     if isinstance(value, Decimal) and (
         value.is_zero() or (value.is_finite() and 1 / _LARGEST <= value <= _LARGEST)
     ):
         return value
     raise CertificationError(
-        f"expected a decimal number, zero or between 1e-4000 and 1e4000, got {str(value)[:80]!r}"
+        f"{name} must be a decimal number, zero or between 1e-4000 and 1e4000, got "
+        f"{str(value)[:80]!r}"
     )
 
 

@@ -310,7 +310,7 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
 
     if df_dp is None:
         return _differences(rhs, times, point)
-    arguments = rhs.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
+    arguments = rhs.given.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
     if df_dp.vectorized:
         return df_dp(times, point[None], arguments)
     function, frame, shape = df_dp.function, df_dp.frame, df_dp.shape

@@ -25,7 +25,7 @@ _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
-_ROUNDING = 1e-8
+_LEAST_RATE = 1e-8
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -135,7 +135,7 @@ class VariationalEvents(EventTable):
             return np.array([self._value_of(index, time, point, extra)])
 
         by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
-        rate = float(along[0]) if abs(along[0]) > _ROUNDING * largest else 0.0
+        rate = float(along[0]) if abs(along[0]) > _LEAST_RATE * largest else 0.0
         gradient = by_fields[:, 0] @ x
         if self.field.count:
             gradient[: self.field.directions] += self.field.by_parameters(by_parameters[:, 0])

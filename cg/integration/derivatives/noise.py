@@ -13,8 +13,8 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.python import Derivative, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, real_array
 
-# tolerance relative to the largest entry or eigenvalue of a covariance
-_ROUNDING = 1e-9
+# relative to the largest entry or eigenvalue of a covariance: asymmetry and negative eigenvalues
+_COVARIANCE_ERROR = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.given.inputs, Noise)
     assert isinstance(function, Noise)
     if isinstance(function.function, CompiledRhs) and rhs.given.inputs is None:
-        arguments = rhs.arguments(0)
+        arguments = rhs.given.arguments(0)
         data = int(arguments[-1].ctypes.data) if rhs.given.parameters is not None else 0
         data = data or (rhs.user_data if isinstance(rhs, CompiledRhs) else 0)
         function(problem.t0, problem.points[0], arguments, data)
@@ -80,9 +80,9 @@ def check_covariance(
 
 def _fault(matrix: Array) -> str:
     """Return what a covariance must be and isn't, an empty text if nothing is wrong."""
-    if not np.abs(matrix - matrix.mT).max() <= _ROUNDING * np.abs(matrix).max():
+    if not np.abs(matrix - matrix.mT).max() <= _COVARIANCE_ERROR * np.abs(matrix).max():
         return f"symmetric, got {matrix.tolist()}"
     eigenvalues = np.linalg.eigvalsh(matrix)
-    if not eigenvalues.min() >= -_ROUNDING * np.abs(eigenvalues).max():
+    if not eigenvalues.min() >= -_COVARIANCE_ERROR * np.abs(eigenvalues).max():
         return f"positive semidefinite, got one with the eigenvalue {eigenvalues.min():.3g}"
     return ""

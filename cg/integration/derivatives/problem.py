@@ -132,7 +132,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         joint = PythonRhs(field, field.product, rhs.given, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
-        own = plan if plan.compiled else plan_of(plan.user_frame, plan.method)
+        own = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
         joint = compiled_variation(field, own, rhs.given)
     if control.h is None:
         controlled = options["control_derivatives"]
@@ -145,7 +145,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     edges = np.unique(edges[np.isfinite(edges)])
     return replace(
         problem,
-        plan=plan_of(field.product, plan.method),
+        plan=plan_of(field.product, plan.table),
         rhs=joint,
         points=field.start(problem.points),
         control=control,
@@ -156,18 +156,18 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
 
 def _check_problem(problem: Problem, options: Options) -> None:
     """Raise ValueError if derivatives can't move along the solution."""
-    frame, method = problem.plan.frame, problem.plan.method
-    if method.kind is Kind.SPLITTING:
+    frame, table = problem.plan.frame, problem.plan.table
+    if table.kind is Kind.SPLITTING:
         if options["derivatives"] == "adjoint" or options["noise"] is not None:
             raise ValueError(
                 "method must not be a splitting method with derivatives='adjoint' or noise, got "
-                f"{method!r}"
+                f"{table!r}"
             )
         for name, what in (("gyroscopic", "gyroscopic forces"), ("jointed", "joints")):
             if getattr(frame, name, None):
                 raise ValueError(
                     "method must not be a splitting method with derivatives of motion with "
-                    f"{what}, got {method!r}"
+                    f"{what}, got {table!r}"
                 )
     if not has_brackets(frame):
         raise ValueError(
@@ -196,7 +196,7 @@ def _make_field(problem: Problem, options: Options) -> VariationalField:
         vectorized,
         width,
         noise,
-        kicks=problem.plan.method.kind is Kind.SPLITTING,
+        kicks=problem.plan.table.kind is Kind.SPLITTING,
     )
 
 

@@ -43,9 +43,9 @@ class Jacobian:
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
         """Return the matrix at a point, after checking it."""
         if rhs.vectorized:
-            row = self.derivative(np.array([t]), y[None], rhs.arguments(np.array([member])))
+            row = self.derivative(np.array([t]), y[None], rhs.given.arguments(np.array([member])))
             return row[0]
-        arguments = rhs.arguments(member)
+        arguments = rhs.given.arguments(member)
         if not self.sparse:
             data = data_at(t, arguments, rhs.given.parameters is not None)
             own = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
@@ -100,11 +100,11 @@ class Jacobian:
 
 
 def jacobian_of(
-    jac: Any, frame: Frame, method: MethodTable, rhs: Rhs, t: float, y: Points
+    jac: Any, frame: Frame, table: MethodTable, rhs: Rhs, t: float, y: Points
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if method.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {method!r}')
+    if table.kind is not Kind.COLLOCATION:
+        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {table!r}')
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     if constant:
@@ -115,7 +115,7 @@ def jacobian_of(
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        sparse = hasattr(derivative.function(t, y.copy(), *rhs.arguments(0)), "tocsc")
+        sparse = hasattr(derivative.function(t, y.copy(), *rhs.given.arguments(0)), "tocsc")
     jacobian = Jacobian(derivative, sparse, constant)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian
@@ -149,7 +149,7 @@ class Callbacks:
 
     @cached_property
     def _dexpinv(self) -> Dexpinv:
-        return dexpinv_of(self.frame, self.plan.table.output.series)
+        return dexpinv_of(self.frame, self.plan.step_table.output.series)
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""
@@ -219,7 +219,7 @@ class Callbacks:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
         members = members.astype(np.intp)
         try:
-            return self.events.values(event, t, self._points(y), self.rhs.arguments(members))
+            return self.events.values(event, t, self._points(y), self.rhs.given.arguments(members))
         except Exception:
             member = int(members[0]) if len(t) == 1 else None
             self.failed_event = f"events[{event}]", float(t[0]), member
@@ -230,7 +230,7 @@ class Callbacks:
         member, event = int(member), int(event)
         function = self.events.jump if is_jump else self.events.value
         try:
-            return function(event, t, self._point(y), self.rhs.arguments(member))
+            return function(event, t, self._point(y), self.rhs.given.arguments(member))
         except Exception:
             self.failed_event = f"events[{event}]{'.jump' * is_jump}", t, member
             raise

@@ -87,10 +87,6 @@ class CompiledRhs:
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.function, self.name, self.frame, self.given)
 
-    def arguments(self, member: Any) -> tuple[Any, ...]:
-        """Return the further arguments that events of a member receive."""
-        return self.given.arguments(member)
-
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
         distance = 0 if self.given.parameters is None else self.data.strides[0]
@@ -117,7 +113,7 @@ class CompiledRhs:
         _, data, distance = self.addresses()
         if (inputs := self.given.inputs) is not None:
             own = self.data[member if distance else 0]
-            own[-inputs.width :] = self.arguments(member)[0].numbers(t)
+            own[-inputs.width :] = self.given.arguments(member)[0].numbers(t)
         row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return row
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from numbers import Real
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,9 @@ from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, rea
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.checks import check_choice, check_flag
-from cg.support.shared_records import EVENT
+from cg.support.shared_records import EVENT, columns_of
 
 _UNLIMITED = 2**62  # the event never ends the integration
-_ROW = np.dtype([(name, "f8" if kind == "real" else "i8") for name, kind in EVENT.items()])
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,7 @@ class EventTable:
             rows.append(tuple(entries[name] for name in EVENT))
         if inputs:
             self.events = [_with_input(event) for event in self.events]
-        self.rows: NDArray[np.void] = np.array(rows, dtype=_ROW)
+        self.rows: NDArray[np.void] = np.array(rows, dtype=columns_of(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
         events, *flags = self._arguments
@@ -266,27 +265,35 @@ class Observer:
     shape: tuple[int, ...]  # shape of its value at one time
     keeps_points: bool  # whether the points are stored as well
 
+    name: ClassVar[str] = "observe"  # that of the argument
+    entry: ClassVar[str] = "observer"  # the start of its names in the record of a run
+
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
-        return read_finite(value, "observe", self.shape, t)
+        return read_finite(value, self.name, self.shape, t)
 
     def entries(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""
+        kept: Any
         if isinstance(self.function, list):
             data, stride = 0, 0
             if isinstance(rhs, CompiledRhs):
                 _, data, stride = rhs.addresses()
             elif rhs.given.inputs is not None:
-                raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
+                raise ValueError(
+                    f"{self.name} must be in Python with inputs if f is, got a compiled function"
+                )
             elif (numbers := rhs.given.parameters) is not None:
                 data, stride = numbers.ctypes.data, numbers.strides[0]
-            table = EventTable(self.function, self.frame).rows
-            entries = {"observers": len(table), "observer_table": table.ctypes.data}
-            return entries | {"observer_data": data, "observer_stride": stride}, table
-        rest = self.frame, self.shape, self.check
-        contexts = Contexts(self.function, rhs.arguments, rhs.given.members, *rest)
-        names = "observer", "observer_data", "observer_stride"
-        return dict(zip(names, contexts.addresses(), strict=True)), contexts
+            kept = EventTable(self.function, self.frame).rows
+            entries = {"observers": len(kept), "observer_table": kept.ctypes.data}
+            entries |= {"observer_data": data, "observer_stride": stride}
+        else:
+            rest = self.frame, self.shape, self.check
+            kept = Contexts(self.function, rhs.given, rhs.given.members, *rest)
+            names = "observer", "observer_data", "observer_stride"
+            entries = dict(zip(names, kept.addresses(), strict=True))
+        return {name.replace("observer", self.entry): x for name, x in entries.items()}, kept
 
     @property
     def count(self) -> int:
@@ -315,8 +322,7 @@ def observer_of(
         )
     if rhs.given.inputs is not None:
         observe = WithInput(observe)
-    shape = np.shape(observe(t, read_only(y.copy()), *rhs.arguments(0)))
-    observer = Observer(observe, frame, shape, keeps_points)
-    if not observer.count:
+    shape = np.shape(observe(t, read_only(y.copy()), *rhs.given.arguments(0)))
+    if 0 in shape:
         raise ValueError(f"observe must return at least one number, got shape {shape}")
-    return observer
+    return Observer(observe, frame, shape, keeps_points)

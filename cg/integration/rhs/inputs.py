@@ -15,7 +15,7 @@ from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, check_finite, real_array
 from cg.tables import MethodTable
 
-_ROUNDING = 1e-15  # error of abscissae
+_ABSCISSA_ERROR = 1e-15  # largest one from rounding
 
 
 def address(array: Any) -> int:
@@ -145,7 +145,7 @@ class Inputs:
 
 
 def check_own_inputs(
-    inputs: list[Any], start: float, stop: float, members: int, method: MethodTable, name: str
+    inputs: list[Any], start: float, stop: float, members: int, table: MethodTable, name: str
 ) -> tuple[Inputs, ...]:
     """Return the inputs of each member, at times of its own, after checking them."""
     if len(inputs) != members:
@@ -156,7 +156,7 @@ def check_own_inputs(
     own_inputs: list[Inputs] = []
     for member, samples in enumerate(inputs):
         try:
-            own = check_inputs(samples, start, stop, None, None if member else method, name)
+            own = check_inputs(samples, start, stop, None, None if member else table, name)
             if own is None:
                 raise TypeError(f"inputs must be cg.Samples, got {samples!r}")
             own.check_like(own_inputs[0] if own_inputs else own)
@@ -307,12 +307,12 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, method: MethodTable | None,
+    inputs: Any, start: float, stop: float, members: int | None, table: MethodTable | None,
     name: str = "t",
 ) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.
 
-    Without a method its abscissae aren't checked. ``name`` is that of the times in messages.
+    Without a table its abscissae aren't checked. ``name`` is that of the times in messages.
     """
     if inputs is None:
         return None
@@ -326,13 +326,13 @@ def check_inputs(
             raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
         curve.check_span(start, stop, name)
         if curve.members is not None and curve.members != members:
-            expected = "no members" if members is None else f"{members} members"
-            raise ValueError(f"{which} must have {expected}, got {curve.members}")
-    if method is not None:
-        low, high = float(method.c.min()), float(method.c.max())
-        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+            expected = f"be for {members} members" if members else "be without members=True here"
+            raise ValueError(f"{which} must {expected}, got {curve!r}")
+    if table is not None:
+        low, high = float(table.c.min()), float(table.c.max())
+        if low < -_ABSCISSA_ERROR or high > 1.0 + _ABSCISSA_ERROR:
             raise ValueError(
-                f"method must evaluate f within the step with inputs, got {method!r}, whose "
+                f"method must evaluate f within the step with inputs, got {table!r}, whose "
                 f"abscissae lie between {low:g} and {high:g}"
             )
     return Inputs(tuple(curves), together)

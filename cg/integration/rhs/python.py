@@ -111,19 +111,12 @@ Coefficients = Callable[..., ArrayLike]
 class Contexts:
     """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
 
-    ``arguments`` returns the further arguments of a member. With a ``count`` of members there is a
-    context for each of them.
+    With a ``count`` of members there is a context for each of them.
     """
 
-    def __init__(
-        self,
-        function: Any,
-        arguments: Callable[[int], tuple[Any, ...]],
-        count: int | None,
-        *rest: Any,
-    ) -> None:
+    def __init__(self, function: Any, given: Given, count: int | None, *rest: Any) -> None:
         members = range(1 if count is None else count)
-        self.contexts = [context_of(function, arguments(k), *rest) for k in members]
+        self.contexts = [context_of(function, given.arguments(k), *rest) for k in members]
         self.pointers = None if count is None else np.array(list(map(id, self.contexts)))
 
     @property
@@ -163,7 +156,7 @@ class PythonRhs(Contexts):
         self.check = Check(f, frame, vectorized)
         members = None if vectorized else given.members
         rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
-        super().__init__(f, self.arguments, members, *rest)
+        super().__init__(f, given, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonRhs, (self.f, self.frame, self.given, self.vectorized)
@@ -175,10 +168,6 @@ class PythonRhs(Contexts):
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
         return PythonRhs(self.f, frame, self.given, self.vectorized)
-
-    def arguments(self, member: Any) -> tuple[Any, ...]:
-        """Return the further arguments of a member, or of an array of members."""
-        return self.given.arguments(member)
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
@@ -202,13 +191,13 @@ class PythonRhs(Contexts):
         if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row
-        return self.check(self.f(t, read_only(y), *self.arguments(member)), t)
+        return self.check(self.f(t, read_only(y), *self.given.arguments(member)), t)
 
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
         t.flags.writeable = y.flags.writeable = False
         try:
-            value = self.f(t, y, *self.arguments(members))
+            value = self.f(t, y, *self.given.arguments(members))
         except Exception as error:
             error.add_note(self.note(float(t[0])))
             raise

@@ -33,7 +33,7 @@ from cg.support.arrays import Array, apart, check_finite, real_array
 from cg.support.caches import ReadOnly
 from cg.support.checks import check_choice, check_flag
 
-_CURVE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values
+_LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values of lines
 
 
 def curve_of(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array, Array]:
@@ -65,7 +65,7 @@ def jumps_of_lines(times: Array, values: Array, slopes: Array) -> Array:
     """Return whether lines or their slopes jump at inner edges by more than rounding."""
     length = np.diff(times)[:, None]
     sizes = np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(times[1:, None]))
-    rounding = _CURVE_ROUNDING * np.maximum(sizes[1:], sizes[:-1])
+    rounding = _LINE_ROUNDING * np.maximum(sizes[1:], sizes[:-1])
     bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
     ends = values[:-1] + slopes[:-1] * length[:-1]
     jumps: Array = (bends > rounding) | (np.abs(values[1:] - ends) > rounding)
@@ -170,7 +170,7 @@ def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _VALUES_AT_A_TIME = 64  # number of values whose curves are made at a time
-_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
+_VALUE_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
@@ -320,7 +320,7 @@ class Samples(ReadOnly):
     @cached_property
     def _rounding(self) -> Array:
         size = np.abs(self._pieces[0].reshape(len(self._edges), -1)).max(axis=0)
-        return np.asarray(_ROUNDING * size)
+        return np.asarray(_VALUE_ROUNDING * size)
 
     @cached_property
     def _kinks(self) -> Array:

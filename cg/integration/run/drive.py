@@ -78,13 +78,13 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     The equation is stiff if a step takes a damped eigenvalue of the Jacobian, by differences, near
     the limit of the method's stability.
     """
-    plan, method, h = run.plan, run.plan.method, run.record.step_size
+    plan, table, h = run.plan, run.plan.table, run.record.step_size
     frame = plan.frame
     steps, rejected = run.counts[member, _COUNTS].tolist()
     if rejected > _MANY_REJECTED * steps:
         return _REJECTED
-    explicit = method.explicit and method.kind is not Kind.LINEAR
-    limit = method.real_limit() if explicit and has_brackets(frame) else None
+    explicit = table.explicit and table.kind is not Kind.LINEAR
+    limit = table.real_limit() if explicit and has_brackets(frame) else None
     if limit is None or frame.dim > _MAX_DIM:
         return None
     if run.members > 1:

@@ -8,8 +8,8 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.messages import DERIVATIVES, StepTooLongError
-from cg.integration.plan.plan import STAGE_SOLVERS, ConvergenceError
+from cg.integration.arguments import STAGE_SOLVERS
+from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongError
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.shared_numbers import Stop
@@ -66,7 +66,7 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
     error: Exception
     match stop:
         case Stop.STAGES_NOT_SOLVED:
-            collocates = run.plan.table.kind is Kind.COLLOCATION
+            collocates = run.plan.step_table.kind is Kind.COLLOCATION
             slow = not collocates and flag in STAGE_SOLVERS.values()
             residual = math.nan if collocates else run.record.residual
             reason = "it is too slow" if slow else "it diverges"

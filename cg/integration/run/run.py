@@ -22,8 +22,15 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
-from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
-from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
+from cg.support.shared_numbers import FieldFlag, JacobianKind, Stop
+from cg.support.shared_records import (
+    COUNTERS,
+    COUNTS,
+    RECORD,
+    STATE,
+    columns_of,
+    fields_of,
+)
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
@@ -79,35 +86,22 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.table.kept + plan.table.kept_nodes + plan.impulses
-        if not plan.table.explicit:
+        self.kept = plan.step_table.kept + plan.step_table.kept_nodes + plan.impulses
+        if not plan.step_table.explicit:
             self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
         self._dense: list[list[Array]] = []
         self._steps: list[list[Array]] = []
         self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
         self._share_members(plan.doubles(problem.points))
-        if problem.t_eval is not None or problem.observer is not None:
-            self._share_output(y, observed)
+        for name, array in (("y", y), ("observed", observed)):
+            if array is not None and len(array):
+                self.record.outputs = len(array)
+                self._share("times", np.array(problem.t_eval))
+                self._share(name, array)
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
-        self._share("stops", problem.stops)
-        if problem.limits.size:
-            self.share_limits(problem.limits)
-        self._share_inputs()
-        if problem.step_function is not None:
-            self.record.has_step_function = 1
-            entries, self._sizing = problem.step_function.entries(self.rhs)
-            for name, value in entries.items():
-                setattr(self.record, name.replace("observer", "step_function"), value)
-        if problem.inertia is not None:
-            self.record.body_numbers = problem.inertia.numbers.shape[1]
-            self._share("bodies", problem.inertia.columns)
-            self._share("body_constants", problem.inertia.numbers)
-        self._share("rtols", self.control.rtol.ravel())
-        self._share("atol", self.control.atol.ravel())
-        if events is not None and self._functions:
-            self._share("event_table", events.rows)
+        self._share_problem()
         self._open()
 
     def _make_record(self, keep_last: bool) -> Record:
@@ -126,23 +120,23 @@ class Run:
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
-            exponent=plan.table.exponent, max_step=control.max_step,
+            exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
             every=max(problem.every, 1), dense=problem.dense, **heat,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
         """Set how implicit stages are solved; return how many vectors are kept for it."""
-        plan, problem, stages = self.plan, self.problem, self.plan.method.stages
+        plan, problem, stages = self.plan, self.problem, self.plan.table.stages
         jacobian = problem.jacobian
         if jacobian is not None:
             self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
-        elif problem.stage_solver == "fixed-point" and plan.table.kind is not Kind.COLLOCATION:
+        elif problem.stage_solver == "fixed-point" and plan.step_table.kind is not Kind.COLLOCATION:
             self.record.jacobian = JacobianKind.SPARSE
         factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
-        if plan.table.kind is Kind.COLLOCATION:
+        if plan.step_table.kind is Kind.COLLOCATION:
             return stages - 1 + factors
-        blocks = plan.table.blocks
+        blocks = plan.step_table.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
     def _open(self) -> None:
@@ -151,7 +145,7 @@ class Run:
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
+        rows = plan.step_table.kept + 4 * (self.kept - plan.step_table.kept)
         rows += 2 * plan.columns if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
@@ -185,18 +179,28 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
-    def _share_output(self, y: Array | None, observed: Array | None) -> None:
-        """Share the arrays for output at given times, and the functions that are observed."""
-        for name, array in (("y", y), ("observed", observed)):
-            if array is not None and len(array):
-                self.record.outputs = len(array)
-                self._share("times", np.array(self.problem.t_eval))
-                self._share(name, array)
-        if self.problem.observer is not None:
-            self.record.observations = self.problem.observer.count
-            entries, self._observing = self.problem.observer.entries(self.rhs)
-            for name, value in entries.items():
-                setattr(self.record, name, value)
+    def _share_problem(self) -> None:
+        """Share the arrays and the functions of the problem."""
+        problem, control = self.problem, self.control
+        self._share("stops", problem.stops)
+        if problem.limits.size:
+            self.share_limits(problem.limits)
+        self._share_inputs()
+        if problem.observer is not None:
+            self.record.observations = problem.observer.count
+        for function in (problem.observer, problem.step_function):
+            if function is not None:
+                entries, self._buffers[function.name] = function.entries(self.rhs)
+                for name, value in entries.items():
+                    setattr(self.record, name, value)
+        if problem.inertia is not None:
+            self.record.body_numbers = problem.inertia.numbers.shape[1]
+            self._share("bodies", problem.inertia.columns)
+            self._share("body_constants", problem.inertia.numbers)
+        self._share("rtols", control.rtol.ravel())
+        self._share("atol", control.atol.ravel())
+        if problem.events is not None and self._functions:
+            self._share("event_table", problem.events.rows)
 
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
@@ -354,7 +358,7 @@ class Run:
         return {
             "states": self._buffers["states"].copy(),
             "counters": self.counters.copy(),
-            "trajectories": self.state(),
+            "trajectories": self._trajectories(),
             "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
@@ -363,20 +367,24 @@ class Run:
         """Go on from what another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
+        self.counters[...] = saved["counters"]
         self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
         self.events_of_calls[:] = saved["events"]
         self._buffers["states"][...] = saved["states"]
-        self.counters[...] = saved["counters"]
 
-    def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    def state(self) -> NDArray[np.void]:
+        """Return the `STATE` of each trajectory."""
+        numbers = np.ascontiguousarray(self._trajectories()[0][:, : len(STATE)])
+        return numbers.view(columns_of(STATE))[:, 0]
+
+    def _trajectories(self) -> tuple[Array, Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
-        integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
+        numbers = np.empty((lanes, len(STATE) + 5 * self._functions))
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
-        self._core.loop_state(self.address, False, reals.T, integers.T, points.T, slopes.T)
-        return reals, integers, points, slopes
+        self._core.loop_state(self.address, False, numbers.T, points.T, slopes.T)
+        return numbers, points, slopes
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
