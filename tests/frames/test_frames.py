@@ -115,6 +115,14 @@ def test_exp_coordinates_of_arbitrary_points(frame, seed):
     )
 
 
+def test_products_join_one_point_with_many():
+    frame, one, many = fr.Product(fr.Sphere(2), fr.Euclidean(2)), [0.0, 0.6, 0.8], np.eye(3)
+    points, vectors = frame.split(frame.join(one, np.ones((3, 2))))
+    np.testing.assert_array_equal(points, [one] * 3)
+    np.testing.assert_array_equal(vectors, np.ones((3, 2)))
+    np.testing.assert_array_equal(frame.split(frame.join(many, [1.0, 2.0]))[1], [[1.0, 2.0]] * 3)
+
+
 @every_frame
 def test_batches_agree_with_single_points(frame):
     rng = np.random.default_rng(3)

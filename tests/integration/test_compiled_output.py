@@ -9,6 +9,9 @@ from right_hand_sides import CIRCLE, circle, height, solve
 import cg
 from cg.frames import Euclidean
 
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, DOUBLES)
+
 
 def late(t, y):
     return t - 0.45
@@ -40,10 +43,25 @@ def test_an_event_in_the_last_step_before_an_error(function):
         cg.solve_ivp(function("stops"), (0, 2), [0.0], **options)
 
 
+@pytest.mark.parametrize("options", [{}, {"common_steps": True}, {"workers": 2}])
+def test_compiled_events_get_the_parameters_of_their_member(options, function):
+    parameters, lanes = [[-1.0, 2.2], [-0.5, 3.0], [-2.0, 3.8]], {"frame": Euclidean(1)} | options
+    decays = function("decays")
+
+    @EVENT
+    def half_way(t, y, user_data):
+        return t - user_data[1] / 2
+
+    for points in ([[1.0]] * 3, [[1.0], [2.0], [3.0]]):
+        run = cg.solve_ensemble(
+            decays, (0, 2), points, parameters=parameters, events=half_way, **lanes
+        )
+        found = np.concatenate(run.t_events[0])
+        np.testing.assert_allclose(found, [1.1, 1.5, 1.9], rtol=0, atol=4e-15)
+
+
 def test_compiled_events_without_data_get_none_of_a_function_in_python():
-    kind = ctypes.CFUNCTYPE(
-        ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
-    )
+    kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, ctypes.c_void_p)
     given = []
 
     @kind

@@ -100,6 +100,16 @@ class TestOrder:
         assert errors[0] < 2e-8
 
 
+@pytest.mark.parametrize(("method", "jacobians", "factors"), [(RADAU, 1, 2), ("DICG4", 3, 3)])
+def test_a_constant_jacobian_is_factored_once_for_each_system(method, jacobians, factors):
+    """A real and a complex system of Radau's method, one for each stage of the other."""
+    a = np.array([[-100.0, 1.0], [0.0, -1.0]])
+    run = cg.solve_ivp(
+        lambda t, y: a @ y, (0, 1), [1.0, 1.0], frame=Euclidean(2), method=method, h=0.125
+    )
+    assert (run.steps, run.njev, run.nlu) == (8, jacobians, factors)
+
+
 class TestLikeScipy:
     @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
     def test_counts_on_a_vector_space(self, tolerance):
