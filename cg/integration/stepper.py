@@ -193,8 +193,9 @@ class Stepper:
         """Start of the last step."""
         if not self._has_step:
             return None
-        member = self._stopped.argmin()  # one that hasn't stopped
-        return float(self._run.state()["last_t"][member])
+        state = self._run.state()
+        member = (self.direction * state["t"]).argmax()  # others may have stopped before
+        return float(state["last_t"][member])
 
     @property
     def step_size(self) -> float | None:

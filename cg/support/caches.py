@@ -39,9 +39,10 @@ def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Res
     @wraps(compute)
     def recall(argument: Keyed) -> Result:
         try:
-            return results(argument)
+            hash(argument)
         except TypeError:
             return compute(argument)
+        return results(argument)
 
     return recall
 

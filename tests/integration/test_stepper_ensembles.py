@@ -124,6 +124,23 @@ def test_members_that_stopped_stay_through_restarts_and_copies(common):
     assert stepper.advance(stepper.t + 0.2) is None
 
 
+@pytest.mark.parametrize("options", [{"h": 0.1}, {"max_step": 0.1}])
+@pytest.mark.parametrize("t_bound", [3.0, -3.0])
+def test_the_last_step_is_that_of_the_member_that_stopped_last(options, t_bound):
+    event = cg.Event(lambda t, y: y[0] - 1.0, terminal=True)
+    stepper = cg.Stepper(
+        lambda t, y: [t_bound / 3.0], 0.0, [[0.75], [0.0], [0.5]], t_bound, frame=Euclidean(1),
+        method="CF4(3)", common_steps=True, events=event, **options,
+    )  # fmt: skip
+    before = [0.0]
+    while stepper.status == "running":
+        stepper.step()
+        assert stepper.t_old == before[-1]
+        assert 0.0 < stepper.step_size < 0.1 + 1e-12
+        before.append(stepper.t)
+    assert abs(stepper.t) == pytest.approx(1.0, abs=1e-12)
+
+
 def test_a_call_that_fails_has_no_events_and_stops_no_member():
     def f(t, y):
         if broken and y[0] < 0.2 and y[1] < -4.5:

@@ -202,7 +202,7 @@ def plan_of(frame: Frame, table: MethodTable) -> Plan:
     key = id(table), frame._given is None
     plan = plans.get(key)
     if plan is None:
-        if len(plans) == _MAX_PLANS:
+        if len(plans) >= _MAX_PLANS:  # more of them by threads
             plans.pop(next(iter(plans)), None)
         plan = plans[key] = Plan(frame, table)  # which keeps the table alive
     return plan
