@@ -47,7 +47,7 @@ def test_fixed_steps(method):
     solution = cg.solve_ivp(clock, (0, 5), [0.0], method=method, h=0.3, **LINE)
     assert solution.status == -1
     assert 0.6 < solution.t[-1] < 1.0
-    assert "f must return finite numbers, and all of them, at t = " in solution.message
+    assert "f must return finite numbers at t = " in solution.message
     with pytest.raises(ValueError, match=r"f must return finite numbers.* at t = 2"):
         cg.solve_ivp(clock, (2, 5), [0.0], method=method, h=0.3, **LINE)
 

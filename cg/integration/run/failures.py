@@ -10,6 +10,7 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import STAGE_SOLVERS
 from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongError
+from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.shared_numbers import Stop
@@ -108,7 +109,8 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
 
 
 def _not_finite(run: Run) -> str:
-    return f"{run.rhs.failed_name} must return finite numbers, and all of them,"
+    unwritten = ", and write each of them," if isinstance(run.rhs, CompiledRhs) else ""
+    return f"{run.rhs.failed_name} must return finite numbers{unwritten}"
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
