@@ -206,6 +206,8 @@ def test_code_of_readme_runs():
     assert names["solution"].success
     assert names["four"]
     assert names["free"]
+    assert {method.order for method in names["four"]} == {4}
+    assert {method.order for method in names["free"]} == {5}
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
 

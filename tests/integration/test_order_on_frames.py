@@ -71,7 +71,8 @@ def slope_of(name, method, max_steps=64):
 )
 def test_slope_is_the_order(frame, name):
     method, order = WEIGHTS[name]
-    assert slope_of(frame, method) > order - 0.5
+    # the error constant of CF4r is so small that its errors of order five are larger at these steps
+    assert slope_of(frame, method) == pytest.approx(order + (name == "CF4r"), abs=0.5)
 
 
 @pytest.mark.parametrize("name", ["CG4a", "DICG4"])
