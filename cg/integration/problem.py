@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
-from cg.frames.product import Power, Product
 from cg.integration.arguments import (
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
@@ -255,7 +254,7 @@ def _choose_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if not isinstance(frame, PhaseSpace) and _has_joints(frame):
+    if frame.jointed and not isinstance(frame, PhaseSpace):
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
@@ -282,15 +281,6 @@ def _choose_method(
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen)
     return chosen
-
-
-def _has_joints(frame: Frame) -> bool:
-    """Return whether a frame, or one of its factors, is a phase space with joints."""
-    if isinstance(frame, PhaseSpace):
-        return frame.jointed
-    if isinstance(frame, Power):
-        return _has_joints(frame.factor)
-    return isinstance(frame, Product) and any(map(_has_joints, frame.factors))
 
 
 def _count_members(inputs: Any) -> int:
@@ -363,7 +353,7 @@ def _read_members(
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
-    if isinstance(frame, PhaseSpace) and frame.jointed and options["inertia"] is not None:
+    if frame.jointed and options["inertia"] is not None:
         return _read_jointed_members(plan, options, y0)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
