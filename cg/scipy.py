@@ -107,9 +107,9 @@ class FrameSolver(OdeSolver):
                 f"y0 must be the {math.prod(frame.point_shape)} entries of a point of {frame!r}, "
                 f"got {self.n}"
             )
-        if first_step is not None and check_step(first_step, "first_step") > abs(t_bound - t0):
+        if first_step is not None and check_step("first_step", first_step) > abs(t_bound - t0):
             raise ValueError(f"first_step must be within t_span, got {first_step!r}")
-        self._max_angle = check_step(max_angle, "max_angle", infinite=True)
+        self._max_angle = check_step("max_angle", max_angle, infinite=True)
         self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
         relative = self._tolerances(rtol, "rtol")

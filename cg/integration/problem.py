@@ -183,13 +183,13 @@ def _make_control(
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
-    largest = check_step(options["max_step"], "max_step", infinite=True)
+    largest = check_step("max_step", options["max_step"], infinite=True)
     if h is not None:
         for name in ("rtol", "atol", "first_step", "max_steps"):
             if options[name] is not None:
                 raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
         _warn(plan.table, pair=False)
-        size = check_step(h, "h")
+        size = check_step("h", h)
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
@@ -218,7 +218,7 @@ def _make_control(
             )
     if rtol.shape != atol.shape:
         rtol, atol = np.full(shape, rtol), np.full(shape, atol)
-    first = None if first_step is None else check_step(first_step, "first_step")
+    first = None if first_step is None else check_step("first_step", first_step)
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
     max_steps = options["max_steps"]
@@ -438,7 +438,7 @@ def make_problem(
     stops = check_stops(options["breakpoints"], start, stop)
     t_eval = None
     if options["t_eval"] is not None:
-        t_eval = check_times(options["t_eval"], "t_eval", "within t_span,", start, stop)
+        t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
         if options["thermostat"] is not None:  # whose noise nothing between steps has
             stops = np.union1d(stops, t_eval[t_eval != start])
     elif many:

@@ -169,7 +169,7 @@ class Adjoint:
         """Return the cotangents at all times, shape ``(times, n, columns)``."""
         shape, times = self._equation.shape, len(self._times)
         array: Points = (complex_array if self._is_complex else real_array)(cotangent, "cotangent")
-        check_finite(array, "cotangent")
+        check_finite("cotangent", array)
         if array.shape not in (shape, (times, *shape)):
             raise ValueError(
                 f"cotangent must have shape {shape} or {(times, *shape)}, got {array.shape}"

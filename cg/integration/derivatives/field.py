@@ -280,7 +280,7 @@ def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is None:
         return width, width
-    check_finite(numbers, "parameters")
+    check_finite("parameters", numbers)
     return numbers.shape[-1] + width, width
 
 
