@@ -126,9 +126,8 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
-        first, plan, events = members.start, self.plan, self.events
-        stops, limits = self.stops, self.limits
-        _, numbers, inputs, _ = given = self.rhs.given
+        first, plan, events, given = members.start, self.plan, self.events, self.rhs.given
+        stops, limits, inputs, numbers = self.stops, self.limits, given.inputs, given.parameters
         inertia = self.inertia and self.inertia.part(members)
         if self.own_inputs:
             inputs = self.own_inputs[first]
@@ -136,7 +135,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(Given(given.args, numbers, inputs, first))
+        rhs = self.rhs.with_data(given._replace(parameters=numbers, inputs=inputs, first=first))
         if inertia is not None and inertia.apart:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)

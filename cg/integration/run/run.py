@@ -205,7 +205,7 @@ class Run:
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
-        _, parameters, inputs, _ = rhs.given
+        parameters, inputs = rhs.given.parameters, rhs.given.inputs
         if inputs is not None and isinstance(rhs, CompiledRhs):
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
