@@ -16,7 +16,6 @@ from cg.frames.linear_action import LinearAction
 from cg.frames.product import Power, Product
 from cg.integration.arguments import check_step
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.plan.plan import turning_coefficients
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable, table_of
@@ -108,9 +107,9 @@ class FrameSolver(OdeSolver):
                 f"y0 must be the {math.prod(frame.point_shape)} entries of a point of {frame!r}, "
                 f"got {self.n}"
             )
-        if first_step is not None and check_step(first_step, "first_step") > abs(t_bound - t0):
+        if first_step is not None and check_step("first_step", first_step) > abs(t_bound - t0):
             raise ValueError(f"first_step must be within t_span, got {first_step!r}")
-        self._max_angle = check_step(max_angle, "max_angle", infinite=True)
+        self._max_angle = check_step("max_angle", max_angle, infinite=True)
         self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
         relative = self._tolerances(rtol, "rtol")
@@ -207,13 +206,11 @@ def _turning(frame: Frame, v: Array) -> float:
     """Return the largest norm of coefficients of a factor with rotations or the like."""
     if isinstance(frame, LinearAction):
         return 0.0
-    factors = getattr(frame, "factors", None)
-    if type(frame) is Power:
-        factors = (frame.factor,) * frame.n
-    if factors is None:
-        return float(np.linalg.norm(v * turning_coefficients(frame)))
-    ends = np.cumsum([factor.dim for factor in factors])
-    return max(map(_turning, factors, np.split(v, ends[:-1])))
+    if isinstance(frame, Power):
+        return max(_turning(frame.factor, part) for part in frame._split_vector(v))
+    if isinstance(frame, Product):
+        return max(map(_turning, frame.factors, frame._split_vector(v)))
+    return float(np.linalg.norm(v * frame.turning_coefficients()))
 
 
 def _of_coordinates(frame: Frame, tolerances: Array) -> Array:

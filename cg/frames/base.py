@@ -326,6 +326,15 @@ class Frame(Manifold, FieldAlgebra):
         point = self._points(y)
         return np.ones((*point.shape[: point.ndim - len(self.point_shape)], self.dim))
 
+    def turning_coefficients(self) -> Array:
+        """Return 1 for each coefficient that may turn points, 0 for those of translations."""
+        return np.ones(self.dim)
+
+    @property
+    def jointed(self) -> bool:
+        """Whether it is, or has as a factor, a phase space with joints or constraints."""
+        return False
+
     @property
     def rhs_dim(self) -> int:
         """Number of coefficients that right-hand sides return: ``dim``, of `PhaseSpace` fewer."""

@@ -111,6 +111,9 @@ class CoadjointOrbit(Frame):
             matrix = expm(combine(vector, self._fields), vector)
         return self.restore((matrix @ point[..., None])[..., 0])
 
+    def turning_coefficients(self) -> Array:
+        return self.algebra.turning_coefficients()
+
     def _coefficients_at(self, y: Array, tangent: Array) -> Array:
         if not self._rotation_sign or not any(self.point):
             return super()._coefficients_at(y, tangent)

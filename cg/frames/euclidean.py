@@ -71,6 +71,9 @@ class Euclidean(Sized):
         """Return the coordinates' absolute values, shape ``(..., n)``."""
         return np.abs(self._points(y))
 
+    def turning_coefficients(self) -> Array:
+        return np.zeros(self.n)
+
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.EUCLIDEAN, self.n, 0),)
 

@@ -162,7 +162,7 @@ def gyroscopic_matrices(frame: Frame, value: Any, name: str = "gyroscopic") -> l
         matrix = hat(matrix)
     if matrix.shape != (n, n):
         raise ValueError(f"{name} must have shape {(n, n)}, got {matrix.shape}")
-    check_finite(matrix, name)
+    check_finite(name, matrix)
     if np.abs(matrix + matrix.T).max() > _ASYMMETRY * np.abs(matrix).max():
         raise ValueError(
             f"{name} must be antisymmetric, or else it does work; friction is that of "
@@ -220,7 +220,7 @@ def _checked(value: Any, n: int, name: str, hint: str) -> Array:
     matrix = real_array(1.0 if value is None else value, name)
     if matrix.shape not in ((), (n,), (n, n)):
         raise ValueError(f"{name} must have shape ({n},) or ({n}, {n}), got {matrix.shape}")
-    check_finite(matrix, name)
+    check_finite(name, matrix)
     if matrix.ndim < 2:
         matrix = np.full(n, matrix)
     elif np.array_equal(matrix, np.diag(np.diagonal(matrix))):

@@ -328,7 +328,7 @@ class Linkage:
         value = self._value(point)
         if self._dg is not None:
             slopes, differences = self._slopes(point), self._differences(point)
-            check_finite(slopes, "the derivatives of constraints")
+            check_finite("the derivatives of constraints", slopes)
             error = np.abs(slopes - differences).max()
             error -= _NOISE * np.finfo(float).eps * np.abs(value).max() / _STEP
             if not error <= _WRONG * (1.0 + np.abs(differences).max()):

@@ -59,7 +59,7 @@ class MatrixFrame(UserFrame):
         array = number_array(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
-        check_finite(array, "matrices")
+        check_finite("matrices", array)
         if columns is not None:
             columns = check_integer("columns", columns, 1)
         array.flags.writeable = False

@@ -164,7 +164,6 @@ class PhaseSpace(Product):
 
     @property
     def jointed(self) -> bool:
-        """Whether there are joints or constraints."""
         return bool(self.joints) or self.constraints is not None
 
     def join(self, *parts: ArrayLike) -> Array:

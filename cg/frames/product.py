@@ -186,6 +186,13 @@ class Product(Composite):
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         return self._joined("coordinate_sizes", self.split(y))  # by the fast path, at each step
 
+    def turning_coefficients(self) -> Array:
+        return self._joined("turning_coefficients")
+
+    @property
+    def jointed(self) -> bool:
+        return any(factor.jointed for factor in self.factors)
+
     def _composed(self, path: Array) -> Array:
         return self._joined("_composed", self._split_vector(path))
 
@@ -323,6 +330,13 @@ class Power(Composite):
         """Return the coordinates of all points, ``(..., dim)``; None if the factor has none."""
         v = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
         return None if v is None else self._join_vectors(v)
+
+    def turning_coefficients(self) -> Array:
+        return np.tile(self.factor.turning_coefficients(), self.n)
+
+    @property
+    def jointed(self) -> bool:
+        return self.factor.jointed
 
     def _composed(self, path: Array) -> Array:
         paths = self._split_vector(path).swapaxes(0, 1)

@@ -73,6 +73,9 @@ class Semidirect(MatrixGroup):
     def dim(self) -> int:
         return self.group.dim + self.group.size * self.copies
 
+    def turning_coefficients(self) -> Array:
+        return np.pad(self.group.turning_coefficients(), (0, self.dim - self.group.dim))
+
     def _blocks(self) -> Blocks | None:
         match self.group.compiled_blocks():
             case ((BlockKind.SO3, _, option),):

@@ -41,12 +41,12 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
     """Return the times at which steps end: the breakpoints inside the span, then its end."""
     if breakpoints is None:
         return np.array([stop])
-    times = check_times(breakpoints, "breakpoints", "between the ends,", start, stop)
-    check_finite(times, "breakpoints")
+    times = check_times("breakpoints", breakpoints, "between the ends,", start, stop)
+    check_finite("breakpoints", times)
     return np.append(times[(times != start) & (times != stop)], stop)
 
 
-def check_times(value: Any, name: str, where: str, start: float, stop: float) -> Array:
+def check_times(name: str, value: Any, where: str, start: float, stop: float) -> Array:
     """Return times after checking that they are sorted and lie between two times.
 
     Times that are beyond an end by a few roundings are moved to it.
@@ -91,9 +91,9 @@ def check_resolution(h: float | None, t: float) -> None:
         raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
 
 
-def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
+def check_step(name: str, value: Any, *, infinite: bool = False) -> float:
     """Return a step size; TypeError or ValueError unless it is positive."""
-    size = check_number(value, name)
+    size = check_number(name, value)
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
             f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
@@ -101,7 +101,7 @@ def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     return size
 
 
-def check_number(value: Any, name: str) -> float:
+def check_number(name: str, value: Any) -> float:
     """Return a real number as a float, infinite beyond the range of doubles; else TypeError."""
     if type(value) is float:
         return value
@@ -117,8 +117,8 @@ def check_number(value: Any, name: str) -> float:
 def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
     many = isinstance(rtol, list | tuple | np.ndarray)
-    numbers = rtol if many else np.array(check_number(rtol, "rtol"))
-    tolerances = _check_tolerances(numbers, "rtol", rtol)
+    numbers = rtol if many else np.array(check_number("rtol", rtol))
+    tolerances = _check_tolerances("rtol", numbers, rtol)
     if tolerances.min() < _MIN_RTOL:
         which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
         warnings.warn(
@@ -129,10 +129,10 @@ def check_rtol(rtol: Any) -> Array:
 
 def check_atol(atol: ArrayLike | None) -> Array:
     """Return the absolute tolerances or the default; ValueError if one is negative."""
-    return DEFAULT_ATOL if atol is None else _check_tolerances(atol, "atol", atol)
+    return DEFAULT_ATOL if atol is None else _check_tolerances("atol", atol, atol)
 
 
-def _check_tolerances(numbers: ArrayLike, name: str, value: Any) -> Array:
+def _check_tolerances(name: str, numbers: ArrayLike, value: Any) -> Array:
     """Return numbers after checking them; ``value`` is the argument that they were made of."""
     tolerances = real_array(numbers, name)
     if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
@@ -253,9 +253,9 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     return start, stop
 
 
-def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
+def check_real_time(name: str, value: Any, *, infinite: bool = True) -> float:
     """Return a time; TypeError or ValueError if it isn't a number or must be finite."""
-    time = check_number(value, name)
+    time = check_number(name, value)
     if math.isnan(time) or (math.isinf(time) and not infinite):
         raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
     return time

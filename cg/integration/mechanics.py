@@ -28,14 +28,14 @@ from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
 
-_MOST, _LEAST = 32, 4  # members or points that are looked at
+_MAX_SEEN, _MIN_SEEN = 32, 4  # members or points that are looked at
 _SHARE = 40  # evaluations of an integration for each call of a look at its points
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
 def refuse_friction(
-    plan: Any, rhs: Any, times: Any, points: Points, nfev: int = _MOST * 2 * _SHARE
+    plan: Any, rhs: Any, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
@@ -44,7 +44,7 @@ def refuse_friction(
     """
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
-    most, count = max(_LEAST, min(_MOST, nfev // (2 * _SHARE))), len(times) * points.shape[1]
+    most, count = max(_MIN_SEEN, min(_MAX_SEEN, nfev // (2 * _SHARE))), len(times) * points.shape[1]
     sample = np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
-from cg.frames.product import Power, Product
 from cg.integration.arguments import (
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
@@ -127,9 +126,8 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
-        first, plan, events = members.start, self.plan, self.events
-        stops, limits = self.stops, self.limits
-        _, numbers, inputs, _ = given = self.rhs.given
+        first, plan, events, given = members.start, self.plan, self.events, self.rhs.given
+        stops, limits, inputs, numbers = self.stops, self.limits, given.inputs, given.parameters
         inertia = self.inertia and self.inertia.part(members)
         if self.own_inputs:
             inputs = self.own_inputs[first]
@@ -137,7 +135,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(Given(given.args, numbers, inputs, first))
+        rhs = self.rhs.with_data(given._replace(parameters=numbers, inputs=inputs, first=first))
         if inertia is not None and inertia.apart:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
@@ -184,13 +182,13 @@ def _make_control(
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
-    largest = check_step(options["max_step"], "max_step", infinite=True)
+    largest = check_step("max_step", options["max_step"], infinite=True)
     if h is not None:
         for name in ("rtol", "atol", "first_step", "max_steps"):
             if options[name] is not None:
                 raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
         _warn(plan.table, pair=False)
-        size = check_step(h, "h")
+        size = check_step("h", h)
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
@@ -219,7 +217,7 @@ def _make_control(
             )
     if rtol.shape != atol.shape:
         rtol, atol = np.full(shape, rtol), np.full(shape, atol)
-    first = None if first_step is None else check_step(first_step, "first_step")
+    first = None if first_step is None else check_step("first_step", first_step)
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
     max_steps = options["max_steps"]
@@ -255,7 +253,7 @@ def _choose_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if not isinstance(frame, PhaseSpace) and _has_joints(frame):
+    if frame.jointed and not isinstance(frame, PhaseSpace):
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
@@ -282,15 +280,6 @@ def _choose_method(
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen)
     return chosen
-
-
-def _has_joints(frame: Frame) -> bool:
-    """Return whether a frame, or one of its factors, is a phase space with joints."""
-    if isinstance(frame, PhaseSpace):
-        return frame.jointed
-    if isinstance(frame, Power):
-        return _has_joints(frame.factor)
-    return isinstance(frame, Product) and any(map(_has_joints, frame.factors))
 
 
 def _count_members(inputs: Any) -> int:
@@ -363,7 +352,7 @@ def _read_members(
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
-    if isinstance(frame, PhaseSpace) and frame.jointed and options["inertia"] is not None:
+    if frame.jointed and options["inertia"] is not None:
         return _read_jointed_members(plan, options, y0)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
@@ -448,7 +437,7 @@ def make_problem(
     stops = check_stops(options["breakpoints"], start, stop)
     t_eval = None
     if options["t_eval"] is not None:
-        t_eval = check_times(options["t_eval"], "t_eval", "within t_span,", start, stop)
+        t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
         if options["thermostat"] is not None:  # whose noise nothing between steps has
             stops = np.union1d(stops, t_eval[t_eval != start])
     elif many:

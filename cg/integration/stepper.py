@@ -145,8 +145,8 @@ class Stepper:
         **options: Unpack[StepOptions],
     ) -> None:
         all_options = complete_options(Stepper.__init__, options)
-        start = check_real_time(t0, "t0", infinite=False)
-        self.t_bound = bound = check_real_time(t_bound, "t_bound")
+        start = check_real_time("t0", t0, infinite=False)
+        self.t_bound = bound = check_real_time("t_bound", t_bound)
         self.direction = -1.0 if bound < start else 1.0
         many = is_many(frame, y0)
         if bound < start and all_options["thermostat"] is not None:
@@ -164,9 +164,9 @@ class Stepper:
         check_resolution(problem.control.h, start)
         numbers = problem.rhs.given.parameters
         if numbers is not None:
-            check_finite(numbers if many else numbers[0], "parameters")
+            check_finite("parameters", numbers if many else numbers[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
-        self._first_step = None if first is None else check_step(first, "first_step")
+        self._first_step = None if first is None else check_step("first_step", first)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
@@ -325,7 +325,7 @@ class Stepper:
 
     def _check_time(self, t: float, name: str, first: float) -> float:
         """Return a time after checking that it lies between a first one and `t_bound`."""
-        time, sign = check_real_time(t, name, infinite=False), self.direction
+        time, sign = check_real_time(name, t, infinite=False), self.direction
         if sign * (time - first) < 0.0 or sign * (time - self.t_bound) > 0.0:
             low, high, got = apart(first, self.t_bound, time)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
@@ -373,7 +373,7 @@ class Stepper:
                 shape = run.members, *run.plan.point_shape
                 raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
             rows = run.plan.doubles(points)
-        first = self._first_step if first_step is None else check_step(first_step, "first_step")
+        first = self._first_step if first_step is None else check_step("first_step", first_step)
         replaced = any(each is not None for each in (y, args, parameters, inputs))
         if first_step is None and t is None and replaced and self.status != "failed":
             same_f = args is None and parameters is None and inputs is None

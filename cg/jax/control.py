@@ -10,10 +10,11 @@ are equal.
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -295,7 +296,18 @@ def _factor(
     return jnp.where(error <= 1.0, accepted, rejected)
 
 
-Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
+class Estimate(NamedTuple):
+    """An estimate of the error: a tangent, and what its norm is made of, or the norm's square."""
+
+    tangent: JaxArray
+    measured: JaxArray
+
+    def squared(self, size: JaxArray) -> Estimate:
+        """Return it with the square of its norm."""
+        return Estimate(self.tangent, (jnp.abs(self.measured / size) ** 2).sum())
+
+
+Part = list[Estimate]  # e1, that of kinks if the method has `kink_weights`, and e2 if there is one
 
 
 class Before(eqx.Module):
@@ -318,39 +330,27 @@ def error_estimate(
     changes = h * (values[1:] - values[0])
 
     def of_vector(v: JaxArray) -> Estimate:
-        return rules.field(v, y1), rules.measured(v, y1)
+        return Estimate(rules.field(v, y1), rules.measured(v, y1))
 
     if rules.log is None:
-        estimates = [(y1 - result, y1 - result) for result in fixed(stages.others)]
+        differences = [Estimate(y1 - result, y1 - result) for result in fixed(stages.others)]
     else:
-        estimates = [of_vector(rules.log(result, y1)) for result in fixed(stages.others)]
+        differences = [of_vector(rules.log(result, y1)) for result in fixed(stages.others)]
     sums = [of_vector(v) for v in h * fixed(stages.errors)]
-    if len(estimates) > 1:  # A third result splits the errors of two.
-        commutators = [
-            (estimate[0] - quadrature[0], estimate[1] - quadrature[1])
-            for estimate, quadrature in zip(estimates, (sums[0], sums[-1]), strict=True)
-        ]
-        if table.kind is Kind.LINEAR:
-            estimates, sums = [sums[0], commutators[0], sums[1], commutators[1]], []
-        else:
-            estimates, sums = [*sums, *commutators], []
-    estimates += sums
-    if not estimates:
+    if not differences and not sums:
         return None
-    if before is not None:
-        estimates.append(of_vector(_node_difference(table, values, h, before)))
     size = rules.extent(y0, y1)
-    errors = [tangent for tangent, _ in estimates]
-    squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
+    parts = [[e.squared(size) for e in part] for part in _parts(table, differences, sums)]
     if before is None:
-        error = _combined(table, errors, squares)
+        error = _combined(table, parts)
     else:
+        nodes = of_vector(_node_difference(table, values, h, before)).squared(size)
         change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
         sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
         variation = jnp.where(
             before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
         )
-        error = _error_of_time(table, errors, squares, change, variation)
+        error = _error_of_time(table, parts, nodes, change, variation)
     angle = turning(rules.frame, h * values[0])
 
     def at_large_angle() -> JaxArray:
@@ -365,6 +365,17 @@ def error_estimate(
         return jnp.where(larger, largest, error)
 
     return jax.lax.cond(angle > MAX_ANGLE, at_large_angle, lambda: error)
+
+
+def _parts(table: MethodTable, differences: Part, sums: Part) -> list[Part]:
+    """Return the estimates of quadratures, and those of commutators where they are known apart."""
+    if len(differences) > 1:  # A third result splits the errors of two.
+        pairs = zip(differences, (sums[0], sums[-1]), strict=True)
+        return [sums, [Estimate(*map(operator.sub, *pair)) for pair in pairs]]
+    if table.kind is Kind.LINEAR and len(sums) > 2:
+        return [sums[::2], sums[1::2]]
+    count = len(table.errors)  # Those on the algebra are followed by their commutators.
+    return [sums[:count], sums[count:]] if len(sums) > count else [differences + sums]
 
 
 def turning(frame: Frame, v: JaxArray) -> JaxArray:
@@ -382,86 +393,72 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
 
 
 def _error_of_time(
-    table: MethodTable,
-    errors: list[JaxArray],
-    squares: list[JaxArray],
-    change: JaxArray,
-    variation: JaxArray,
+    table: MethodTable, parts: list[Part], nodes: Estimate, change: JaxArray, variation: JaxArray
 ) -> JaxArray:
     """Return the error of a Magnus method: that of the results, or the larger of the nodes.
 
     ``change`` is that of the angle of coefficients in the step, ``variation`` that of the
-    coefficients in a first step, in others infinite. The last error is that between the nodes.
+    coefficients in a first step, in others infinite.
     """
-    quadrature, rest, quadrature2, rest2 = range(4)  # of the two results of a triple
-    norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
-    *parts, last = norms
-    count = max(len(parts) // 2, 1)
-    shares = [
-        (e / jnp.hypot(e, table.record.factor * d)) ** table.record.power
-        for e, d in zip(parts, parts[count:], strict=False)
-    ] or [jnp.ones_like(last)]
-    estimates = [share * norm for share, norm in zip(shares, norms, strict=False)]
+    tangents = [[tangent for tangent, _ in part] for part in parts]
+    norms = [[_norm(square) for _, square in part] for part in parts]
+    estimates = [
+        (e / jnp.hypot(e, table.record.factor * d[0])) ** table.record.power * e if d else e
+        for e, *d in norms
+    ]
     size = sum(estimates)
-    of_results = errors[quadrature] * (size / norms[quadrature])
-    if len(estimates) > 1:
-        scaled = errors[rest] * (size / norms[rest])
-        of_results = jnp.where(estimates[rest] > estimates[quadrature], scaled, of_results)
+    of_results = tangents[0][0] * (size / norms[0][0])
+    if len(parts) > 1:
+        (quadrature, quadrature2), (rest, rest2) = norms
+        scaled = tangents[1][0] * (size / rest)
+        of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
         # The rest is of third order in the step, so that this share of it has that of the error.
         share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
-        of_change = share * errors[rest2]
-        of_results = jnp.where(share * norms[rest2] > size, of_change, of_results)
-        size = jnp.maximum(size, share * norms[rest2])
-        fast = norms[quadrature] > _ESTIMATE.resolved_first * variation
-        first = jnp.where(fast, norms[quadrature], norms[quadrature2])
-        fast_error = jnp.where(fast, errors[quadrature], errors[quadrature2])
-        unresolved = (fast | (norms[quadrature2] > _ESTIMATE.resolved_second * variation)) & (
-            first > size
-        )
+        of_results = jnp.where(share * rest2 > size, share * tangents[1][1], of_results)
+        size = jnp.maximum(size, share * rest2)
+        fast = quadrature > _ESTIMATE.resolved_first * variation
+        first = jnp.where(fast, quadrature, quadrature2)
+        fast_error = jnp.where(fast, *tangents[0])
+        unresolved = (fast | (quadrature2 > _ESTIMATE.resolved_second * variation)) & (first > size)
         of_results = jnp.where(unresolved, fast_error, of_results)
         size = jnp.where(unresolved, first, size)
-    return jnp.where(last > size, errors[-1], of_results)
+    return jnp.where(_norm(nodes.measured) > size, nodes.tangent, of_results)
 
 
-def _combined(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
-    """Return the error of other methods, one of up to three estimates."""
-    error = errors[0]
-    if len(errors) == 1:
-        return error
+def _norm(square: JaxArray) -> JaxArray:
+    return jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny))
+
+
+def _combined(table: MethodTable, parts: list[Part]) -> JaxArray:
+    """Return the error of other methods: the larger one of two parts."""
     if table.record.power == 0:
-        return _larger(table, errors, squares)
-    sums = len(table.errors)
-    if sums > 1:  # errors of quadratures, then those of commutators
-        scaled, sizes = zip(
-            _quotient(table, errors[:sums], squares[:sums]),
-            _quotient(table, errors[sums:], squares[sums:]),
-            strict=True,
-        )
-        return jnp.where(sizes[1] > sizes[0], scaled[1], scaled[0])
-    return _quotient(table, errors, squares)[0]
+        return _larger(table, *parts[0])
+    (error, size), *others = (_quotient(table, *part) for part in parts)
+    for other, other_size in others:
+        error = jnp.where(other_size > size, other, error)
+    return error
 
 
-def _quotient(
-    table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]
-) -> tuple[JaxArray, JaxArray]:
+def _quotient(table: MethodTable, first: Estimate, *further: Estimate) -> Estimate:
     """Return the estimate of DOP853 and the square of its norm."""
-    error = errors[0]
-    if len(errors) > 2:  # The method has `kink_weights`.
-        error = jnp.where(squares[1] > squares[0], errors[-2], error)
-        squares = [jnp.maximum(*squares[:2]), squares[2]]
-    further = table.record.factor**2 * squares[1]
-    total = jnp.maximum(squares[0] + further, jnp.finfo(squares[0].dtype).tiny)
-    share = squares[0] / total
-    return jnp.sqrt(share) * error, share * squares[0]
+    if not further:
+        return first
+    (error, square), *kinks, (_, last) = first, *further
+    for kink, kink_square in kinks:
+        error = jnp.where(kink_square > square, kink, error)
+        square = jnp.maximum(square, kink_square)
+    total = jnp.maximum(square + table.record.factor**2 * last, jnp.finfo(square.dtype).tiny)
+    share = square / total
+    return Estimate(jnp.sqrt(share) * error, share * square)
 
 
-def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _larger(table: MethodTable, first: Estimate, second: Estimate, *third: Estimate) -> JaxArray:
     """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
-    factor, end, at_end = table.record.factor, squares[1], errors[-len(table.errors)]
-    if len(squares) > 2:
-        share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
+    factor, (at_end, end) = table.record.factor, second
+    for _, square in third:
+        share = end / jnp.maximum(end + square, jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jnp.sqrt(share) * at_end
-    return jnp.where(factor**2 * end > squares[0], factor * at_end, errors[0])
+    return jnp.where(factor**2 * end > first.measured, factor * at_end, first.tangent)
 
 
 def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:

@@ -108,7 +108,7 @@ def _paths(
         y = np.array([state.full().squeeze() for state in y])
     frame, _, points = drawn(y)
     points = np.asarray(points)
-    check_finite(points, "y")
+    check_finite("y", points)
     if not points.size:
         raise ValueError("y must hold points at one or more times, got none")
     return [convert(points, frame)]
@@ -280,7 +280,7 @@ def invariants(
             raise ValueError(
                 f"functions must return {len(times)} numbers for {name!r}, got shape {curve.shape}"
             )
-        check_finite(curve, f"functions: {name}")
+        check_finite(f"functions: {name}", curve)
         style = curve_style(ax) | {"marker": ""}
         ax.plot(times, np.abs(curve - curve[0]), label=verbatim(name), **style)
     ax.set_yscale("log", nonpositive="mask")
@@ -311,7 +311,7 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
     (2, 1)
     """
     times, numbers = real_array(t, "t"), real_array(values, "values")
-    check_finite(times, "t")
+    check_finite("t", times)
     if times.ndim != 1 or numbers.ndim != 2 or len(numbers) != len(times):
         raise ValueError(
             f"values must have shape (n, members) for t of shape (n,), got {numbers.shape} for "

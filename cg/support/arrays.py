@@ -97,7 +97,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         ) from error
 
 
-def check_finite(array: Points, name: str) -> None:
+def check_finite(name: str, array: Points) -> None:
     """Raise ValueError, which names the first non-finite entry, unless an array is finite."""
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # faster than all()

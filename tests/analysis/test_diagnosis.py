@@ -198,6 +198,11 @@ def test_first_violated_condition():
     assert data["first_failing"]["tree"] == str(failing.tree)
 
 
+def test_single_evaluations_and_flows_are_not_plural():
+    text = str(cg.diagnose(cg.Tableau([[]], ["1"])))
+    assert text.startswith("a method: explicit, 1 evaluation, 1 flow\n")
+
+
 def test_approximate_method():
     diagnosis = cg.diagnose("CG6a")
     assert diagnosis.mistakes == ()

@@ -11,6 +11,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, save
+from cg.construction.diagnosis import diagnose_file
 from cg.construction.layouts import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
@@ -139,6 +140,13 @@ def test_byte_order_marks_and_capital_endings(tmp_path, name):
     text = dumps_json(method) if "JSON" in name else dumps(method)
     path.write_text(text, encoding="utf-8-sig")
     assert resolve_method(str(path)) == resolve_method(path) == loads("\ufeff" + text) == method
+
+
+def test_arrays_in_json_files_are_called_json(tmp_path):
+    path = tmp_path / "m.JSON"
+    path.write_text("[1, 2]")
+    for read in (cg.load, diagnose_file):
+        refuses(MethodError, "m.JSON: not a JSON file of this kind: an object", read, path)
 
 
 TOOL = "tools/make_reference_steps"

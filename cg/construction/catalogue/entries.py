@@ -116,10 +116,10 @@ def _from_entry(entry: dict[str, Any]) -> Method:
     return MuntheKaas(tableau, **third) if kind == _KIND else tableau
 
 
-def read_entry(text: str) -> dict[str, Any]:
+def read_entry(text: str, name: str = "") -> dict[str, Any]:
     """Return the keys and values of a catalogue file: TOML, or JSON with the same keys."""
     text = text.removeprefix("\ufeff")  # a byte-order mark
-    if text.lstrip().startswith("{"):  # no line of TOML begins with a brace
+    if name.lower().endswith(".json") or text.lstrip().startswith("{"):  # as no line of TOML does
         return read_json(text, TableauError)
     return read_toml(text, TableauError, parse_float=str)
 
@@ -190,7 +190,8 @@ def check_path(path: str | PathLike[str]) -> Path:
 def read(path: Traversable) -> Method:
     """Read a method from a file, which may be in a package; errors name the file."""
     with errors_naming(path):
-        return from_entry(read_entry(read_file(path, TableauError)), path.name.rpartition(".")[0])
+        entry = read_entry(read_file(path, TableauError), path.name)
+        return from_entry(entry, path.name.rpartition(".")[0])
 
 
 @contextmanager

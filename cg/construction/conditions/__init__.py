@@ -246,8 +246,8 @@ def jacobian(
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     check_not_sums(a)
     matrix, row = real_array(a, "a"), real_array(b, "b")
-    check_finite(matrix, "a")
-    check_finite(row, "b")
+    check_finite("a", matrix)
+    check_finite("b", row)
     if row.ndim != 1 or row.size == 0:
         raise ValueError(f"b must have shape (s,) with s at least 1, got {row.shape}")
     if matrix.shape != (row.size, row.size):

@@ -82,17 +82,15 @@ class Diagnosis:
 
     def __str__(self) -> str:
         method = self.method
-        flows = f"{method.exponentials} flows"
+        counts = ("evaluation", method.stages), ("flow", method.exponentials)
+        costs = ", ".join(f"{count} {label}{'s' * (count != 1)}" for label, count in counts)
         kind = "explicit" if method.explicit else "implicit"
         order = f"{self.order} on manifolds"
         if isinstance(method, MuntheKaas):
             order = f"{self.order}, of the tableau in a Lie algebra"
         elif self.flat_order != self.order:
             order += f", {self.flat_order} where flows commute"
-        lines = [
-            f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}",
-            f"order: {order}",
-        ]
+        lines = [f"{visible(method.name) or 'a method'}: {kind}, {costs}", f"order: {order}"]
         if self.embedded_order is not None:
             lines.append(f"order of the second result: {self.embedded_order}")
         if method.approximate:
@@ -186,7 +184,7 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
     """Diagnose the method in a file; unlike `cg.load`, accept wrong ``c``."""
     path = check_path(path)
     with errors_naming(path):
-        entry = dict(read_entry(read_file(path, TableauError)))
+        entry = read_entry(read_file(path, TableauError), path.name)
         c = entry.pop("c", None)
         return diagnose(from_entry(entry, path.stem), c=c)
 

@@ -70,9 +70,9 @@ class MethodPaths:
     paths: tuple[Path, ...]
     stages: tuple[int, ...]  # the path to each stage
     result: int  # the path to the result of the step, the one of higher order of a pair
-    embedded: int  # the path to the second result of a pair, or 0
-    final_stage: int  # the stage (from 1) that is the first one of the next step, or 0
     c: tuple[Fraction, ...]  # abscissae
+    embedded: int = 0  # the path to the second result of a pair, or 0
+    final_stage: int = 0  # the stage (from 1) that is the first one of the next step, or 0
     registers: Registers | None = None
     series: int = 0
     errors: tuple[tuple[Fraction, ...], ...] = ()
@@ -183,9 +183,9 @@ def paths_of(method: Method) -> MethodPaths:
     blocks = 0 if method.explicit else 1 if together else method.stages
     registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
     return MethodPaths(
-        tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
-        errors, third=third, power=error_power(method), factor=factor, blocks=blocks,
-        brackets=brackets,
+        tuple(builder.paths), stages, result_path, c, embedded=embedded_path, final_stage=final,
+        registers=registers, series=series, errors=errors, third=third, power=error_power(method),
+        factor=factor, blocks=blocks, brackets=brackets,
     )  # fmt: skip
 
 
@@ -193,8 +193,8 @@ def _collocation_paths(method: MuntheKaas) -> MethodPaths:
     """Return the paths of a collocation method: one flow to the result."""
     flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
     return MethodPaths(
-        (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, method.abscissae, None, method.order,
-        method.error_weights, transformation(method), blocks=1,
+        (Path(0, (flow,)),), (0,) * method.stages, 1, method.abscissae, series=method.order,
+        errors=method.error_weights, transformation=transformation(method), blocks=1,
     )  # fmt: skip
 
 
@@ -231,7 +231,7 @@ def _splitting_paths(method: Splitting) -> MethodPaths:
     c = method.abscissae
     final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _TIME_ROUNDING
     return MethodPaths(
-        paths, stages, len(paths), 0, method.stages if final else 0, c,
+        paths, stages, len(paths), c, final_stage=method.stages if final else 0,
         drifts=tuple(drifts[1 - first :]),
     )  # fmt: skip
 
@@ -265,7 +265,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
         for d in range(last, max(last - 4, -1), -1)
     )
     return MethodPaths(
-        (Path(0, tuple(by_power)),), (0,) * len(nodes), 1, 0, 0, nodes, errors=errors,
+        (Path(0, tuple(by_power)),), (0,) * len(nodes), 1, nodes, errors=errors,
         factor=Fraction(100), power=1, polynomial=True,
     )  # fmt: skip
 

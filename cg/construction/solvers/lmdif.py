@@ -227,7 +227,7 @@ def _vector(name: str, value: ArrayLike) -> Vector:
     array = real_array(value, name)
     if array.ndim != 1 or array.size == 0:
         raise ValueError(f"{name} must have shape (n,) with n > 0, got shape {array.shape}")
-    check_finite(array, name)
+    check_finite(name, array)
     return array
 
 

@@ -169,7 +169,7 @@ class Adjoint:
         """Return the cotangents at all times, shape ``(times, n, columns)``."""
         shape, times = self._equation.shape, len(self._times)
         array: Points = (complex_array if self._is_complex else real_array)(cotangent, "cotangent")
-        check_finite(array, "cotangent")
+        check_finite("cotangent", array)
         if array.shape not in (shape, (times, *shape)):
             raise ValueError(
                 f"cotangent must have shape {shape} or {(times, *shape)}, got {array.shape}"
@@ -314,7 +314,7 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     if df_dp.vectorized:
         return df_dp(times, point[None], arguments)
     function, frame, shape = df_dp.function, df_dp.frame, df_dp.shape
-    _, parameters, inputs, _ = rhs.given
+    parameters, inputs = rhs.given.parameters, rhs.given.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
         context = context_of(function, arguments, frame, shape, df_dp.check)

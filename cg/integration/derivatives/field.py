@@ -274,13 +274,13 @@ def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """
-    _, numbers, inputs, _ = rhs.given
+    numbers, inputs = rhs.given.parameters, rhs.given.inputs
     width = inputs.width if by_inputs and inputs is not None else 0
     if df_dp is not None and numbers is None and not width:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is None:
         return width, width
-    check_finite(numbers, "parameters")
+    check_finite("parameters", numbers)
     return numbers.shape[-1] + width, width
 
 

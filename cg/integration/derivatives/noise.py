@@ -72,7 +72,7 @@ def check_covariance(
         raise ValueError(
             f"{name} must have shape {' or '.join(map(str, shapes))}, got {matrix.shape}"
         )
-    check_finite(matrix, name)
+    check_finite(name, matrix)
     if fault := _fault(matrix):
         raise ValueError(f"{name} must be {fault}")
     return matrix

@@ -219,7 +219,7 @@ def _directions(options: Options, field: VariationalField) -> Array:
             f"derivatives_by must have {n + k} rows, of {n} coordinates and {k} parameters, and a "
             f"column for each direction, got shape {matrix.shape}"
         )
-    check_finite(matrix, "derivatives_by")
+    check_finite("derivatives_by", matrix)
     return matrix
 
 

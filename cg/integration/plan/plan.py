@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.frames.coadjoint import CoadjointOrbit
 from cg.frames.compiled import compared_by_entries, constants_of, describe_blocks, dexpinv
-from cg.frames.euclidean import Euclidean
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace, linkage_of
-from cg.frames.product import Power, Product
-from cg.frames.semidirect import Semidirect
+from cg.frames.product import Product
 from cg.support.arrays import Array, Points
 from cg.support.caches import cached_by_value
 from cg.support.capsules import provide_lapack
@@ -28,20 +25,6 @@ from cg.tables import Kind, MethodTable
 
 Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
-
-
-def turning_coefficients(frame: Frame) -> Array:
-    """Return 1 for each coefficient that may turn points, 0 for those of translations."""
-    if isinstance(frame, Product):
-        return np.concatenate([turning_coefficients(factor) for factor in frame.factors])
-    if isinstance(frame, Power):
-        return np.tile(turning_coefficients(frame.factor), frame.n)
-    inner: Any = frame.group if isinstance(frame, Semidirect) else None
-    if isinstance(frame, CoadjointOrbit):
-        inner = frame.algebra
-    if isinstance(inner, Frame):
-        return np.pad(turning_coefficients(inner), (0, frame.dim - inner.dim))
-    return np.full(frame.dim, float(not isinstance(frame, Euclidean)))
 
 
 def is_compiled(frame: Frame) -> bool:
@@ -96,7 +79,7 @@ class Plan:
         known = frame.compiled_blocks()
         if known is None:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
-            constants = turning_coefficients(frame)
+            constants = frame.turning_coefficients()
         else:
             blocks, constants = describe_blocks(known).copy(), constants_of(known)
         if table.is_polynomial or not table.explicit:

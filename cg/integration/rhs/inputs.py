@@ -278,7 +278,7 @@ class Given(NamedTuple):
             if numbers.shape != shape:
                 expected = "be None, as before" if shape is None else f"have shape {shape}"
                 raise ValueError(f"parameters must {expected}, got {numbers.shape}")
-            check_finite(numbers, "parameters")
+            check_finite("parameters", numbers)
             numbers.flags.writeable = False
             given = given._replace(parameters=numbers[None] if members is None else numbers)
         if inputs is not None:

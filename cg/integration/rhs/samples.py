@@ -435,7 +435,7 @@ def _read_times(times: ArrayLike) -> Array:
     growing = array[1:] > array[:-1]
     bounded = math.isfinite(array.item(0)) and math.isfinite(array.item(-1))
     if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
-        check_finite(array, "times")
+        check_finite("times", array)
         place = int(np.argmin(growing))
         before, got = apart(*array[place : place + 2])
         raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
@@ -454,6 +454,6 @@ def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Arr
         shape = f"(members, {count}, ...)" if members else f"({count}, ...)"
         edges = ", one less than the edges" if kind == "averages" else ""
         raise ValueError(f"values must have shape {shape}{edges}, got {array.shape}")
-    check_finite(array, "values")
+    check_finite("values", array)
     array.flags.writeable = False
     return array

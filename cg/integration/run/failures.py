@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import STAGE_SOLVERS
 from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongError
 from cg.integration.rhs.compiled import CompiledRhs
@@ -132,7 +131,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
         is_finite = bool(np.isfinite(moved).all())
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
             reason = _not_finite(run)
-            if isinstance(frame, PhaseSpace) and frame.jointed:
+            if frame.jointed:
                 force = run.rhs.answer(member, t + ahead, moved)
                 reason = _NO_FORCES if np.isfinite(force).all() else reason
             return f"{reason} next to t = {t:.17g}, however small the step"

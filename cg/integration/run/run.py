@@ -34,7 +34,7 @@ from cg.support.shared_records import (
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
-_MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
+_MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
 _FAILED = {int(FieldFlag.OBSERVER_FAILED): "observe", int(FieldFlag.SIZE_FAILED): "step_function"}
@@ -155,7 +155,7 @@ class Run:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
     def _check_memory(self, needed: int) -> None:
-        if self._lanes > 1 or needed > _MUCH:
+        if self._lanes > 1 or needed > _MIN_CHECKED_BYTES:
             check_memory(needed, f"{self._lanes} trajectories of {self.plan.width} numbers")
 
     def __del__(self) -> None:
@@ -205,7 +205,7 @@ class Run:
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
-        _, parameters, inputs, _ = rhs.given
+        parameters, inputs = rhs.given.parameters, rhs.given.inputs
         if inputs is not None and isinstance(rhs, CompiledRhs):
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
