@@ -428,7 +428,7 @@ def _combined(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray
     error = errors[0]
     if len(errors) == 1:
         return error
-    if table.record.power == 0:
+    if table.estimates_at_end:
         return _larger(table, errors, squares)
     sums = len(table.errors)
     if sums > 1:  # errors of quadratures, then those of commutators

@@ -151,6 +151,11 @@ class MethodTable:
         """Number of blocks of stages that are solved one after the other."""
         return int(self.numbers["blocks"])
 
+    @property
+    def estimates_at_end(self) -> bool:
+        """Whether a stage at the end of the step serves only the error estimate."""
+        return self.numbers["power"] == 0
+
     def real_limit(self) -> float | None:
         """Return the limit of stability along the negative real axis, None if there is none."""
         if self.source is None:
@@ -205,7 +210,7 @@ class MethodTable:
             kind = StepKind.REGISTERS
         if self.is_polynomial:
             kind = StepKind.POLYNOMIAL
-        return MethodRecord(kind=kind, **numbers, **addresses)
+        return MethodRecord(kind=kind, kept_nodes=self.kept_nodes, **numbers, **addresses)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as data for JSON."""

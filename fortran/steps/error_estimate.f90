@@ -105,14 +105,14 @@ contains
       call sum_of_stages(x, i)
       ! sums at the end of the step belong to e2 and e3, else each half to one
       place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
-      if (x%method%power == 0) place = 1 + i
+      if (x%method%estimates_at_end) place = 1 + i
       error = norm_of_u(x)
       if (x%method%kind == polynomial_kind) error = hypot(errors(place), error)
       if (.not. error <= errors(place)) errors(place) = error
     end do
     quadrature = [errors(1), 0.0_wp]
     x%error = combined(x%method, errors(1), errors(2))
-    if (x%method%power == 0) then
+    if (x%method%estimates_at_end) then
       if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
         errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
       x%error = max(errors(1), x%method%factor * errors(2))

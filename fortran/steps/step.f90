@@ -65,7 +65,7 @@ contains
     type(trajectory_t), intent(in) :: x
 
     stages = size(x%method%c)
-    if (x%method%power == 0 .and. .not. x%problem%adaptive) stages = stages - 1
+    if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
   ! The times for which a vectorized function is asked together: a function of time for all stages
