@@ -168,7 +168,7 @@ contains
     call c_f_pointer(transfer(run%record%event_table, c_null_ptr), run%events%table, &
                      [run%events%count])
     run%events%width = int(run%record%event_width)
-    run%events%together = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
+    run%events%vectorized = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
     run%events%member_data = run%record%data
     run%events%stride = run%record%data_stride
     run%events%callback = run%python

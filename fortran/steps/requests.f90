@@ -198,7 +198,7 @@ contains
     logical :: failed
     integer :: i
 
-    if (.not. x%problem%events%together) then
+    if (.not. x%problem%events%vectorized) then
       do i = 1, size(values)
         call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, &
                                     values(i), failed)
