@@ -16,7 +16,7 @@ module step_events_m
   use kinds, only: wp
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recalls, time_at
+  use requests_m, only: evaluate_events, recall, time_at
   use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
@@ -52,8 +52,10 @@ contains
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
     real(wp) :: y(x%frame%point_size)
+    logical :: found
 
-    if (recalls(x, event, theta, values)) return
+    call recall(x, event, theta, values, found)
+    if (found) return
     call point_at(x, theta, y)
     call evaluate_events(x, event, theta, y, values)
   end subroutine values_at
