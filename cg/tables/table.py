@@ -82,8 +82,7 @@ class MethodTable:
     ``numbers`` and ``arrays`` are the entries of `MethodRecord`. ``kept`` vectors of coefficients
     are stored for a step: its stages, with the end where the error estimate needs it, or one
     register; ``kept_nodes`` are those of the step before, of three stages or more that need no
-    point. ``exponent`` is the power of an error that a step is proportional to, 0 without an
-    estimate of the error.
+    point. ``exponent`` is the power of errors that steps are proportional to, 0 without estimates.
     """
 
     name: str
@@ -145,11 +144,6 @@ class MethodTable:
     def has_brackets(self) -> bool:
         """Whether steps use brackets of coefficients."""
         return bool(self.numbers["bracket_count"])
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of stages that are solved one after the other."""
-        return int(self.numbers["blocks"])
 
     @property
     def estimates_at_end(self) -> bool:
