@@ -108,7 +108,7 @@ contains
       if (x%method%estimates_at_end) place = 1 + i
       error = norm_of_u(x)
       if (x%method%kind == polynomial_kind) error = hypot(errors(place), error)
-      if (.not. error <= errors(place)) errors(place) = error
+      call raise(errors(place), error)
     end do
     quadrature = [errors(1), 0.0_wp]
     x%error = combined(x%method, errors(1), errors(2))
@@ -135,23 +135,23 @@ contains
         if (x%method%third == 0 .and. x%method%kind == linear_kind) then
           place = merge(1, 2, i <= 2)
           call sum_of_stages(x, i)
-          call count_part(merge(1, 2, mod(i, 2) == 1), place, norm_of_u(x))
+          call raise(errors(merge(1, 2, mod(i, 2) == 1), place), norm_of_u(x))
           cycle
         end if
         place = merge(2, 1, i == last)
         if (allocated(x%added)) then
           call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-          call count_part(2, place, norm_of_u(x))
+          call raise(errors(2, place), norm_of_u(x))
           rest = x%u
           call sum_of_stages(x, i)
           x%u = x%u - rest
-          call count_part(1, place, norm_of_u(x))
+          call raise(errors(1, place), norm_of_u(x))
         else
           call sum_of_stages(x, i)
-          call count_part(1, place, norm_of_u(x))
-          if (i == 1) call count_part(2, place, distance(x, x%method%embedded, x%control%work))
-          if (i == last) call count_part(2, place, distance(x, x%method%third, x%control%work))
+          call raise(errors(1, place), norm_of_u(x))
+          if (i == 1) call raise(errors(2, place), distance(x, x%method%embedded, x%control%work))
+          if (i == last) call raise(errors(2, place), distance(x, x%method%third, x%control%work))
         end if
       end do
       quadrature = errors(1, :)
@@ -160,18 +160,15 @@ contains
       end associate
       if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
-
-  contains
-
-    ! Counts a part of a difference if it is the largest one.
-    subroutine count_part(part, place, error)
-      integer, intent(in) :: part, place
-      real(wp), intent(in) :: error
-
-      if (.not. error <= errors(part, place)) errors(part, place) = error
-    end subroutine count_part
-
   end subroutine estimate_parts
+
+  ! Raises an error to another one, unless that is smaller; NaN counts as larger.
+  pure subroutine raise(error, other)
+    real(wp), intent(inout) :: error
+    real(wp), intent(in) :: other
+
+    if (.not. other <= error) error = other
+  end subroutine raise
 
   ! Raises the error of a step of a Magnus method where differences may vanish by chance.
   subroutine limit_change(x, rest)
@@ -241,24 +238,21 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp) :: t(2 * size(c)), sizes(size(v)), largest
+    real(wp) :: t(2 * size(c)), values(size(v), 2 * size(c)), sizes(size(v)), largest
     integer :: j, k, s
 
     s = size(c)
     t = [(c - 1) * ratio, c]
+    values(:, :s) = f_before(:, :s)
+    values(:, s + 1:) = f(:, :s)
     v = 0.0_wp
     sizes = 0.0_wp
     largest = 0.0_wp
     do k = 1, 2 * s
       if (.not. counts(k)) cycle
       associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
-        if (k <= s) then
-          v = v + weight * f_before(:, k)
-          sizes = sizes + abs(weight * f_before(:, k))
-        else
-          v = v + weight * f(:, k - s)
-          sizes = sizes + abs(weight * f(:, k - s))
-        end if
+        v = v + weight * values(:, k)
+        sizes = sizes + abs(weight * values(:, k))
       end associate
     end do
     do k = s + 1, 2 * s - 1
