@@ -90,8 +90,7 @@ contains
     type(run_t), target, intent(inout) :: run
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, status
-    logical :: waits, stops
-    logical :: in_rounds                     ! whether lanes advance at once, to their next requests
+    logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
 
     budget = run%record%budget
     in_rounds = size(run%lanes) > 1 .and. .not. run%problem%common &

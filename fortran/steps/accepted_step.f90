@@ -9,7 +9,8 @@ module accepted_step_m
   use method_m, only: polynomial_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_accepted_step, share_step, time_at
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_accepted_step, share_step, &
+       time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
@@ -82,7 +83,7 @@ contains
     type(output_t), intent(in) :: output
     logical :: cuts(size(x%events%before))
 
-    if (is_too_long(x)) then
+    if (rotates_far(x)) then
       call reject_accepted_step(x, step_too_long, x%t)
       return
     end if
@@ -98,14 +99,6 @@ contains
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Whether a step must be tried again with a smaller size, since it rotates too far for events
-  pure logical function is_too_long(x)
-    type(trajectory_t), intent(in) :: x
-
-    is_too_long = x%problem%adaptive
-    if (is_too_long) is_too_long = rotates_far(x)
-  end function is_too_long
-
   ! Decides whether a step is stored. Trajectories with common steps do so together, where output or
   ! events may have rejected it.
   subroutine complete_step(x, output)
@@ -115,7 +108,7 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%seeks_events .and. .not. allocated(x%events%zeros)) then
-      if (is_too_long(x)) then
+      if (rotates_far(x)) then
         call reject_accepted_step(x, step_too_long, x%t)
         return
       end if

@@ -34,8 +34,7 @@ module method_m
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
-    ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
-    logical :: uses_last_nodes = .false.
+    logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
     type(transformation_t) :: transformation ! for a collocation method

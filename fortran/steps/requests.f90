@@ -16,9 +16,8 @@ module requests_m
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, recall, &
-            reject_accepted_step, reject_stage, request, retry_step, share_error, share_step, time_at, &
-            within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, recall, reject_accepted_step, &
+            reject_stage, request, retry_step, share_error, share_step, time_at, within_segment
 
 contains
 
@@ -204,7 +203,6 @@ contains
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) the point there
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp), allocatable :: more(:, :)
     logical :: failed, found
     integer :: i
 
@@ -218,11 +216,8 @@ contains
     else
       call recall(x, event, theta, values, found)
       if (found) return
-      if (x%queries == size(x%query, 2)) then
-        allocate (more(size(x%query, 1), 2 * x%queries + 1))
-        more(:, :x%queries) = x%query
-        call move_alloc(more, x%query)
-      end if
+      if (x%queries == size(x%query, 2)) &            ! more capacity
+        x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
       x%queries = x%queries + 1
       x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
       x%status = needs_events

@@ -38,10 +38,8 @@ contains
     ! without a last step the second columns repeat the present ones
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
-    if (allocated(x%last%y)) then
-      points(:, 2) = x%last%y
-      slopes(:, 2) = x%last%slope
-    end if
+    if (allocated(x%last%y)) points(:, 2) = x%last%y
+    if (allocated(x%last%slope)) slopes(:, 2) = x%last%slope
     slopes(:, 3:2 + size(x%f, 2)) = x%f
     associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver)
       if (allocated(x%f_before)) then
@@ -51,8 +49,7 @@ contains
       else if (allocated(x%newton%last)) then
         rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
       else if (allocated(solver%lu)) then
-        pivot = merge(0, solver%pivot, &
-                      spread(solver%factored_h /= x%h, 1, size(solver%pivot, 1)))
+        pivot = merge(0, solver%pivot, spread(solver%factored_h /= x%h, 1, size(solver%pivot, 1)))
         rest = reshape([solver%lu, real(pivot, wp)], shape(rest))
       end if
     end associate

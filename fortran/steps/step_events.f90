@@ -203,12 +203,14 @@ contains
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
-  ! Whether a step rotates so far that its events take too much time and memory; of common steps
-  ! without an end, by more than a turn
+  ! Whether an adaptive step rotates so far that its events take too much time and memory; of common
+  ! steps without an end, by more than a turn
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
     logical :: endless
 
+    rotates_far = x%problem%adaptive
+    if (.not. rotates_far) return
     endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
     rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common .and. endless)
   end function rotates_far
@@ -462,9 +464,9 @@ contains
     associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
-        happen = zeros%at <= zeros(k)%at + same_time_tolerance
-        ended = any(happen .and. (events%table(zeros%event)%jumps /= 0 .or. &
-                                  state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
+        ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
+                    (events%table(zeros%event)%jumps /= 0 .or. &
+                     state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
