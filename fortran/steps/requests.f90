@@ -149,12 +149,10 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
+    x%status = finished
     if (x%interpolate_only .or. .not. x%problem%adaptive) then
       call fail(x, status, t)
-      return
-    end if
-    x%status = finished
-    if (x%problem%common) then
+    else if (x%problem%common) then
       x%error = huge(1.0_wp)
       call share_step(x, 1.0_wp)
     else

@@ -207,12 +207,10 @@ contains
   ! steps without an end, by more than a turn
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
-    logical :: endless
 
     rotates_far = x%problem%adaptive
-    if (.not. rotates_far) return
-    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
-    rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common .and. endless)
+    if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common &
+                                       .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
