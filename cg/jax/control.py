@@ -431,7 +431,7 @@ def _norm(square: JaxArray) -> JaxArray:
 
 def _combined(table: MethodTable, parts: list[Part]) -> JaxArray:
     """Return the error of other methods: the larger one of two parts."""
-    if table.record.power == 0:
+    if table.estimates_at_end:
         return _larger(table, *parts[0])
     (error, size), *others = (_quotient(table, *part) for part in parts)
     for other, other_size in others:

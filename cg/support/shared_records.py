@@ -68,7 +68,7 @@ RECORD = {
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
-    "raised": "integer",  # whether Python raised an exception
+    "raised": "integer",  # whether a function failed: by an exception, or an invalid number
     "step_size": "real",  # signed, of the last step of a single trajectory
     "residual": "real",  # that of stage equations in the last iteration of a single trajectory
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
@@ -82,26 +82,26 @@ RECORD = {
     "y": "address",  # 0 to store no points
     "observed": "address",
     # ends of steps
-    "every": "integer",
+    "every": "integer",  # each step whose number is a multiple is stored, and the last one
     "step_capacity": "integer",
     "steps": "integer",
     "step_t": "address",
     "step_y": "address",  # 0 to store no points
     "step_observed": "address",
     # interpolants
-    "dense": "integer",
+    "dense": "integer",  # whether those of all steps are stored
     "dense_capacity": "integer",
     "interpolants": "integer",
     "dense_member": "address",
-    "dense_t": "address",
-    "dense_y": "address",
-    "dense_field": "address",
+    "dense_t": "address",  # (n, 4) start, size, end, 1 if it is on an algebra
+    "dense_y": "address",  # (n, 2, point) both ends of the step
+    "dense_field": "address",  # (n, columns, dimension) vectors of the interpolant
     # events
     "event_capacity": "integer",
     "events": "integer",
-    "event_of": "address",
+    "event_of": "address",  # (n, 2) the member and the event, from 1
     "event_t": "address",
-    "event_y": "address",
+    "event_y": "address",  # (n, 2, point) before and after the jump
 }
 """What the compiled loop over steps reads and writes."""
 
@@ -134,6 +134,7 @@ METHOD = {
     "third": "integer",
     "final_stage": "integer",
     "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
+    "kept_nodes": "integer",  # coefficients of the step before that error estimates use
     "power": "integer",  # exponent of the quotient of two error estimates
     "factor": "real",  # factor of the second estimate in that quotient
     "blocks": "integer",  # groups of stages that an implicit method solves together

@@ -82,8 +82,7 @@ class MethodTable:
     ``numbers`` and ``arrays`` are the entries of `MethodRecord`. ``kept`` vectors of coefficients
     are stored for a step: its stages, with the end where the error estimate needs it, or one
     register; ``kept_nodes`` are those of the step before, of three stages or more that need no
-    point. ``exponent`` is the power of an error that a step is proportional to, 0 without an
-    estimate of the error.
+    point. ``exponent`` is the power of errors that steps are proportional to, 0 without estimates.
     """
 
     name: str
@@ -147,9 +146,9 @@ class MethodTable:
         return bool(self.numbers["bracket_count"])
 
     @property
-    def blocks(self) -> int:
-        """Number of blocks of stages that are solved one after the other."""
-        return int(self.numbers["blocks"])
+    def estimates_at_end(self) -> bool:
+        """Whether a stage at the end of the step serves only the error estimate."""
+        return self.numbers["power"] == 0
 
     def real_limit(self) -> float | None:
         """Return the limit of stability along the negative real axis, None if there is none."""
@@ -205,7 +204,7 @@ class MethodTable:
             kind = StepKind.REGISTERS
         if self.is_polynomial:
             kind = StepKind.POLYNOMIAL
-        return MethodRecord(kind=kind, **numbers, **addresses)
+        return MethodRecord(kind=kind, kept_nodes=self.kept_nodes, **numbers, **addresses)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as data for JSON."""

@@ -52,10 +52,10 @@ module linear_action_m
   ! several threads count.
   integer(int64), public :: products = 0
 
-  ! Norm of the parts into which the exponent is divided. At 1.5 times this norm Taylor polynomials
+  ! Norm of the parts of flows along polynomials. At 1.5 times this norm Taylor polynomials
   ! lose up to three digits to cancellation.
-  real(wp), parameter :: part_norm = 6.0_wp
-  real(wp), parameter :: max_part_norm = 1.5_wp * part_norm
+  real(wp), parameter :: polynomial_norm = 6.0_wp
+  real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
   real(wp), parameter :: omitted = 0.1_wp    ! part of a tolerance that terms left out early share
 
@@ -330,13 +330,13 @@ contains
     integer :: first, i, last, part, parts
 
     length = norm2(y)
-    norm = dot_product(sum(abs(v), dim=2), action%norm) / part_norm
+    norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
     if (.not. norm <= max_parts) then
       y = nan
       return
     end if
     parts = max(1, ceiling(norm))
-    do while (max(bound(1), bound(parts)) > max_part_norm)
+    do while (max(bound(1), bound(parts)) > max_polynomial_norm)
       parts = parts + (parts + 1) / 2        ! by half
     end do
     last = 0

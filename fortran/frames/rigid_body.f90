@@ -110,8 +110,7 @@ contains
     about_largest = n(3)**2 * top%gap(2)
     about_smallest = n(1)**2 * top%gap(1)
     turns_about_smallest = about_smallest > about_largest
-    if (about_smallest == about_largest) &
-      turns_about_smallest = top%gap(1) > top%gap(2)
+    if (about_smallest == about_largest) turns_about_smallest = top%gap(1) > top%gap(2)
   end function turns_about_smallest
 
   ! Computes the direction of the momentum after a time, and the angle chi. The third component of n

@@ -1,8 +1,7 @@
 ! Interface for f2py of plans and runs.
 ! Both stay in memory between calls, and the caller knows them by their addresses.
 module api_run_m
-  use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
-       c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use callback_m, only: callback_t
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame

@@ -11,7 +11,7 @@ module open_run_m
   use method_m, only: reals
   use run_m, only: plan_t, run_t
   use shared_numbers
-  use trajectory_m, only: start
+  use trajectory_m, only: reserve_trajectory
   use inputs_m, only: field_at
   implicit none
   private
@@ -123,7 +123,7 @@ contains
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)
-        call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
+        call reserve_trajectory(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
@@ -168,7 +168,7 @@ contains
     call c_f_pointer(transfer(run%record%event_table, c_null_ptr), run%events%table, &
                      [run%events%count])
     run%events%width = int(run%record%event_width)
-    run%events%together = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
+    run%events%vectorized = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
     run%events%member_data = run%record%data
     run%events%stride = run%record%data_stride
     run%events%callback = run%python

@@ -1,15 +1,8 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
- * The user data is a tuple
- *   (f, args, point, result, check, spare, of time, with input, changing)
- * of the function, its further arguments, arrays of the shape and the type of its points and of its
- * results, a function check(value, t, y) that returns results as an array, or raises what is wrong
- * with them, a list of two entries, whether f takes no point, whether the first further argument is
- * a function of time whose value f gets in its place, and whether the last argument is an array
- * whose numbers change between calls.  The check is called for all but the plainest results.  In
- * the list are the arrays that f was given last, a point and such numbers, or None: if nobody else
- * has kept one, the next go into it, except without a global lock, where another thread may be
- * about to take it.
+ * The user data is a tuple, whose entries are listed below.  In the list SPARE are the arrays that
+ * f was given last, or None.  If nobody else has kept one, the next numbers go into it, except
+ * without a global lock, where another thread may be about to take it.
  */
 #include <math.h>
 #include <string.h>
@@ -23,8 +16,18 @@ enum { REUSE = 0 };
 #else
 enum { REUSE = 1 };
 #endif
-enum { FUNCTION, ARGUMENTS, LIKE_POINT, LIKE_RESULT, CHECK, SPARE, OF_TIME, INPUT, CHANGING };
-enum { POINT, NUMBERS }; /* places in the list */
+enum {
+    FUNCTION,    /* f */
+    ARGUMENTS,   /* its further arguments */
+    LIKE_POINT,  /* an array of the shape and the type of its points */
+    LIKE_RESULT, /* one of its results */
+    CHECK,       /* check(value, t, y) returns other than plain results as an array, or raises */
+    SPARE,       /* a list of two entries */
+    OF_TIME,     /* whether f takes no point */
+    INPUT,       /* whether f gets the value of its first argument, a function of time */
+    CHANGING     /* whether the numbers of the last argument, an array, change between calls */
+};
+enum { POINT, NUMBERS }; /* places in SPARE */
 
 /* Whether an array has the shape and the type of another one, and plain memory */
 static int is_like(PyArrayObject *array, PyArrayObject *other)

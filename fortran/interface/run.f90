@@ -83,20 +83,20 @@ contains
 
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
-  ! Others of a vectorized function advance together, whatever the budget is: it ends a call where
+  ! Others of a vectorized function advance in rounds, whatever the budget is: it ends a call where
   ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
   ! of events come first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, status
-    logical :: waits, stops, together
+    logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
 
     budget = run%record%budget
-    together = size(run%lanes) > 1 .and. .not. run%problem%common &
-               .and. (.not. associated(run%problem%field) .or. run%events%together)
+    in_rounds = size(run%lanes) > 1 .and. .not. run%problem%common &
+               .and. (.not. associated(run%problem%field) .or. run%events%vectorized)
     share = (budget + size(share, kind=int64) - 1) / size(share, kind=int64)
-    if (together) share = huge(share) / (2 * size(share, kind=int64))
+    if (in_rounds) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
@@ -107,7 +107,7 @@ contains
       do i = 1, size(run%lanes)
         status = run%lanes(i)%status
         if (.not. run%asks(i)) then
-          if (.not. (run%problem%common .or. together)) share(i) = budget
+          if (.not. (run%problem%common .or. in_rounds)) share(i) = budget
           budget = budget - share(i)
           status = advance_lane(run, i, share(i))
           budget = budget + share(i)
@@ -122,7 +122,7 @@ contains
           exit drive_all
         end select
       end do
-      if (together .and. (stops .or. budget <= 0)) then
+      if (in_rounds .and. (stops .or. budget <= 0)) then
         exit
       else if (any(run%asks .and. run%lanes%status == needs_events)) then
         call answer_events(run)

@@ -9,7 +9,8 @@ module accepted_step_m
   use method_m, only: polynomial_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage, share_step, time_at
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_accepted_step, share_step, &
+       time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
@@ -82,7 +83,10 @@ contains
     type(output_t), intent(in) :: output
     logical :: cuts(size(x%events%before))
 
-    if (tries_shorter(x)) return
+    if (rotates_far(x)) then
+      call reject_accepted_step(x, step_too_long, x%t)
+      return
+    end if
     call find_zeros(x, .true.)
     if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
     x%phase = phase_complete_step
@@ -95,17 +99,6 @@ contains
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Whether a step is tried again with a smaller size, since it rotates too far for events
-  logical function tries_shorter(x)
-    type(trajectory_t), intent(inout) :: x
-
-    tries_shorter = x%problem%adaptive
-    if (tries_shorter) tries_shorter = rotates_far(x)
-    if (.not. tries_shorter) return
-    x%phase = phase_node_received
-    call reject_stage(x, step_too_long, x%t)
-  end function tries_shorter
-
   ! Decides whether a step is stored. Trajectories with common steps do so together, where output or
   ! events may have rejected it.
   subroutine complete_step(x, output)
@@ -115,7 +108,10 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%seeks_events .and. .not. allocated(x%events%zeros)) then
-      if (tries_shorter(x)) return
+      if (rotates_far(x)) then
+        call reject_accepted_step(x, step_too_long, x%t)
+        return
+      end if
     end if
     if (x%problem%adaptive .and. x%problem%common .and. (size(x%events%before) > 0 .or. &
         output%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)

@@ -169,6 +169,7 @@ contains
   subroutine request_jacobian(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: answer(max(1, size(x%newton%jacobian)))
+    logical :: failed
 
     x%counts%njev = x%counts%njev + 1
     if (.not. x%problem%has_jacobian) then
@@ -177,10 +178,9 @@ contains
       call request_column(x)
       return
     end if
-    answer = -huge(1.0_wp)
     call x%frame%callback%apply(jacobian_operation, [x%t, real(x%member - 1, wp), x%slope], &
-                                x%y(:, 0), answer)
-    if (.not. all(abs(answer) < huge(1.0_wp))) then
+                                x%y(:, 0), answer, failed)
+    if (failed) then
       call fail(x, raised, x%t)
       return
     end if

@@ -55,7 +55,7 @@ contains
   ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: first(2)                     ! e1 and e2, of the quadratures
+    real(wp) :: quadrature(2)                ! e1 and e2, of the quadratures
 
     call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
     if (x%method%embedded > 0) then
@@ -63,9 +63,9 @@ contains
     end if
     x%path_of_u = 0
     if (x%method%in_parts) then
-      call estimate_parts(x, first)
+      call estimate_parts(x, quadrature)
     else
-      call estimate_whole(x, first)
+      call estimate_whole(x, quadrature)
     end if
     call limit_angle(x)
     if (x%method%uses_last_nodes .and. x%h_before /= 0) then
@@ -74,8 +74,9 @@ contains
       call remove_isotropy(x%frame, x%y(:, x%result), x%u)
       x%error = max(x%error, norm_of_u(x))
     else if (x%method%uses_last_nodes .and. x%counts%steps == 0) then
-      if (any(first > resolved * variation(x))) &
-        x%error = max(x%error, merge(first(1), first(2), first(1) > resolved(1) * variation(x)))
+      if (any(quadrature > resolved * variation(x))) &
+        x%error = max(x%error, merge(quadrature(1), quadrature(2), &
+                                     quadrature(1) > resolved(1) * variation(x)))
     end if
   end subroutine estimate_error
 
@@ -92,9 +93,9 @@ contains
   end function variation
 
   ! Estimates the error by results and sums of stages.
-  subroutine estimate_whole(x, first)
+  subroutine estimate_whole(x, quadrature)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(out) :: first(2)
+    real(wp), intent(out) :: quadrature(2)
     real(wp) :: errors(3), error
     integer :: i, place
 
@@ -104,14 +105,14 @@ contains
       call sum_of_stages(x, i)
       ! sums at the end of the step belong to e2 and e3, else each half to one
       place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
-      if (x%method%power == 0) place = 1 + i
+      if (x%method%estimates_at_end) place = 1 + i
       error = norm_of_u(x)
       if (x%method%kind == polynomial_kind) error = hypot(errors(place), error)
-      if (.not. error <= errors(place)) errors(place) = error
+      call raise(errors(place), error)
     end do
-    first = [errors(1), 0.0_wp]
+    quadrature = [errors(1), 0.0_wp]
     x%error = combined(x%method, errors(1), errors(2))
-    if (x%method%power == 0) then
+    if (x%method%estimates_at_end) then
       if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
         errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
       x%error = max(errors(1), x%method%factor * errors(2))
@@ -121,9 +122,9 @@ contains
   ! Estimates the error by two differences, in parts: sums of stages, and the rest. With a third
   ! result the rest is that of the differences of results; where exponents of Magnus methods are
   ! compared, it has sums of its own; on the algebra it is what dexp^-1 adds to coefficients.
-  subroutine estimate_parts(x, first)
+  subroutine estimate_parts(x, quadrature)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(out) :: first(2)
+    real(wp), intent(out) :: quadrature(2)
     real(wp) :: errors(2, 2)    ! (part, difference)
     real(wp) :: rest(size(x%u))
     integer :: i, place
@@ -134,43 +135,40 @@ contains
         if (x%method%third == 0 .and. x%method%kind == linear_kind) then
           place = merge(1, 2, i <= 2)
           call sum_of_stages(x, i)
-          call count_part(merge(1, 2, mod(i, 2) == 1), norm_of_u(x))
+          call raise(errors(merge(1, 2, mod(i, 2) == 1), place), norm_of_u(x))
           cycle
         end if
         place = merge(2, 1, i == last)
         if (allocated(x%added)) then
           call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-          call count_part(2, norm_of_u(x))
+          call raise(errors(2, place), norm_of_u(x))
           rest = x%u
           call sum_of_stages(x, i)
           x%u = x%u - rest
-          call count_part(1, norm_of_u(x))
+          call raise(errors(1, place), norm_of_u(x))
         else
           call sum_of_stages(x, i)
-          call count_part(1, norm_of_u(x))
-          if (i == 1) call count_part(2, distance(x, x%method%embedded, x%control%work))
-          if (i == last) call count_part(2, distance(x, x%method%third, x%control%work))
+          call raise(errors(1, place), norm_of_u(x))
+          if (i == 1) call raise(errors(2, place), distance(x, x%method%embedded, x%control%work))
+          if (i == last) call raise(errors(2, place), distance(x, x%method%third, x%control%work))
         end if
       end do
-      first = errors(1, :)
+      quadrature = errors(1, :)
       associate (parts => [(combined(x%method, errors(i, 1), errors(i, 2)), i=1, 2)])
         x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
       end associate
       if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
-
-  contains
-
-    ! Counts a part of a difference if it is the largest one.
-    subroutine count_part(part, error)
-      integer, intent(in) :: part
-      real(wp), intent(in) :: error
-
-      if (.not. error <= errors(part, place)) errors(part, place) = error
-    end subroutine count_part
-
   end subroutine estimate_parts
+
+  ! Raises an error to another one, unless that is smaller; NaN counts as larger.
+  pure subroutine raise(error, other)
+    real(wp), intent(inout) :: error
+    real(wp), intent(in) :: other
+
+    if (.not. other <= error) error = other
+  end subroutine raise
 
   ! Raises the error of a step of a Magnus method where differences may vanish by chance.
   subroutine limit_change(x, rest)
@@ -240,24 +238,21 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp) :: t(2 * size(c)), sizes(size(v)), largest
+    real(wp) :: t(2 * size(c)), values(size(v), 2 * size(c)), sizes(size(v)), largest
     integer :: j, k, s
 
     s = size(c)
     t = [(c - 1) * ratio, c]
+    values(:, :s) = f_before(:, :s)
+    values(:, s + 1:) = f(:, :s)
     v = 0.0_wp
     sizes = 0.0_wp
     largest = 0.0_wp
     do k = 1, 2 * s
       if (.not. counts(k)) cycle
       associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
-        if (k <= s) then
-          v = v + weight * f_before(:, k)
-          sizes = sizes + abs(weight * f_before(:, k))
-        else
-          v = v + weight * f(:, k - s)
-          sizes = sizes + abs(weight * f(:, k - s))
-        end if
+        v = v + weight * values(:, k)
+        sizes = sizes + abs(weight * values(:, k))
       end associate
     end do
     do k = s + 1, 2 * s - 1

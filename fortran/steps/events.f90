@@ -15,7 +15,7 @@ module events_m
   type :: events_t
     integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
     type(event_record_t), pointer, contiguous :: table(:) => null()    ! (count)
-    logical :: together = .false.            ! whether trajectories request values, see requests_m
+    logical :: vectorized = .false.          ! whether they take several lanes, see requests_m
     type(callback_t) :: callback
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next

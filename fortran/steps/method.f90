@@ -34,13 +34,13 @@ module method_m
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
-    ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
-    logical :: uses_last_nodes = .false.
+    logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
     type(transformation_t) :: transformation ! for a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
-    integer :: power = 1                     ! power of a quotient; 0: see error_estimate_m
+    integer :: power = 1                     ! power of a quotient, see error_estimate_m
+    logical :: estimates_at_end = .false.    ! whether a stage at the end serves only the estimate
     real(wp) :: factor = 1.0_wp              ! that of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (columns, estimates)
@@ -80,6 +80,7 @@ contains
     end if
     method%series = int(record%series)
     method%power = int(record%power)
+    method%estimates_at_end = record%power == 0
     method%factor = record%factor
     method%error = reshape(reals(record%error, columns * record%errors), [columns, record%errors])
     method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
@@ -90,7 +91,7 @@ contains
       method%transformation = transformation
     end if
     if (method%kind == splitting_kind) method%drift = reals(record%drifts, record%flows)
-    method%uses_last_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
+    method%uses_last_nodes = record%kept_nodes > 0
     method%in_parts = record%errors > 1 .and. &
                       (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
     allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &

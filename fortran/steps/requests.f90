@@ -16,8 +16,8 @@ module requests_m
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, recalls, reject_stage, &
-            request, retry_step, share_error, share_step, time_at, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, recall, reject_accepted_step, &
+            reject_stage, request, retry_step, share_error, share_step, time_at, within_segment
 
 contains
 
@@ -136,22 +136,29 @@ contains
       x%status = finished
       call share_error(x, huge(1.0_wp))
     case (phase_node_received, phase_end_received)
-      ! the step is accurate, but too long for its interpolant
-      if (x%interpolate_only) then
-        call fail(x, status, t)
-        return
-      end if
-      x%status = finished
-      if (x%problem%common) then
-        x%error = huge(1.0_wp)
-        call share_step(x, 1.0_wp)
-      else
-        call retry_step(x)
-      end if
+      call reject_accepted_step(x, status, t)
     case default
       call fail(x, status, t)
     end select
   end subroutine reject_stage
+
+  ! Tries a step again that is accurate, but too long for its interpolant or for events; equal steps
+  ! fail, and so does the interpolant of a last step.
+  subroutine reject_accepted_step(x, status, t)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: status
+    real(wp), intent(in) :: t
+
+    x%status = finished
+    if (x%interpolate_only .or. .not. x%problem%adaptive) then
+      call fail(x, status, t)
+    else if (x%problem%common) then
+      x%error = huge(1.0_wp)
+      call share_step(x, 1.0_wp)
+    else
+      call retry_step(x)
+    end if
+  end subroutine reject_accepted_step
 
   ! Tries a step again that was accurate.
   subroutine retry_step(x)
@@ -194,45 +201,45 @@ contains
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) the point there
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp), allocatable :: more(:, :)
-    logical :: failed
+    logical :: failed, found
     integer :: i
 
-    if (.not. x%problem%events%together) then
+    if (.not. x%problem%events%vectorized) then
       do i = 1, size(values)
         call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, &
                                     values(i), failed)
         if (failed) call fail(x, raised, time_at(x, theta))
         if (failed) return
       end do
-    else if (.not. recalls(x, event, theta, values)) then
-      if (x%queries == size(x%query, 2)) then
-        allocate (more(size(x%query, 1), 2 * x%queries + 1))
-        more(:, :x%queries) = x%query
-        call move_alloc(more, x%query)
-      end if
+    else
+      call recall(x, event, theta, values, found)
+      if (found) return
+      if (x%queries == size(x%query, 2)) &            ! more capacity
+        x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
       x%queries = x%queries + 1
       x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
       x%status = needs_events
     end if
   end subroutine evaluate_events
 
-  ! Whether the values of an event, or of all for event 0, are known from a request
-  logical function recalls(x, event, theta, values)
+  ! Finds the values of an event, or of all for event 0, that are known from a request; the
+  ! trajectory fails unless they are finite.
+  subroutine recall(x, event, theta, values, found)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
+    logical, intent(out) :: found
     integer :: k
 
     associate (query => x%query(:2, :x%answered), before => 2 + size(x%y, 1) + max(event, 1))
       k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
-      recalls = k > 0
-      if (.not. recalls) return
+      found = k > 0
+      if (.not. found) return
       values = x%query(before + 1:before + size(values), k)
       if (.not. all(abs(values) <= huge(values))) call fail(x, raised, x%query(3, k))
     end associate
-  end function recalls
+  end subroutine recall
 
   ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
   ! whose time rounds to it gets the next number, so that times increase.

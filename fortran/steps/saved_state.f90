@@ -25,7 +25,7 @@ contains
       state = state_record_t( &
         t=x%t, h=x%h, h_before=x%h_before, slope_known=flag(x%slope_known), &
         next_step=control%step_size, last_error=control%last_error, &
-        after_rejection=flag(control%after_rejection), suspicion=control%suspicion, &
+        after_rejection=flag(control%after_rejection), suspicion=int(control%suspicion, int64), &
         attempts=control%attempts, last_t=x%last%t, last_h=x%last%h, &
         newton_last_h=newton%last_h, newton_rate_factor=newton%rate_factor, &
         newton_factored_h=newton%factored_h, newton_has_jacobian=flag(newton%has_jacobian), &
@@ -35,8 +35,11 @@ contains
     end associate
     numbers = [transfer(state, numbers), x%events%before, x%events%residual, x%events%time, &
                real(x%events%came_from, wp), real(x%events%count, wp)]
+    ! without a last step the second columns repeat the present ones
     points = spread(x%y(:, 0), 2, 2)
     slopes(:, :2) = spread(x%slope, 2, 2)
+    if (allocated(x%last%y)) points(:, 2) = x%last%y
+    if (allocated(x%last%slope)) slopes(:, 2) = x%last%slope
     slopes(:, 3:2 + size(x%f, 2)) = x%f
     associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver)
       if (allocated(x%f_before)) then
@@ -46,13 +49,10 @@ contains
       else if (allocated(x%newton%last)) then
         rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
       else if (allocated(solver%lu)) then
-        pivot = merge(0, solver%pivot, &
-                      spread(solver%factored_h /= x%h, 1, size(solver%pivot, 1)))
+        pivot = merge(0, solver%pivot, spread(solver%factored_h /= x%h, 1, size(solver%pivot, 1)))
         rest = reshape([solver%lu, real(pivot, wp)], shape(rest))
       end if
     end associate
-    if (allocated(x%last%y)) points(:, 2) = x%last%y
-    if (allocated(x%last%slope)) slopes(:, 2) = x%last%slope
   end subroutine save_state
 
   ! Restores what save_state has copied.

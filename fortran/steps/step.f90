@@ -12,11 +12,10 @@ module step_m
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, store_implicit
   use method_m, only: collocation_kind, implicit_kind, registers_kind
-  use requests_m, only: reject_stage, request, share_error, within_segment
+  use requests_m, only: request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: finite
-  use iso_fortran_env, only: int64
   use shared_numbers
   implicit none
   private
@@ -65,7 +64,7 @@ contains
     type(trajectory_t), intent(in) :: x
 
     stages = size(x%method%c)
-    if (x%method%power == 0 .and. .not. x%problem%adaptive) stages = stages - 1
+    if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
   ! The times for which a vectorized function is asked together: a function of time for all stages
@@ -117,8 +116,7 @@ contains
       x%error = huge(1.0_wp)
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
       if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-          .and. (x%control%after_rejection .or. x%newton%moved &
-                 .or. x%newton%last_h == 0)) then
+          .and. (x%control%after_rejection .or. x%newton%moved .or. x%newton%last_h == 0)) then
         call request_error(x)
       else
         call share_error(x, x%error)
@@ -156,8 +154,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error
 
-    associate (exponent => x%tolerances%exponent, control => x%control, &
-               newton => x%newton, &
+    associate (exponent => x%tolerances%exponent, control => x%control, newton => x%newton, &
                collocation => x%method%kind == collocation_kind)
       x%phase = phase_accepted
       predicted = 0.0_wp

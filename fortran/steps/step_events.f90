@@ -16,7 +16,7 @@ module step_events_m
   use kinds, only: wp
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recalls, time_at
+  use requests_m, only: evaluate_events, recall, time_at
   use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
@@ -39,7 +39,8 @@ module step_events_m
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
-  real(wp), parameter :: together = 32 * epsilon(1.0_wp), decided_by_rounding = sqrt(epsilon(1.0_wp))
+  real(wp), parameter :: same_time_tolerance = 32 * epsilon(1.0_wp)
+  real(wp), parameter :: decided_by_rounding = sqrt(epsilon(1.0_wp))
 
 contains
 
@@ -51,8 +52,10 @@ contains
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
     real(wp) :: y(x%frame%point_size)
+    logical :: found
 
-    if (recalls(x, event, theta, values)) return
+    call recall(x, event, theta, values, found)
+    if (found) return
     call point_at(x, theta, y)
     call evaluate_events(x, event, theta, y, values)
   end subroutine values_at
@@ -200,14 +203,14 @@ contains
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
-  ! Whether a step rotates so far that its events take too much time and memory; of common steps
-  ! without an end, by more than a turn
+  ! Whether an adaptive step rotates so far that its events take too much time and memory; of common
+  ! steps without an end, by more than a turn
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
-    logical :: endless
 
-    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
-    rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common .and. endless)
+    rotates_far = x%problem%adaptive
+    if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common &
+                                       .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
@@ -216,7 +219,7 @@ contains
     integer, intent(in) :: event
     logical, intent(in) :: detects
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
-    real(wp) :: turning(2)
+    real(wp) :: extremum(2)
     integer :: k, last
     logical :: exists
 
@@ -225,13 +228,13 @@ contains
       call add_zero(x, event, detects, [theta(k - 1), values(k - 1)], [theta(k), values(k)])
       if (x%status /= finished .or. k == ubound(theta, 1)) return
       call find_turning_point(x, event, detects, theta(k - 1:k + 1), values(k - 1:k + 1), &
-                              turning, exists)
+                              extremum, exists)
       if (x%status /= finished) return
-      if (.not. exists .or. (turning(1) < theta(k) .and. last == k)) cycle
-      last = merge(k, k + 1, turning(1) < theta(k))
-      call add_zero(x, event, detects, [theta(last - 1), values(last - 1)], turning)
+      if (.not. exists .or. (extremum(1) < theta(k) .and. last == k)) cycle
+      last = merge(k, k + 1, extremum(1) < theta(k))
+      call add_zero(x, event, detects, [theta(last - 1), values(last - 1)], extremum)
       if (x%status == finished) &
-        call add_zero(x, event, detects, turning, [theta(last), values(last)])
+        call add_zero(x, event, detects, extremum, [theta(last), values(last)])
       if (x%status /= finished) return
     end do
   end subroutine find_zeros_of
@@ -241,12 +244,12 @@ contains
   ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
   ! middle is tried of an outer part at whose end the function does. So it is for detection along the
   ! cubic, which isn't accurate.
-  subroutine find_turning_point(x, event, detects, ends, values, turning, exists)
+  subroutine find_turning_point(x, event, detects, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     logical, intent(in) :: detects
     real(wp), intent(in) :: ends(3), values(3)
-    real(wp), intent(out) :: turning(2)                ! the point, and the function there
+    real(wp), intent(out) :: extremum(2)                ! the point, and the function there
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
@@ -256,13 +259,13 @@ contains
 
     theta = ends
     v = abs(values)
-    turning = 0.0_wp
+    extremum = 0.0_wp
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
-      call minimise_parabola(theta, v, turning(1), nearest, bends)
+      call minimise_parabola(theta, v, extremum(1), nearest, bends)
       if (.not. bends) return
-      associate (at => turning(1))
+      associate (at => extremum(1))
         near = margin * (maxval(v) - minval(v))
         lies_within = at > theta(1) .and. at < theta(3)
         if (.not. (lies_within .and. (detects .or. nearest <= minval(v) / 2))) then
@@ -275,13 +278,13 @@ contains
         end if
         ! in detection the sign alone counts: any value of the other sign, without a call
         exists = detects .and. min(nearest, minval(v)) < near
-        turning(2) = -values(1)
+        extremum(2) = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
-        call values_at(x, event, at, turning(2:))
+        call values_at(x, event, at, extremum(2:))
         if (x%status /= finished) return
-        exists = turning(2) * sign(1.0_wp, values(1)) <= 0
+        exists = extremum(2) * sign(1.0_wp, values(1)) <= 0
         if (exists) return
-        call narrow(theta, v, at, abs(turning(2)))
+        call narrow(theta, v, at, abs(extremum(2)))
       end associate
     end do
   end subroutine find_turning_point
@@ -459,9 +462,9 @@ contains
     associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
-        happen = zeros%at <= zeros(k)%at + together
-        ended = any(happen .and. (events%table(zeros%event)%jumps /= 0 .or. &
-                                  state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
+        ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
+                    (events%table(zeros%event)%jumps /= 0 .or. &
+                     state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
@@ -496,7 +499,7 @@ contains
       do k = 1, size(happen)
         if (zeros(k)%at > until + decided_by_rounding) cycle
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
-        happen(k) = zeros(k)%at <= until + together
+        happen(k) = zeros(k)%at <= until + same_time_tolerance
         if (happen(k)) cycle
         call evaluate_events(x, zeros(k)%event, until, y, value)
         if (x%status /= finished) return

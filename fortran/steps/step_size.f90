@@ -228,7 +228,7 @@ contains
   subroutine choose_reversibly(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
-    real(wp) :: v(x%frame%dimension), values(-1:1), time, change, density
+    real(wp) :: v(x%frame%dimension), values(-1:1), offset, log_change, density
     real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
@@ -237,16 +237,17 @@ contains
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      time = near * x%problem%h * values(0)
+      offset = near * x%problem%h * values(0)
       do i = -1, 1, 2
-        if (x%status /= raised) call evaluate_size(x, real(i, wp) * time * v, values(i))
+        if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
       end do
       if (x%status == raised) return
-      change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) / (2 * time)
+      log_change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) &
+                   / (2 * offset)
       if (h_next > 0) then
-        density = x%problem%h / h_next - change
+        density = x%problem%h / h_next - log_change
       else
-        density = 1 / values(0) - change / 2
+        density = 1 / values(0) - log_change / 2
       end if
       if (density > 0) h_next = x%problem%h / density
       x%h = sign(h_next, stop - x%t)

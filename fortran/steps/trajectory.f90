@@ -19,7 +19,7 @@ module trajectory_m
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
-            forget_values, set_start, start
+            forget_values, reserve_trajectory, set_start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -185,7 +185,7 @@ module trajectory_m
 contains
 
   ! Allocates the memory of a trajectory.
-  subroutine start(problem, within, keep_last, x, memory)
+  subroutine reserve_trajectory(problem, within, keep_last, x, memory)
     type(problem_t), target, intent(in) :: problem
     logical, intent(in) :: within            ! whether interpolants are needed
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
@@ -198,11 +198,11 @@ contains
     x%method => problem%method
     x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
-               first => problem%method%path_first, paths => size(problem%method%origin))
-      x%result = merge(1, method%result, method%kind == registers_kind)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, method%kind == registers_kind)), &
-                x%f(frame%dimension, merge(1, size(method%error, 1), &
-                                           method%kind == registers_kind)), &
+               first => problem%method%path_first, paths => size(problem%method%origin), &
+               has_registers => problem%method%kind == registers_kind)
+      x%result = merge(1, method%result, has_registers)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), &
+                x%f(frame%dimension, merge(1, size(method%error, 1), has_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
                 x%request%answer(frame%dimension), x%slope(frame%dimension), &
@@ -240,7 +240,7 @@ contains
       if (memory /= 0 .or. .not. keep_last) return
       allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
     end associate
-  end subroutine start
+  end subroutine reserve_trajectory
 
   ! Starts a trajectory at a point, without memory of earlier steps.
   pure subroutine set_start(t, y, first_step, x)

@@ -6,7 +6,7 @@ module within_step_m
   use blocks_m, only: combine_flows
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
        flows_of_evaluation, make_cubic, next_node, reserve_interpolant
-  use requests_m, only: reject_stage, request
+  use requests_m, only: reject_accepted_step, request
   use method_m, only: registers_kind, splitting_kind
   use phases_m
   use trajectory_m, only: fail, trajectory_t
@@ -157,9 +157,8 @@ contains
 
     x%counts%nexp = x%counts%nexp + int(x%interpolant%nexp, int64)
     x%interpolant%nexp = 0
-    x%phase = phase_node_received
     if (.not. exists) then
-      call reject_stage(x, step_too_long, x%interpolant%t0)
+      call reject_accepted_step(x, step_too_long, x%interpolant%t0)
     else
       x%phase = merge(phase_complete_step, phase_next_node, x%interpolant%complete)
     end if

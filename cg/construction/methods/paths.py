@@ -179,8 +179,8 @@ def paths_of(method: Method) -> MethodPaths:
         errors, factor = end.rows, end.factor
     if kinks := kink_weights(method):
         errors = (*errors[:-1], kinks, errors[-1])
-    together = isinstance(method, Tableau) and method.rows is Rows.FULL
-    blocks = 0 if method.explicit else 1 if together else method.stages
+    one_block = isinstance(method, Tableau) and method.rows is Rows.FULL
+    blocks = 0 if method.explicit else 1 if one_block else method.stages
     registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
     return MethodPaths(
         tuple(builder.paths), stages, result_path, c, embedded=embedded_path, final_stage=final,

@@ -30,7 +30,7 @@ class Inputs:
     """The inputs of an integration: samples of one or of several rates."""
 
     curves: tuple[Samples, ...]
-    together: bool  # whether functions get a tuple of values, as the user passed a tuple
+    in_tuple: bool  # whether functions get a tuple of values, as the user passed a tuple
 
     @property
     def members(self) -> int | None:
@@ -57,7 +57,7 @@ class Inputs:
     def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
         """Return sums over times of derivatives by all inputs, shape (times, width), by values."""
         sums = tuple(curve.by_values(t, rows) for curve, rows in self._by_curve(by_inputs))
-        return sums if self.together else sums[0]
+        return sums if self.in_tuple else sums[0]
 
     def shifted(self, amounts: Array) -> Inputs:
         """Return the inputs with amounts added to them at all times, shape (width,)."""
@@ -131,10 +131,10 @@ class Inputs:
     def check_like(self, before: Inputs) -> None:
         """Raise ValueError unless functions get values of the same shapes as before."""
         pair = before, self
-        layouts = [(x.together, [(c.members, c.shape) for c in x.curves]) for x in pair]
+        layouts = [(x.in_tuple, [(c.members, c.shape) for c in x.curves]) for x in pair]
         if layouts[0] != layouts[1]:
             old, new = (
-                str(x.curves) if x.together else f"{x.curves[0]}, not in a tuple" for x in pair
+                str(x.curves) if x.in_tuple else f"{x.curves[0]}, not in a tuple" for x in pair
             )
             raise ValueError(f"inputs must be like {old}, got {new}")
 
@@ -184,7 +184,7 @@ class Reader:
     def at_times(self) -> Callable[[float], Any]:
         """Return the inputs of one member as a function that takes little time."""
         first, *others = [curve.reader(self._member) for curve in self.inputs.curves]
-        if self.inputs.together:
+        if self.inputs.in_tuple:
             return lambda t: (first(t), *[read(t) for read in others])
         return first
 
@@ -195,7 +195,7 @@ class Reader:
         members = np.atleast_1d(self._member)
         members = np.repeat(members, len(t) // len(members))  # times of one follow each other
         values = tuple(curve.at(t, members) for curve in self.inputs.curves)
-        return values if self.inputs.together else values[0]
+        return values if self.inputs.in_tuple else values[0]
 
     def __getitem__(self, which: Any) -> Reader:
         return Reader(self.inputs, self._member[which])
@@ -221,7 +221,7 @@ class DataReader(Reader):
             values = self._data[first:stop].reshape(curve.shape)
             reads.append(values.copy if curve.shape else values.item)
             first = stop
-        if self.inputs.together:
+        if self.inputs.in_tuple:
             return lambda t: tuple([read() for read in reads])
         return lambda t: reads[0]()
 
@@ -316,12 +316,12 @@ def check_inputs(
     """
     if inputs is None:
         return None
-    together = isinstance(inputs, tuple)
-    curves: Sequence[Any] = inputs if together else (inputs,)
+    in_tuple = isinstance(inputs, tuple)
+    curves: Sequence[Any] = inputs if in_tuple else (inputs,)
     if not curves:
         raise ValueError("inputs must hold at least one of cg.Samples, got none")
     for k, curve in enumerate(curves):
-        which = f"inputs[{k}]" if together else "inputs"
+        which = f"inputs[{k}]" if in_tuple else "inputs"
         if not isinstance(curve, Samples):
             raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
         curve.check_span(start, stop, name)
@@ -335,4 +335,4 @@ def check_inputs(
                 f"method must evaluate f within the step with inputs, got {table!r}, whose "
                 f"abscissae lie between {low:g} and {high:g}"
             )
-    return Inputs(tuple(curves), together)
+    return Inputs(tuple(curves), in_tuple)

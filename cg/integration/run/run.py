@@ -136,7 +136,7 @@ class Run:
         factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
         if plan.step_table.kind is Kind.COLLOCATION:
             return stages - 1 + factors
-        blocks = plan.step_table.blocks
+        blocks = plan.step_table.record.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
     def _open(self) -> None:
