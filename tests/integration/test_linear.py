@@ -140,6 +140,7 @@ def test_objects_of_qutip_are_named():
     ({"vectorized": 1}, TypeError, "vectorized"),
     ({"method": "CFM5"}, ValueError, "CFM5"),
     ({"f": lambda t: [1.0]}, ValueError, r"^f must return an array of shape \(3,\), got shape"),
+    ({"f": lambda t: np.eye(3)}, ValueError, r"got shape \(3, 3\) at t = 0; vee of SO3\(\) makes"),
     ({"f": lambda t: [1j, 0, 0]}, ValueError, "^f must return 3 real numbers"),
     (
         {"f": lambda t: Qobj()},

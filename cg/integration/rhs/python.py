@@ -92,6 +92,8 @@ class Check:
         may = not self.of_time and frame.rhs_dim == frame.dim
         other = may and frame.rhs_shape != frame.point_shape
         self.hint = '; rhs="derivative" takes derivatives of y' if other else ""
+        if self.of_time and hasattr(frame, "vee"):
+            self.hint = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
