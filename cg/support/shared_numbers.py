@@ -266,6 +266,7 @@ ERROR_ESTIMATE: dict[str, float | int] = {
     "resolved_first": 2e-3,
     "resolved_second": 0.1,
     "roundings": 64.0,  # of differences between nodes
+    "max_angle": 20.0,  # radians in a step, up to which estimates were compared with errors
 }
 """Numbers of ``fortran/steps/error_estimate.f90``, which solvers in JAX use too."""
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
-from cg.support.shared_numbers import StepKind
+from cg.support.shared_numbers import ERROR_ESTIMATE, StepKind
 from cg.support.shared_records import METHOD, fields_of
 
-MAX_ANGLE = 20.0
-"""Longest step whose error estimate is believed, in radians: more than three turns."""
+MAX_ANGLE = ERROR_ESTIMATE["max_angle"]
+"""Longest step whose error estimate is believed, in radians."""
 
 _INTEGERS = {"origin", "path_first", "flow_first", "flow_stage", "stage_path"}
 

@@ -35,15 +35,13 @@ module error_estimate_m
   use frames_m, only: turning
   use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
   use newton_m, only: filtered
-  use shared_numbers, only: resolved_first, resolved_second, roundings, unit_of_change
+  use shared_numbers, only: max_angle, resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
   private
   public :: estimate_error
 
-  ! Angle of a step, in radians, up to which estimates have been compared with errors
-  real(wp), parameter :: max_angle = 20.0_wp
   ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
   ! chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
