@@ -16,7 +16,7 @@ from .record import Result
 HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs"
 
-NAMES = ("rivals", "calls", "estimates", "kinks", "search")
+NAMES = ("rivals", "calls", "directions", "estimates", "kinks", "search")
 """All benchmarks in the order of the page, each a module with ``run(quick)``."""
 
 
