@@ -4,13 +4,13 @@ from . import jax as jax  # not in __all__: `from cg import *` would import JAX
 from .construction.catalogue import load, methods, save
 from .construction.diagnosis import Diagnosis, diagnose
 from .construction.formats import export
-from .construction.layouts import MethodError
 from .construction.lifting import Lifted, LiftError, lift
 from .construction.methods.commutator_free import CommutatorFree, MuntheKaas
 from .construction.methods.magnus import MagnusMethod
 from .construction.methods.method import Method
 from .construction.methods.splitting import Splitting
 from .construction.methods.tableau import Tableau, TableauError
+from .construction.points import MethodError
 from .construction.proofs import Certificate, CertificationError, certify
 from .construction.proofs.digits import digits
 from .construction.search.construct import construct

@@ -11,8 +11,8 @@ from click.shell_completion import CompletionItem
 
 from cg.command.main import message_of
 from cg.construction.catalogue import is_file, load, methods, similar_names
-from cg.construction.layouts import MethodError
 from cg.construction.methods.method import Method
+from cg.construction.points import MethodError
 from cg.support.parsing import visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])

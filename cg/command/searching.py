@@ -16,9 +16,10 @@ from cg.command.arguments import F, MethodArgument, as_json, check_output, json_
 from cg.command.main import NO
 from cg.construction.catalogue import dumps, load, save
 from cg.construction.formats import export
-from cg.construction.layouts import Layout, MethodError, Rows
+from cg.construction.layouts import Layout, Rows
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.method import Method
+from cg.construction.points import MethodError
 from cg.construction.search.construct import construct
 from cg.construction.search.random_search import SearchResult, search
 from cg.construction.search.requirements import OBJECTIVES

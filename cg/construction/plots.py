@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.catalogue import resolve_method
-from cg.construction.layouts import START, PointTree, points_of
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.estimate import stability_function, too_large
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
+from cg.construction.points import START, PointTree, points_of
 from cg.construction.trees import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
 from cg.support.checks import check_instance, check_integer

@@ -15,7 +15,7 @@ from itertools import permutations, product
 from math import prod
 
 from cg.construction.conditions import condition_trees, right_sides
-from cg.construction.layouts import START, Point, PointTree
+from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree, forest
 from cg.support.checks import MAX_STAGES, check_integer
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 from math import factorial
 from typing import Any
 
-from cg.construction.layouts import START, PointTree
+from cg.construction.points import START, PointTree
 from cg.construction.trees import forest
 
 

@@ -10,8 +10,8 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.construction.catalogue import Catalogue, dumps, load, loads, methods, save
-from cg.construction.layouts import MethodError
 from cg.construction.methods.tableau import Tableau, TableauError
+from cg.construction.points import MethodError
 
 # order, stages, exponentials
 KNOWN = {

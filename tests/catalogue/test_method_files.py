@@ -12,7 +12,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import dumps, dumps_json, loads, resolve_method, save
 from cg.construction.diagnosis import diagnose_file
-from cg.construction.layouts import MethodError
+from cg.construction.points import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
 from cg.support.parsing import read_json

@@ -14,7 +14,8 @@ from strategies import tableaux
 import cg
 from cg import _core_r128, conditions
 from cg.construction.conditions import condition_trees
-from cg.construction.layouts import START, Layout, Point, PointTree, Rows, rows_of
+from cg.construction.layouts import Layout, Rows, rows_of
+from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree, forest, fortran_tables, main
 from cg.support.quads import decode, encode
 

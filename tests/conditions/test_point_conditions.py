@@ -24,7 +24,8 @@ from cg.construction.conditions.exact import (
     condition_words,
     conditions_of,
 )
-from cg.construction.layouts import Layout, MethodError, Point, PointTree, tree_of_rows
+from cg.construction.layouts import Layout
+from cg.construction.points import MethodError, Point, PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import doubles
 from cg.construction.trees import forest
 from research.impossibility.weights import exact_weights

@@ -7,7 +7,8 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.construction.layouts import Layout, MethodError, check_tree
+from cg.construction.layouts import Layout
+from cg.construction.points import MethodError, check_tree
 from cg.construction.search.candidate import Candidate, Reduction, solved
 from cg.construction.search.shapes import draw_layout
 from cg.construction.search.start import draw_start, run_start

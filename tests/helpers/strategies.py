@@ -4,7 +4,8 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from cg.construction.layouts import START, Layout, Point, PointTree, Rows
+from cg.construction.layouts import Layout, Rows
+from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree
 
 trees = st.recursive(

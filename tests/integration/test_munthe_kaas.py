@@ -14,9 +14,9 @@ from refusals import refuses
 import cg
 from cg import frames as fr
 from cg.construction.catalogue import dumps, loads
-from cg.construction.layouts import MethodError
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.low_storage import from_two_registers
+from cg.construction.points import MethodError
 from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere
 from cg.integration.plan.plan import dexpinv_of, is_compiled
 

@@ -139,7 +139,8 @@ def test_the_derivative_of_the_point_is_recognised(frame, batch):
 def test_derivatives_are_not_named_where_they_are_refused(options):
     options = {"frame": SO3()} | options
     start = options["frame"].random_point(np.random.default_rng(1))
-    hint = r"; vee of SO3\(\) makes those of a matrix of its Lie algebra" if "linear" in options else ""
+    vee = r"; vee of SO3\(\) makes those of a matrix of its Lie algebra"
+    hint = vee if "linear" in options else ""
     refuses(
         ValueError, rf"^f must return .*, got shape \(9,\) at t = 0{hint}\nat t = 0; f is given",
         cg.solve_ivp, lambda *given: np.zeros(9), (0, 1), start, **options,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from other_paths import as_they_are
 
 import cg
-from cg.construction.layouts import START, Point
+from cg.construction.points import START, Point
 from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 
 FRAMES = [SO3(), UnitQuaternion(), Sphere(2), Product(SO3(), Euclidean(2)), Stiefel(3, 2)]

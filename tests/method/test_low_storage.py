@@ -12,9 +12,9 @@ from refusals import refuses
 
 from cg import MethodError
 from cg.construction.catalogue import methods
-from cg.construction.layouts import Point
 from cg.construction.methods.low_storage import from_two_registers, two_registers
 from cg.construction.methods.paths import paths_of
+from cg.construction.points import Point
 from cg.integration import integrate
 from cg.support.quads import to_decimal
 

@@ -11,8 +11,8 @@ from refusals import refuses
 import cg
 from cg.construction.conditions import linear_equations as ny
 from cg.construction.conditions.linear_equations import linear_residuals, words
-from cg.construction.layouts import MethodError
 from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.points import MethodError
 
 # order, kicks, drifts
 KNOWN = {

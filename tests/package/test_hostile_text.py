@@ -10,7 +10,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import dumps, load, loads, save
 from cg.construction.conditions.exact import Condition
-from cg.construction.layouts import MethodError
+from cg.construction.points import MethodError
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check
 from cg.problems import HeavyTop
 from cg.support.parsing import read_fraction

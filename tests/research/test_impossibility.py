@@ -11,7 +11,7 @@ from refusals import refuses
 
 import cg
 from cg.construction.conditions import condition_trees, residuals
-from cg.construction.layouts import Point, PointTree
+from cg.construction.points import Point, PointTree
 from cg.construction.trees import OrderedTree, catalan, forest
 from research import impossibility as im
 from research.impossibility.__main__ import main

@@ -23,9 +23,9 @@ from os import PathLike
 from typing import Any
 
 from cg.construction.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
-from cg.construction.layouts import MethodError
 from cg.construction.methods.magnus import LOBATTO, MagnusMethod, lobatto
 from cg.construction.methods.method import Method
+from cg.construction.points import MethodError
 from cg.support import checks
 
 __all__ = [

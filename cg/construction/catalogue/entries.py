@@ -11,13 +11,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cg.construction.layouts import MethodError
 from cg.construction.methods.coefficients import Coefficient, read_row
 from cg.construction.methods.commutator_free import CommutatorFree, MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
+from cg.construction.points import MethodError
 from cg.support.parsing import (
     check_keys,
     quoted,

@@ -1,7 +1,7 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
-Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg/construction/layouts.py`): the
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg/construction/points.py`): the
 flow to point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the
 elementary weight at the result. The elementary weights at a point are a character χ on words of
 trees, where the leftmost child belongs to the first flow::
@@ -34,16 +34,8 @@ from cg.construction.conditions.counts import (
     table_rows,
 )
 from cg.construction.conditions.exact import equations, exact_tree, result_tree, tree_residuals
-from cg.construction.layouts import (
-    Layout,
-    PointTree,
-    Rows,
-    check_length,
-    check_not_sums,
-    check_rows,
-    rows_of,
-    unknowns,
-)
+from cg.construction.layouts import Layout, Rows, check_length, check_rows, rows_of, unknowns
+from cg.construction.points import PointTree, check_not_sums
 from cg.support.arrays import check_finite, real_array
 from cg.support.checks import check_flag
 

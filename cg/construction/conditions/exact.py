@@ -26,15 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cg.construction.conditions.counts import check_order, condition_trees
-from cg.construction.layouts import (
-    START,
-    Layout,
-    PointTree,
-    Rows,
-    check_not_sums,
-    points_of,
-    tree_of_rows,
-)
+from cg.construction.layouts import Layout, Rows
+from cg.construction.points import START, PointTree, check_not_sums, points_of, tree_of_rows
 from cg.construction.trees import MAX_NODES, OrderedTree, forest
 from cg.support import flint
 from cg.support.checks import check_flag, check_integer

@@ -17,9 +17,9 @@ from importlib.resources import files
 from itertools import accumulate
 
 from cg.construction.formats.digits import Numbers
-from cg.construction.layouts import PointTree, tree_of_rows
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.paths import PathBuilder
+from cg.construction.points import PointTree, tree_of_rows
 from cg.support.parsing import visible
 
 _WIDTH = 96

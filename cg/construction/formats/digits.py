@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from cg.construction.layouts import MethodError
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.method import Method
+from cg.construction.points import MethodError
 from cg.support.checks import check_instance, check_integer
 from cg.support.parsing import visible
 from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal

@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from cg.construction.conditions import condition_trees
-from cg.construction.layouts import START, Layout
+from cg.construction.layouts import Layout
+from cg.construction.points import START
 from cg.construction.search.shapes import draw_layout
 from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import ConditionSystem

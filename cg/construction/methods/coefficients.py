@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.construction.layouts import MethodError
+from cg.construction.points import MethodError
 from cg.support.checks import check_integer
 
 MIN_ROUNDED_PLACES = 8

@@ -14,14 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cg.construction.layouts import (
-    Layout,
-    MethodError,
-    Point,
-    PointTree,
-    check_tree,
-    tree_of_rows,
-)
+from cg.construction.layouts import Layout
 from cg.construction.methods.coefficients import (
     Coefficient,
     read_coefficient,
@@ -33,6 +26,7 @@ from cg.construction.methods.coefficients import (
 from cg.construction.methods.flat import flat_order, flat_residuals
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
+from cg.construction.points import MethodError, Point, PointTree, check_tree, tree_of_rows
 from cg.support import quads
 from cg.support.checks import check_flag, check_integer
 

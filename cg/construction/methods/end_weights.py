@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions.exact import Quantity, Weights, condition_words
-from cg.construction.layouts import Layout, PointTree
+from cg.construction.layouts import Layout
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.flat import stage_weights
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
+from cg.construction.points import PointTree
 from cg.construction.trees import forest
 from cg.support.caches import cached
 

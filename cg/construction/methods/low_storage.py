@@ -19,11 +19,11 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
-from cg.construction.layouts import MethodError
 from cg.construction.methods.coefficients import MIN_ROUNDED_PLACES, Coefficient, read_row
 from cg.construction.methods.commutator_free import CommutatorFree
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.construction.points import MethodError
 from cg.support.checks import check_instance
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]

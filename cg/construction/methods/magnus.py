@@ -19,13 +19,7 @@ from cg.construction.conditions.linear_equations import (
     linear_residuals,
     linear_sensitivities,
 )
-from cg.construction.layouts import (
-    START,
-    Layout,
-    MethodError,
-    Point,
-    PointTree,
-)
+from cg.construction.layouts import Layout
 from cg.construction.methods.coefficients import (
     Coefficient,
     read_coefficient,
@@ -37,6 +31,7 @@ from cg.construction.methods.coefficients import (
 )
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
+from cg.construction.points import START, MethodError, Point, PointTree
 
 LOBATTO = "Lobatto's formula"
 """Name of the method of `lobatto`, which isn't listed."""

@@ -15,16 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction import conditions
-from cg.construction.layouts import (
-    FlatSums,
-    Layout,
-    MethodError,
-    Point,
-    PointTree,
-    check_length,
-)
+from cg.construction.layouts import Layout, check_length
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tolerance import satisfies, to_floats, tolerance
+from cg.construction.points import FlatSums, MethodError, Point, PointTree
 from cg.support.checks import check_flag, check_integer
 from cg.support.parsing import visible
 from cg.tables import MethodTable, stored_table

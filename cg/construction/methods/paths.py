@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.conditions import Rows
-from cg.construction.layouts import START, PointTree
 from cg.construction.methods.coefficients import values_of
 from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.end_weights import end_weights, kink_weights
@@ -37,6 +36,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
+from cg.construction.points import START, PointTree
 from cg.support.arrays import Array
 from cg.support.caches import cached
 

@@ -11,16 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import (
-    Layout,
-    MethodError,
-    PointTree,
-    Rows,
-    rows_of,
-    tree_of_rows,
-)
+from cg.construction.layouts import Layout, Rows, rows_of
 from cg.construction.methods.coefficients import Coefficient, read_row, read_sequence, read_texts
 from cg.construction.methods.method import ExactTableau, Method, frozen
+from cg.construction.points import MethodError, PointTree, tree_of_rows
 
 Entries = tuple[tuple[Coefficient, ...], ...]
 

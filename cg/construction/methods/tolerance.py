@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction import conditions
-from cg.construction.layouts import Layout, PointTree
+from cg.construction.layouts import Layout
 from cg.construction.methods.coefficients import Coefficient
+from cg.construction.points import PointTree
 from cg.support.quads import have_flint
 
 Vector = NDArray[np.float64]

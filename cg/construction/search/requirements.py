@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.layouts import Layout, MethodError
+from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
 from cg.construction.methods.tolerance import to_floats
+from cg.construction.points import MethodError
 from cg.construction.search.candidate import Candidate, NotExactError, to_method
 from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.settings import refuse

@@ -11,7 +11,8 @@ import numpy as np
 
 from cg.construction.conditions import Rows, check_rows
 from cg.construction.conditions.counts import check_order
-from cg.construction.layouts import START, Layout
+from cg.construction.layouts import Layout
+from cg.construction.points import START
 from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns
 from cg.construction.solvers.held import Hold, read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import START, Layout, MethodError, PointTree, Rows, check_tree
+from cg.construction.layouts import Layout, Rows
 from cg.construction.methods.commutator_free import as_index
+from cg.construction.points import START, MethodError, PointTree, check_tree
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.layouts import START, Layout
+from cg.construction.layouts import Layout
 from cg.construction.methods.coefficients import Coefficient
+from cg.construction.points import START
 from cg.support import quads
 
 Hold = tuple[tuple[str, str], ...]

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions import condition_trees, core_calls, count
 from cg.construction.conditions.counts import check_order
-from cg.construction.layouts import Layout, Rows, check_tree
+from cg.construction.layouts import Layout, Rows
+from cg.construction.points import check_tree
 from cg.construction.solvers.held import Held, Hold, RegisterWeights
 from cg.construction.trees import OrderedTree, forest
 from cg.support import quads

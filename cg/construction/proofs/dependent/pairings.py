@@ -44,7 +44,8 @@ from cg.construction.conditions.exact import (
     shuffle,
     words_with,
 )
-from cg.construction.layouts import START, Layout
+from cg.construction.layouts import Layout
+from cg.construction.points import START
 from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.quads import to_flint
