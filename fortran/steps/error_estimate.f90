@@ -31,10 +31,10 @@
 ! else e2, unless they are small compared with their variation.
 module error_estimate_m
   use kinds, only: wp
+  use collocation_m, only: filtered
   use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
   use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
-  use newton_m, only: filtered
   use shared_numbers, only: max_angle, resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
@@ -203,7 +203,7 @@ contains
     integer, intent(in) :: i
 
     call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
-    if (x%method%kind == collocation_kind) call filtered(x%newton, x%u)
+    if (x%method%kind == collocation_kind) call filtered(x)
     call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
 

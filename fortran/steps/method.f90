@@ -4,7 +4,6 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use newton_m, only: transformation_t
   use shared_numbers, only: algebra_kind, collocation_kind, implicit_kind, linear_kind, &
        method_record_t, polynomial_kind, registers_kind, splitting_kind
   implicit none
@@ -14,6 +13,15 @@ module method_m
   ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
   public :: algebra_kind, collocation_kind, implicit_kind, linear_kind, polynomial_kind, &
             registers_kind, splitting_kind
+
+  ! Numbers of collocation_m, in the order in which Python has them
+  type :: transformation_t
+    sequence
+    real(wp) :: inverse(3, 3)                ! A^-1
+    real(wp) :: t(3, 3), t_inverse(3, 3)
+    real(wp) :: integral(3, 3)     ! (power, stage) of the integrals of Lagrange's polynomials
+    real(wp) :: gamma, mu(2)                 ! mu: real and imaginary part
+  end type transformation_t
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind
