@@ -39,7 +39,7 @@ contains
     field%data_address = data_address
     field%data_stride = data_stride
     if (curves > 0) then
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs%table, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs, [7, curves])
     end if
     flag = 0
     do done = 0, members - 1

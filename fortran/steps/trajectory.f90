@@ -5,7 +5,6 @@ module trajectory_m
   use coordinates_m, only: tolerances_t
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use heat_bath_m, only: bath_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
@@ -14,7 +13,7 @@ module trajectory_m
   use phases_m
   use inputs_m, only: grid_t, vector_field_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: counters_t, paused, proposed_for_point
+  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
@@ -41,7 +40,7 @@ module trajectory_m
     ! points at output times within the step, of a method along polynomials
     type(inner_points_t), pointer :: inner => null()
     type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
-    type(bath_t) :: bath                     ! for a splitting method
+    type(record_t), pointer :: record => null()        ! of the run, with the heat bath
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
   end type problem_t
