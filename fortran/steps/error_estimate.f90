@@ -209,38 +209,30 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp) :: t(2 * size(c)), values(size(v), 2 * size(c)), sizes(size(v)), largest
-    integer :: j, k, s
+    real(wp), allocatable :: t(:), values(:, :)        ! (nodes of both), (dimension, nodes of both)
+    real(wp) :: sizes(size(v)), largest
+    integer, allocatable :: kept(:)
+    integer :: j, k
 
-    s = size(c)
-    t = [(c - 1) * ratio, c]
-    values(:, :s) = f_before(:, :s)
-    values(:, s + 1:) = f(:, :s)
+    ! the end of the step before is the start of this one
+    kept = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
+    t = [(c(kept) - 1) * ratio, c]
+    allocate (values(size(v), size(t)))
+    values(:, :size(kept)) = f_before(:, kept)
+    values(:, size(kept) + 1:) = f(:, :size(c))
     v = 0.0_wp
     sizes = 0.0_wp
     largest = 0.0_wp
-    do k = 1, 2 * s
-      if (.not. counts(k)) cycle
-      associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
+    do k = 1, size(t)
+      associate (weight => 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))]))
         v = v + weight * values(:, k)
         sizes = sizes + abs(weight * values(:, k))
       end associate
     end do
-    do k = s + 1, 2 * s - 1
-      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t, &
-                                         mask=[(counts(j), j=1, 2 * s)])))
+    do k = size(kept) + 1, size(t) - 1
+      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t)))
     end do
     v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
-
-  contains
-
-    ! Whether a node counts: the end of the step before is the start of this one.
-    pure logical function counts(j)
-      integer, intent(in) :: j
-
-      counts = j > s .or. t(j) /= c(1)
-    end function counts
-
   end subroutine node_difference
 
   ! The norm of the difference of the result from another one, without a part that is known
