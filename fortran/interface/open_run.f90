@@ -1,7 +1,8 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_intptr_t, &
+                                         c_null_funptr, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use events_m, only: observer_t
   use coordinates_m, only: tolerances_t
@@ -11,7 +12,6 @@ module open_run_m
   use run_m, only: plan_t, run_t
   use shared_numbers
   use trajectory_m, only: reserve_trajectory
-  use inputs_m, only: field_at
   implicit none
   private
   public :: open_run, set_inputs, set_output
@@ -55,7 +55,7 @@ contains
       if (record%context /= 0) run%frame%callback => run%python
       run%frame%dropped => run%record%dropped
       run%frame%dropped_at => run%record%dropped_at
-      field%rhs => field_at(record%function)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), field%rhs)
       field%data_address = record%data
       field%data_stride = record%data_stride
       call set_inputs(run)
@@ -189,7 +189,7 @@ contains
       observer%functions%stride = int(stride, c_intptr_t)
       observer%functions%inputs => run%field%inputs
     else
-      observer%field%rhs => field_at(function)
+      call c_f_procpointer(transfer(function, c_null_funptr), observer%field%rhs)
       observer%field%data_address = data
       observer%field%data_stride = int(stride, c_intptr_t)
     end if

@@ -8,8 +8,8 @@
 ! costs one difference of f, along itself. The functions are in C; for
 ! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
 module variational_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
-                                         c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
+                                         c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use coordinates_m, only: sizes
   use derivatives_m, only: coefficients_of
@@ -18,7 +18,7 @@ module variational_m
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, products_failed, &
                             raised, raised_in_python, variation_t
-  use inputs_m, only: field_at, rhs_i
+  use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
   implicit none
   private
@@ -282,7 +282,7 @@ contains
     data = transfer(merge(own_data, self%record%data, own_data /= 0), data)
     if (own_data == 0 .and. self%record%parameters + self%record%inputs > 0) data = self%parameters
     point = y
-    rhs => field_at(address)
+    call c_f_procpointer(transfer(address, c_null_funptr), rhs)
     self%code = rhs(self%t, point, values, data)
   end subroutine call_function
 

@@ -4,15 +4,15 @@
 ! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
 ! equal steps are those of a grid, whose last step may be shorter.
 module inputs_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_funptr, c_int, &
-       c_int64_t, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
+       c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_field, call_python_member, evaluate, field_at, grid_t, longest_step, &
-            make_grid, rhs_i, vector_field_t, write_inputs
+  public :: call_python_field, evaluate, grid_t, longest_step, make_grid, rhs_i, &
+            vector_field_t, write_inputs
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
@@ -31,8 +31,7 @@ module inputs_m
     end function rhs_i
   end interface
 
-  ! in python_field.c: functions of Python, whose data are the user data or a member's
-  procedure(rhs_i), bind(c) :: call_python_field, call_python_member
+  procedure(rhs_i), bind(c) :: call_python_field       ! in python_field.c: functions of Python
 
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
@@ -145,16 +144,6 @@ contains
       i = next
     end do
   end function longest_step
-
-  ! The function at an address
-  function field_at(address) result(rhs)
-    integer(c_intptr_t), intent(in) :: address
-    procedure(rhs_i), pointer :: rhs
-    type(c_funptr) :: pointer
-
-    pointer = transfer(address, pointer)
-    call c_f_procpointer(pointer, rhs)
-  end function field_at
 
   ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
   ! array descriptors take as long as a short loop.
