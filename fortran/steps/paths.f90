@@ -32,7 +32,7 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use method_m, only: algebra_kind, collocation_kind, polynomial_kind, registers_kind, &
-       splitting_kind, middle_path
+       splitting_kind
   use phases_m
   use requests_m, only: reject_stage, request
   use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
@@ -52,8 +52,10 @@ contains
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
     real(wp) :: kicked                                 ! part before the middle
+    integer :: middle                                  ! path in whose flow that of the step is
 
-    if (x%problem%record%heated == 0 .or. path /= middle_path(x%method)) then
+    middle = size(x%method%origin) - size(x%method%c) / 2
+    if (x%problem%record%heated == 0 .or. path /= middle) then
       call move_part(x, path, 1.0_wp, 1.0_wp, y)
       return
     end if
@@ -271,8 +273,7 @@ contains
         path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
         call follow_paths(x, path)
         if (x%status /= finished) return
-        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
-                     x%method%goes_on(path))
+        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
       end if
     end associate
   end subroutine request_explicit
