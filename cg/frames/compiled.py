@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
-from cg.support.shared_numbers import BlockKind, BlockOption
+from cg.support.shared_numbers import BlockKind, BlockOption, Operation
 
 _WITHOUT_COORDINATES = BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION, BlockKind.STIEFEL
 
@@ -61,8 +61,14 @@ def constants_of(blocks: Blocks) -> Array:
     return np.concatenate([*[np.ravel(x) for block in blocks for x in block[3:]], [0.0]])
 
 
-def _flat(array: Points) -> Array:
-    return np.ascontiguousarray(array).reshape(-1).view(np.float64)
+def _apply(
+    operation: Operation, blocks: Blocks, option: int, a: Points, b: Points, c: Points, count: int
+) -> None:
+    """Apply an operation to vectors of some trajectories in compiled code, which writes into c."""
+    import cg._core_r64 as core
+
+    rows = (np.ascontiguousarray(x).reshape(count, -1).view(np.float64).T for x in (a, b, c))
+    core.frame_apply(operation, describe_blocks(blocks), constants_of(blocks), option, *rows)
 
 
 def move(block: Block, v: Array, y: Points) -> Points:
@@ -70,34 +76,27 @@ def move(block: Block, v: Array, y: Points) -> Points:
 
     Coefficients and points have the same leading axes. Rounding off the manifold is removed.
     """
-    import cg._core_r64 as core
-
-    moved = np.array(y, order="C")
+    moved = np.empty_like(y, order="C", subok=False)
     if moved.size:
-        description = describe_blocks((block,))
-        core.frame_move(description, constants_of((block,)), 1, _flat(v), True, _flat(moved))
+        _apply(Operation.FLOW, (block,), 1, v, y, moved, v.size // v.shape[-1])
     return moved
 
 
 def coordinates_between(block: Block, dim: int, rank: int, y0: Points, y1: Points) -> Array:
     """Return the coefficients of flows between points of ``rank`` axes; leading axes broadcast."""
-    import cg._core_r64 as core
-
     if y0.shape != y1.shape:
         y0, y1 = np.broadcast_arrays(y0, y1)
     v = np.empty((*y0.shape[: y0.ndim - rank], dim))
     if v.size:
-        core.frame_difference(describe_blocks((block,)), _flat(y0), _flat(y1), _flat(v))
+        _apply(Operation.COORDINATES, (block,), 0, y0, y1, v, v.size // dim)
     return v
 
 
 def dexpinv(blocks: Blocks, u: Array, v: Array, order: int = 1) -> Array:
     """Return `Frame.dexpinv`; the order matters where it has no closed form."""
-    import cg._core_r64 as core
-
     if u.shape != v.shape:
         u, v = np.broadcast_arrays(u, v)
-    result = np.array(v, order="C")
+    result = np.empty(v.shape)
     if result.size:
-        core.frame_dexpinv(describe_blocks(blocks), order, _flat(u), _flat(result))
+        _apply(Operation.DEXPINV, blocks, order, u, v, result, v.size // v.shape[-1])
     return result

@@ -112,13 +112,12 @@ METHOD = {
     "flows": "integer",
     "terms": "integer",
     "stages": "integer",
-    # C integers from 1
+    # doubles, at first integers from 1
     "origin": "address",  # (paths) the path to the start of each, 0 for the start of the step
     "path_first": "address",  # (paths + 1) the first flow of each
     "flow_first": "address",  # (flows + 1) the first term of each
     "flow_stage": "address",  # (terms)
     "stage_path": "address",  # (stages) the path to each, 0 for the start
-    # doubles
     "weight": "address",  # (terms)
     "c": "address",  # (stages)
     "registers": "address",  # A and B of a method of two registers

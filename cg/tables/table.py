@@ -196,15 +196,18 @@ class MethodTable:
 
     @cached_property
     def record(self) -> MethodRecord:
-        """The record in compiled code, whose arrays this object keeps alive."""
-        addresses = {name: array.ctypes.data for name, array in self.arrays.items()}
+        """The record in compiled code, which keeps its arrays alive."""
+        arrays = {name: np.asarray(array, np.float64) for name, array in self.arrays.items()}
+        addresses = {name: array.ctypes.data for name, array in arrays.items()}
         numbers = {name: x for name, x in self.numbers.items() if name in METHOD}
         kind = StepKind[self.kind.name]
         if "registers" in self.arrays:
             kind = StepKind.REGISTERS
         if self.is_polynomial:
             kind = StepKind.POLYNOMIAL
-        return MethodRecord(kind=kind, kept_nodes=self.kept_nodes, **numbers, **addresses)
+        record = MethodRecord(kind=kind, kept_nodes=self.kept_nodes, **numbers, **addresses)
+        record.arrays = arrays
+        return record
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as data for JSON."""

@@ -5,7 +5,7 @@
 ! Motion with joints: the forces that keep them closed, and points and momenta without what opens
 ! them.
 module free_motion_m
-  use blocks_m, only: body_t, find_velocities, flow_sequence_t
+  use blocks_m, only: body_t, find_velocities
   use frames_m, only: apply_flows, frame_t
   use gyroscopic_m, only: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
   use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints, &
@@ -18,8 +18,8 @@ module free_motion_m
   implicit none
   private
   public :: add_constraint_forces, add_free_motion, close_joints, constraints_at, drift, &
-            is_closed, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
-            remove_opening, take_forces, without_opening
+            is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, take_forces, &
+            without_opening
 
 contains
 
@@ -103,28 +103,6 @@ contains
       end associate
     end do
   end subroutine add_free_motion
-
-  ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
-  ! bodies move freely for its time.
-  subroutine move_by_kicks(frame, flows, weight, times, begin, last, f, y)
-    type(frame_t), intent(in) :: frame
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last
-    real(wp), intent(in) :: weight(:)        ! (terms) in the flows, times the step
-    real(wp), intent(in) :: times(:)         ! (flows) of free motion
-    real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) forces
-    real(wp), intent(inout) :: y(frame%point_size)
-    integer :: j, k
-
-    associate (momentum => y(frame%before + 1:))       ! and tangents
-      do j = begin, last
-        do k = flows%first(j), flows%first(j + 1) - 1
-          momentum = momentum + weight(k) * f(frame%forces + 1:frame%dimension, flows%stage(k))
-        end do
-        if (times(j) /= 0) call drift(frame, times(j), y)
-      end do
-    end associate
-  end subroutine move_by_kicks
 
   ! Moves a point by impulses, which needn't be tangential, and free motion after each of them.
   subroutine move_by_impulses(frame, impulse, times, y)

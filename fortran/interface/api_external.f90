@@ -1,23 +1,37 @@
-! Interface for f2py of functions in C, of frames and their joints, of grids of times, and of the
-! minimum-norm solver. Each procedure converts its arguments and calls the core.
+! Interface for f2py of functions in C, of frames and their joints, of grids of times, of the
+! minimum-norm solver, and of lmdif on a function in Python. Each procedure converts its arguments
+! and calls the core.
 module api_external_m
-  use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_funloc, c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_funloc, c_intptr_t, &
+                                         c_null_funptr, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use algebra_m, only: dexpinv
+  use callback_m, only: callback_t
   use conditions_m, only: order_conditions_t
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   use free_motion_m, only: add_constraint_forces, close_joints
-  use inputs_m, only: call_python_field, call_python_member, evaluate, field_at, grid_t, &
-       make_grid, vector_field_t
+  use inputs_m, only: call_python_field, evaluate, grid_t, make_grid, vector_field_t
   use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
+  use linalg_m, only: least_squares_t
   use linear_action_m, only: products
   use minimum_norm_m, only: minimise_norm
   use run_m, only: plan_at, plan_t
+  use shared_numbers, only: coordinates_operation, flow_operation, residual_operation, &
+                            stopped_by_user
   use variational_m, only: variational_field
-  use vectors_m, only: nan, set_addresses
+  use vectors_m, only: dgemm, dgetrf, dgetrs, dpotrf, dpotrs, dsyevd, dsyrk, nan, zgemm, zgetrf, &
+                       zgetrs
   implicit none
+  private :: python_function_t, residual
+
+  type, extends(least_squares_t) :: python_function_t
+    type(callback_t) :: python
+  contains
+    procedure :: residual
+  end type python_function_t
 
 contains
 
@@ -35,11 +49,11 @@ contains
     integer, intent(out) :: flag                       ! what the function returned then
     type(vector_field_t) :: field
 
-    field%rhs => field_at(function_address)
+    call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
     field%data_address = data_address
     field%data_stride = data_stride
     if (curves > 0) then
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs%table, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs, [7, curves])
     end if
     flag = 0
     do done = 0, members - 1
@@ -49,72 +63,46 @@ contains
     end do
   end subroutine call_field
 
-  ! The addresses of functions of the type rhs_i: those that call a function of Python, and the
+  ! The addresses of functions of the type rhs_i: that which calls a function of Python, and the
   ! right-hand side of a solution with its derivatives
-  subroutine function_addresses(python_field, python_member, variational) bind(c)
-    integer(c_intptr_t), intent(out) :: python_field, python_member, variational
+  subroutine function_addresses(python_field, variational) bind(c)
+    integer(c_intptr_t), intent(out) :: python_field, variational
 
     python_field = transfer(c_funloc(call_python_field), python_field)
-    python_member = transfer(c_funloc(call_python_member), python_member)
     variational = transfer(c_funloc(variational_field), variational)
   end subroutine function_addresses
 
-  ! The coefficients of the flows from points x to points y
-  subroutine frame_difference(blocks, description, points, x, y, fields, v) bind(c)
+  ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves points
+  ! b along the time-1 flows of fields a, the first one first; finds the coefficients of the flow from
+  ! point a to point b; or the derivatives of coordinates a that go with coefficients b, NaN where
+  ! there are none.
+  subroutine frame_apply(operation, blocks, description, numbers, constants, option, count, na, a, &
+                         nb, b, nc, c) bind(c)
     !f2py threadsafe
-    integer, intent(in) :: blocks, points, fields, description(3, blocks)
-    real(wp), intent(in) :: x(points), y(points)   ! (point_size, trajectories)
-    real(wp), intent(inout) :: v(fields)           ! (dimension, trajectories)
-    type(frame_t) :: frame
-    integer :: i
-
-    call make_frame(description, [real(wp) ::], frame)
-    associate (n => frame%point_size, m => frame%dimension)
-      do i = 0, points / n - 1
-        call difference(frame, x(i * n + 1:(i + 1) * n), y(i * n + 1:(i + 1) * n), &
-                        v(i * m + 1:(i + 1) * m))
-      end do
-    end associate
-  end subroutine frame_difference
-
-  ! The derivatives of coordinates u that go with coefficients v, NaN where there are none
-  subroutine frame_dexpinv(blocks, description, order, fields, u, v) bind(c)
-    !f2py threadsafe
-    integer, intent(in) :: blocks, fields, description(3, blocks), order  ! order: of the method
-    real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
-    real(wp), intent(inout) :: v(fields)
+    integer, intent(in) :: operation, blocks, numbers, count, na, nb, nc, description(3, blocks)
+    real(wp), intent(in) :: constants(numbers), a(na, count), b(nb, count)
+    integer, intent(in) :: option    ! the order of the method; 0 leaves rounding off the manifold
+    real(wp), intent(inout) :: c(nc, count)
     type(frame_t) :: frame
     logical :: exists
     integer :: i
 
-    call make_frame(description, [real(wp) ::], frame)
-    associate (m => frame%dimension)
-      do i = 0, fields / m - 1
-        call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
-        if (.not. exists) v(i * m + 1:(i + 1) * m) = nan
-      end do
-    end associate
-  end subroutine frame_dexpinv
-
-  ! Points moved along the time-1 flows of as many fields each, the first one first
-  subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
-                        points, y) bind(c)
-    !f2py threadsafe
-    integer, intent(in) :: blocks, numbers, flows, fields, points, description(3, blocks)
-    real(wp), intent(in) :: constants(numbers), v(fields)  ! v: (dimension, flows, trajectories)
-    logical(c_bool), intent(in) :: restoring           ! whether to remove rounding off the manifold
-    real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
-    type(frame_t) :: frame
-    integer :: i
-
     call make_frame(description, constants, frame)
-    associate (n => frame%point_size)
-      do i = 0, points / n - 1
-        call apply_flows(frame, flows, v(i * flows * frame%dimension + 1), y(i * n + 1))
-        if (restoring) call restore(frame, y(i * n + 1:(i + 1) * n))
-      end do
-    end associate
-  end subroutine frame_move
+    do i = 1, count
+      if (operation == coordinates_operation) then
+        call difference(frame, a(:, i), b(:, i), c(:, i))
+        cycle
+      end if
+      c(:, i) = b(:, i)
+      if (operation == flow_operation) then
+        call apply_flows(frame, na / frame%dimension, a(1, i), c(1, i))
+        if (option > 0) call restore(frame, c(:, i))
+      else
+        call dexpinv(frame, option, a(:, i), c(:, i), exists)
+        if (.not. exists) c(:, i) = nan
+      end if
+    end do
+  end subroutine frame_apply
 
   ! Counts the products by flows of LinearAction so far.
   subroutine linear_products(count) bind(c)
@@ -200,11 +188,20 @@ contains
     end associate
   end subroutine joints_forces
 
-  ! Sets the addresses of LAPACK.
+  ! Sets the addresses of the routines of BLAS and LAPACK.
   subroutine set_lapack(addresses) bind(c)
     integer(c_intptr_t), intent(in) :: addresses(10)
 
-    call set_addresses(addresses)
+    call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
+    call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
+    call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
+    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgetrf)
+    call c_f_procpointer(transfer(addresses(5), c_null_funptr), zgetrf)
+    call c_f_procpointer(transfer(addresses(6), c_null_funptr), dgetrs)
+    call c_f_procpointer(transfer(addresses(7), c_null_funptr), zgetrs)
+    call c_f_procpointer(transfer(addresses(8), c_null_funptr), dgemm)
+    call c_f_procpointer(transfer(addresses(9), c_null_funptr), zgemm)
+    call c_f_procpointer(transfer(addresses(10), c_null_funptr), dsyevd)
   end subroutine set_lapack
 
   ! Fits order conditions, see minimise_norm. The caller has set the addresses of LAPACK.
@@ -229,5 +226,41 @@ contains
     call minimise_norm(conditions, x, m, moving, ftol, damping, max_iterations, f, evaluations, &
                        status)
   end subroutine fit_minimum_norm
+
+  ! Evaluates a function in Python that lmdif minimises.
+  subroutine residual(self, x, f, flag)
+    class(python_function_t), intent(inout) :: self
+    real(wp), intent(in) :: x(:)   ! (n)
+    real(wp), intent(out) :: f(:)  ! (m)
+    integer, intent(inout) :: flag
+    logical :: failed
+
+    call self%python%apply(residual_operation, x, x(:0), f, failed)
+    if (failed) flag = stopped_by_user
+  end subroutine residual
+
+  ! MINPACK's lmdif on a function in Python. It is never `threadsafe`, since the function needs the
+  ! interpreter's lock.
+  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, mode, &
+                             factor, x, fvec, info, nfev, fjac, ipvt, qtf) bind(c)
+    integer(c_intptr_t), intent(in) :: context     ! the function
+    integer, intent(in) :: n, m, maxfev, mode
+    real(wp), intent(in) :: x0(n), diag(n), ftol, xtol, gtol, epsfcn, factor
+    real(wp), intent(out) :: x(n), fvec(m), fjac(m, n), qtf(n)
+    integer, intent(out) :: info, nfev, ipvt(n)
+    type(python_function_t) :: problem
+    type(lmdif_t) :: solver
+
+    problem%python%context = transfer(context, c_null_ptr)
+    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
+                     factor=factor, diag=diag)
+    x = x0
+    call lmdif(problem, x, fvec, solver)
+    info = solver%info
+    nfev = solver%nfev
+    fjac = solver%fjac
+    ipvt = solver%ipvt
+    qtf = solver%qtf
+  end subroutine lmdif_of_python
 
 end module api_external_m

@@ -1,18 +1,17 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_intptr_t, &
+                                         c_null_funptr, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use events_m, only: observer_t
   use coordinates_m, only: tolerances_t
   use free_motion_m, only: make_bodies
-  use heat_bath_m, only: bath_t
   use kinds, only: wp
   use method_m, only: reals
   use run_m, only: plan_t, run_t
   use shared_numbers
   use trajectory_m, only: reserve_trajectory
-  use inputs_m, only: field_at
   implicit none
   private
   public :: open_run, set_inputs, set_output
@@ -56,7 +55,7 @@ contains
       if (record%context /= 0) run%frame%callback => run%python
       run%frame%dropped => run%record%dropped
       run%frame%dropped_at => run%record%dropped_at
-      field%rhs => field_at(record%function)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), field%rhs)
       field%data_address = record%data
       field%data_stride = record%data_stride
       call set_inputs(run)
@@ -68,8 +67,7 @@ contains
       problem%common = record%common /= 0
       problem%goes_on = record%goes_on /= 0
       problem%of_time = record%of_time /= 0
-      problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
-                            record%first_member, record%h)
+      problem%record => run%record
       problem%unique_flows = record%unique_flows /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%jacobian_is_matrix = record%jacobian /= sparse_jacobian
@@ -137,9 +135,9 @@ contains
     run%problem%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
                                  [2_int64, run%record%limited])
     if (run%record%curves == 0) return
-    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
+    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs, &
                      [7, int(run%record%curves)])
-    run%events%inputs = run%field%inputs
+    run%events%inputs => run%field%inputs
   end subroutine set_inputs
 
   ! Sets the inertia of each member.
@@ -189,9 +187,9 @@ contains
       call c_f_pointer(transfer(table_address, c_null_ptr), observer%functions%table, [functions])
       observer%functions%member_data = data
       observer%functions%stride = int(stride, c_intptr_t)
-      observer%functions%inputs = run%field%inputs
+      observer%functions%inputs => run%field%inputs
     else
-      observer%field%rhs => field_at(function)
+      call c_f_procpointer(transfer(function, c_null_funptr), observer%field%rhs)
       observer%field%data_address = data
       observer%field%data_stride = int(stride, c_intptr_t)
     end if

@@ -1,6 +1,6 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
- * The user data is a tuple, whose entries are listed below.  In the list SPARE are the arrays that
+ * The user data is a pointer to a tuple, whose entries are listed below.  In the list SPARE are the arrays that
  * f was given last, or None.  If nobody else has kept one, the next numbers go into it, except
  * without a global lock, where another thread may be about to take it.
  */
@@ -195,7 +195,7 @@ static int copy_plain(PyObject *value, PyObject *context, double *f)
 
 int call_python_field(double t, const double *y, double *f, void *user_data)
 {
-    PyObject *context = user_data;
+    PyObject *context = *(PyObject **)user_data;
     int code = RAISED_IN_PYTHON;
     PyGILState_STATE lock = PyGILState_Ensure();
     if (PyErr_Occurred()) { /* another function has raised it */
@@ -228,12 +228,6 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     Py_XDECREF(time);
     PyGILState_Release(lock);
     return code;
-}
-
-/* The same, where the user data is the address of a member's own tuple. */
-int call_python_member(double t, const double *y, double *f, void *user_data)
-{
-    return call_python_field(t, y, f, *(void **)user_data);
 }
 
 static PyObject *vector(int count, const double *x)

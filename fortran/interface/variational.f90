@@ -8,8 +8,8 @@
 ! costs one difference of f, along itself. The functions are in C; for
 ! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
 module variational_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
-                                         c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
+                                         c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use coordinates_m, only: sizes
   use derivatives_m, only: coefficients_of
@@ -18,7 +18,7 @@ module variational_m
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, products_failed, &
                             raised, raised_in_python, variation_t
-  use inputs_m, only: field_at, rhs_i
+  use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
   implicit none
   private
@@ -70,7 +70,7 @@ contains
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp) :: changes(columns, n)                    ! differences along directions, in Python
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
-    logical :: along
+    logical :: along, given(2)                         ! given: whether df/dy and df/dp are
 
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
@@ -79,30 +79,24 @@ contains
       record%failed_function = f_failed
       if (self%code /= 0 .or. .not. finite(n, f)) return
       along = record%directions > 0
+      given = [record%jac /= 0, record%df_dp /= 0]
       a = 0.0_wp
       d = 0.0_wp
-      if (record%jac /= 0) then
-        call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
-      else if (.not. along) then
-        call difference_along_fields(self, y, f, a)
-      end if
+      if (given(1)) call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
+      if (given(2) .and. self%code == 0) &
+        call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
+      if (.not. along .and. self%code == 0) call add_differences(self, given, y, f, a, d)
       if (self%code /= 0) return
       call add_brackets(record, n, f, a)
       slope = matmul(x, a)
-      if (record%df_dp /= 0) then
-        call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
-      else if (k > 0 .and. .not. along) then
-        call difference_by_parameters(self, y, f, d)
-      end if
       if (along) then
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
-        if (record%df_dp /= 0) slope = slope + matmul(transpose(p), d)
-        if (self%code /= 0) return
+        if (given(2)) slope = slope + matmul(transpose(p), d)
         if (record%along /= 0) then
           call call_checked(self, record%along, record%along_data, [y, x], f_failed, changes)
           slope = slope + changes
         else
-          call add_differences(self, record%jac == 0, record%df_dp == 0 .and. k > 0, y, x, p, slope)
+          call add_along_directions(self, given, y, f, x, p, slope)
         end if
       else
         slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
@@ -116,63 +110,105 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Adds central differences of f along each direction: along the fields and by parameters at once,
-  ! unless one part is so much smaller than the other that it would be lost.
-  subroutine add_differences(self, along_fields, along_parameters, y, x, p, slope)
+  ! Adds the difference of f(i) along field j to a(j, i), and by parameter j to d(j, i), of those that
+  ! aren't given.
+  subroutine add_differences(self, given, y, f, a, d)
     type(evaluation_t), intent(inout) :: self
-    logical, intent(in) :: along_fields, along_parameters
-    real(wp), contiguous, intent(in) :: y(:), x(:, :), p(:, :)
-    real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
-    real(wp) :: lengths(2), widths(size(slope, 2)), scales(size(p, 1))
-    real(wp), pointer, contiguous :: parameters(:), least(:)
+    logical, intent(in) :: given(2)
+    real(wp), contiguous, intent(in) :: y(:), f(:)
+    real(wp), intent(inout) :: a(:, :), d(:, :)
+    real(wp) :: lengths(size(f) + size(d, 1)), unit(size(lengths))
     integer :: j
 
-    call c_f_pointer(self%parameters, parameters, [size(p, 1)])
-    call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [size(p, 1)])
-    if (along_fields) then                           ! the frame is a compiled one
-      call sizes(self%plan%frame, y, widths)
-      widths = max(widths, 1.0_wp)
-    end if
-    scales = max(abs(parameters), least)
-    scales = merge(scales, 1.0_wp, scales > sqrt(tiny(1.0_wp)))
-    do j = 1, size(slope, 1)
-      lengths = 0.0_wp
-      if (along_fields) lengths(1) = maxval(abs(x(j, :)) / widths)
-      if (along_parameters) lengths(2) = maxval(abs(p(:, j)) / scales)
-      if (minval(lengths) * 1000 > maxval(lengths)) then
-        call add(maxval(lengths), 1.0_wp, 1.0_wp)
-      else
-        call add(lengths(1), 1.0_wp, 0.0_wp)
-        call add(lengths(2), 0.0_wp, 1.0_wp)
-      end if
-      if (self%code /= 0) return
-    end do
+    lengths = self%record%step * sizes_of(self, given, y, size(f), size(d, 1))
+    unit = 0.0_wp
+    associate (n => size(f), forces => self%plan%frame%forces)
+      do j = merge(n + 1, 1, given(1)), merge(n, size(unit), given(2))
+        if (self%record%kicks /= 0 .and. j > forces .and. j <= n) cycle
+        unit(j) = 1.0_wp
+        if (j <= n) call add_difference(self, y, f, lengths(j), unit(:n), unit(:0), a(j, :))
+        if (j > n) call add_difference(self, y, f, lengths(j), unit(:0), unit(n + 1:), d(j - n, :))
+        if (self%code /= 0) return
+        unit(j) = 0.0_wp
+      end do
+    end associate
+  end subroutine add_differences
 
-  contains
+  ! Adds differences of f along each direction: along the fields and by parameters at once, unless one
+  ! part is so much smaller than the other that it would be lost.
+  subroutine add_along_directions(self, given, y, f, x, p, slope)
+    type(evaluation_t), intent(inout) :: self
+    logical, intent(in) :: given(2)
+    real(wp), contiguous, intent(in) :: y(:), f(:), x(:, :), p(:, :)
+    real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
+    real(wp) :: lengths(2), whole(size(f) + size(p, 1))
+    integer :: j
 
-    ! Adds the difference along direction j, of which parts count.
-    subroutine add(length, by_fields, by_parameters)
-      real(wp), intent(in) :: length, by_fields, by_parameters
-      real(wp) :: point(size(y)), values(size(slope, 2), 2), before(size(p, 1)), step
-      integer :: side
-
-      if (.not. length > 0 .or. self%code /= 0) return
-      step = self%record%step / length
-      before = parameters
-      do side = 1, 2
-        step = merge(step, -step, side == 1)
-        point = y
-        if (by_fields > 0) call apply_flows(self%plan%frame, 1, step * x(j, :), point)
-        if (by_parameters > 0) parameters = before + step * p(:, j)
-        values(:, side) = nan
-        call call_f(self, point, values(:, side))
-        parameters = before
+    whole = sizes_of(self, given, y, size(f), size(p, 1))
+    associate (step => self%record%step, n => size(f))
+      do j = 1, size(slope, 1)
+        lengths = [maxval(abs(x(j, :)) / whole(:n)), maxval([0.0_wp, abs(p(:, j)) / whole(n + 1:)])]
+        where (given) lengths = 0.0_wp
+        if (minval(lengths) * 1000 > maxval(lengths)) then
+          call add_difference(self, y, f, step / maxval(lengths), x(j, :), p(:, j), slope(j, :))
+        else
+          if (lengths(1) > 0) &
+            call add_difference(self, y, f, step / lengths(1), x(j, :), p(:0, j), slope(j, :))
+          if (lengths(2) > 0 .and. self%code == 0) &
+            call add_difference(self, y, f, step / lengths(2), x(j, :0), p(:, j), slope(j, :))
+        end if
         if (self%code /= 0) return
       end do
-      slope(j, :) = slope(j, :) - (values(:, 1) - values(:, 2)) / (2 * step)
-    end subroutine add
+    end associate
+  end subroutine add_along_directions
 
-  end subroutine add_differences
+  ! The sizes of coordinates and of parameters for differences
+  function sizes_of(self, given, y, n, k) result(whole)
+    type(evaluation_t), intent(in) :: self
+    logical, intent(in) :: given(2)          ! of which those of coordinates are only known if not
+    real(wp), contiguous, intent(in) :: y(:)
+    integer, intent(in) :: n, k
+    real(wp) :: whole(n + k)
+    real(wp), pointer, contiguous :: parameters(:), least(:)
+
+    whole(:n) = 1.0_wp
+    if (.not. given(1)) call sizes(self%plan%frame, y, whole(:n))
+    whole(:n) = max(whole(:n), 1.0_wp)
+    call c_f_pointer(self%parameters, parameters, [k])
+    call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [k])
+    whole(n + 1:) = max(abs(parameters), least)
+    where (.not. whole > sqrt(tiny(1.0_wp))) whole = 1.0_wp
+  end function sizes_of
+
+  ! Adds the difference of f along v and by a change of parameters, of which one may be left out: a
+  ! central one, or from f at the point. Parameters are changed in place, since functions of Python
+  ! hold a view of them.
+  subroutine add_difference(self, y, f, step, v, change, row)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), contiguous, intent(in) :: y(:), f(:), v(:), change(:)
+    real(wp), intent(in) :: step
+    real(wp), intent(inout) :: row(:)                  ! (dimension)
+    real(wp), pointer, contiguous :: parameters(:)
+    real(wp) :: point(size(y)), before(size(change)), ahead
+    real(wp) :: values(size(f), 2)                     ! ahead and behind
+    integer :: side, sides
+
+    call c_f_pointer(self%parameters, parameters, [size(change)])
+    before = parameters
+    sides = merge(1, 2, self%record%one_sided /= 0)
+    values(:, 2) = f
+    do side = 1, sides
+      ahead = merge(step, -step, side == 1)
+      point = y
+      if (size(v) > 0) call apply_flows(self%plan%frame, 1, ahead * v, point)
+      parameters = before + ahead * change
+      values(:, side) = nan
+      call call_f(self, point, values(:, side))
+      parameters = before
+      if (self%code /= 0) return
+    end do
+    row = row + (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
+  end subroutine add_difference
 
   ! Adds C A^T + Q, where c(:, i) is row i of C.
   subroutine add_noise(self, y, a, c, slope)
@@ -246,69 +282,9 @@ contains
     data = transfer(merge(own_data, self%record%data, own_data /= 0), data)
     if (own_data == 0 .and. self%record%parameters + self%record%inputs > 0) data = self%parameters
     point = y
-    rhs => field_at(address)
+    call c_f_procpointer(transfer(address, c_null_funptr), rhs)
     self%code = rhs(self%t, point, values, data)
   end subroutine call_function
-
-  ! a(j, i) becomes the difference of f(i) along field j.
-  subroutine difference_along_fields(self, y, f, a)
-    type(evaluation_t), intent(inout) :: self
-    real(wp), contiguous, intent(in) :: y(:), f(:)
-    real(wp), intent(out) :: a(:, :)
-    real(wp), dimension(size(f)) :: step, v
-    real(wp) :: point(size(y)), values(size(f), 2)     ! values: ahead and behind
-    integer :: j, side, sides
-
-    a = 0.0_wp
-    associate (record => self%record, frame => self%plan%frame)
-      call sizes(frame, y, step)
-      step = record%step * max(step, 1.0_wp)
-      sides = merge(1, 2, record%one_sided /= 0)
-      values(:, 2) = f
-      do j = 1, merge(frame%forces, size(f), record%kicks /= 0)
-        v = 0.0_wp
-        do side = 1, sides
-          v(j) = merge(step(j), -step(j), side == 1)
-          point = y
-          call apply_flows(frame, 1, v, point)
-          values(:, side) = nan
-          call call_f(self, point, values(:, side))
-          if (self%code /= 0) return
-        end do
-        a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
-      end do
-    end associate
-  end subroutine difference_along_fields
-
-  ! d(j, i) becomes the difference of f(i) by parameter j. Parameters are changed in
-  ! place, since functions of Python hold a view of them.
-  subroutine difference_by_parameters(self, y, f, d)
-    type(evaluation_t), intent(inout) :: self
-    real(wp), intent(in) :: y(:), f(:)
-    real(wp), intent(out) :: d(:, :)
-    real(wp), pointer, contiguous :: parameters(:), scales(:)
-    real(wp) :: step, before, values(size(f), 2)       ! values: ahead and behind
-    integer :: j, side, sides
-
-    d = 0.0_wp
-    call c_f_pointer(self%parameters, parameters, [size(d, 1)])
-    call c_f_pointer(transfer(self%record%scales, c_null_ptr), scales, [size(d, 1)])
-    sides = merge(1, 2, self%record%one_sided /= 0)
-    values(:, 2) = f
-    do j = 1, size(d, 1)
-      before = parameters(j)
-      step = max(abs(before), scales(j))
-      step = self%record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
-      do side = 1, sides
-        parameters(j) = before + merge(step, -step, side == 1)
-        values(:, side) = nan
-        call call_f(self, y, values(:, side))
-        parameters(j) = before
-        if (self%code /= 0) return
-      end do
-      d(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
-    end do
-  end subroutine difference_by_parameters
 
   ! Adds the matrix of brackets with f.
   subroutine add_brackets(record, n, f, a)

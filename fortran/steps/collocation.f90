@@ -1,20 +1,30 @@
-! The stages of a collocation method on a Lie algebra, by the iteration of newton_m. The first stage
-! is the start of the step, which only the error estimate uses; all others are implicit.
+! Collocation methods of three stages on a Lie algebra. The first column of f is the start of the
+! step, which only the error estimate uses; all stages are implicit, and solved by simplified Newton
+! iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section IV.8. The
+! coordinates z_i of the stages solve
+!
+!   h sum_j a_ij F_j = z_i,   F_j = dexp^-1_(z_j) f(t + c_j h, exp(z_j) y),
+!
+! or A^-1 z / h = F. With A^-1 = T diag(gamma, mu) T^-1, where the complex mu stands for a block of
+! two rows, and with the same Jacobian J for all stages the correction of z is T d, where
+!
+!   (gamma / h - J) d_1 = r_1,   (mu / h - J) (d_2 + i d_3) = r_2 + i r_3,
+!   r = T^-1 (F - A^-1 z / h).
 module collocation_m
   use kinds, only: wp
-  use algebra_m, only: dexpinv
+  use algebra_m, only: bracket, dexpinv
   use controller_m, only: max_iterations
   use coordinates_m, only: norm, scales, sizes, tangent
   use frames_m, only: apply_flows
-  use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: fail, trajectory_t
-  use vectors_m, only: copy
-  use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
+  use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
+  use shared_numbers, only: factor_operation, jacobian_operation, raised, solve_operation, &
+                            stages_not_solved, step_too_long
   implicit none
   private
-  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, &
+  public :: converges_fast, filtered, keep_step, refactor, request_collocation, store_collocation, &
             store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
@@ -32,21 +42,20 @@ contains
     logical :: singular
 
     if (x%newton%iteration == 0) then
-      x%newton%member = x%member
       x%f(:, 1) = x%slope
       if (.not. x%newton%has_jacobian) then
         call request_jacobian(x)
         return
       end if
       if (abs(x%h - x%newton%factored_h) > noise * abs(x%h)) then
-        call factor(x%newton, x%h, singular)
+        call factor(x, x%h, singular)
         x%counts%nlu = x%counts%nlu + 2
         if (singular) then
           call give_up(x)
           return
         end if
       end if
-      call predict(x%newton, x%method%series, x%method%c(2:), x%h)
+      call predict(x)
       ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with each
       ! step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
       x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
@@ -66,8 +75,7 @@ contains
     logical :: singular
 
     if (x%newton%factored_h == 0) return
-    x%newton%member = x%member
-    call factor(x%newton, x%newton%factored_h, singular)
+    call factor(x, x%newton%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
@@ -86,6 +94,115 @@ contains
     if (x%stage > size(x%method%c)) call correct_stages(x)
   end subroutine store_collocation
 
+  ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order
+  ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
+  subroutine predict(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: powers(3), back(size(x%u))
+    logical :: exists
+    integer :: d, i
+
+    associate (newton => x%newton, integral => x%method%transformation%integral)
+      newton%z = 0.0_wp
+      if (newton%last_h == 0) return
+      back = -newton%last_h * matmul(newton%last, sum(integral, dim=1))
+      do i = 1, 3
+        powers = [((1 + x%method%c(1 + i) * x%h / newton%last_h)**d - 1, d = 1, 3)]
+        newton%z(:, i) = newton%last_h * matmul(newton%last, matmul(powers, integral))
+        call dexpinv(x%frame, x%method%series, back, newton%z(:, i), exists)
+        if (.not. exists) newton%z(:, i) = 0.0_wp
+      end do
+    end associate
+  end subroutine predict
+
+  ! Factors both matrices for a step size. Those that aren't finite count as singular.
+  subroutine factor(x, h, singular)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: h
+    logical, intent(out) :: singular
+    real(wp) :: answer(1)
+    integer :: i, info
+
+    x%newton%factored_h = h
+    associate (newton => x%newton, n => size(x%newton%pivot), &
+               gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
+      if (.not. x%problem%jacobian_is_matrix) then
+        answer = 1.0_wp
+        call x%frame%callback%apply(factor_operation, [real(x%member - 1, wp), gamma, mu], &
+                                    [0.0_wp], answer)
+        singular = .not. answer(1) <= 0
+        return
+      end if
+      singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
+      if (singular) return
+      newton%lu = -newton%jacobian
+      newton%complex_lu = cmplx(-newton%jacobian, kind=wp)
+      do i = 1, n
+        newton%lu(i, i) = newton%lu(i, i) + gamma
+        newton%complex_lu(i, i) = newton%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
+      end do
+      call dgetrf(n, n, newton%lu, n, newton%pivot, info)
+      if (info == 0) call zgetrf(n, n, newton%complex_lu, n, newton%complex_pivot, info)
+    end associate
+    singular = info /= 0
+  end subroutine factor
+
+  ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
+  subroutine solve(x, columns, b)
+    type(trajectory_t), intent(in) :: x
+    integer, intent(in) :: columns
+    real(wp), intent(inout) :: b(size(x%u), columns)
+    complex(wp) :: solution(size(x%u))
+    real(wp) :: numbers(size(b))
+    integer :: info
+
+    associate (newton => x%newton, n => size(x%u))
+      if (.not. x%problem%jacobian_is_matrix) then
+        numbers = [b]
+        call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
+        b = reshape(numbers, shape(b))
+      else if (columns == 1) then
+        call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
+      else
+        solution = cmplx(b(:, 1), b(:, 2), wp)
+        call zgetrs('N', n, 1, newton%complex_lu, n, newton%complex_pivot, solution, n, info)
+        b(:, 1) = solution%re
+        b(:, 2) = solution%im
+      end if
+    end associate
+  end subroutine solve
+
+  ! A^-1 z / h, the derivatives at the stages
+  pure function slopes(x)
+    type(trajectory_t), intent(in) :: x
+    real(wp) :: slopes(size(x%u), 3)
+
+    slopes = matmul(x%newton%z, transpose(x%method%transformation%inverse / x%h))
+  end function slopes
+
+  ! Computes the correction of z from the derivatives that f gives at the stages.
+  subroutine find_correction(x, dz)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(out) :: dz(:, :)                  ! (dimension, stages)
+    real(wp) :: d(size(x%u), 3)
+
+    d = x%f(:, 2:) - slopes(x)
+    d = matmul(d, transpose(x%method%transformation%t_inverse))
+    call solve(x, 1, d(:, 1))
+    call solve(x, 2, d(:, 2:3))
+    dz = matmul(d, transpose(x%method%transformation%t))
+  end subroutine find_correction
+
+  ! Applies (1 - h J / gamma)^-1 to u, which damps fast components of error estimates.
+  subroutine filtered(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: v(size(x%u))
+
+    v = x%u * (x%method%transformation%gamma / x%newton%factored_h)
+    call solve(x, 1, v)
+    x%u = v
+  end subroutine filtered
+
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
@@ -94,7 +211,7 @@ contains
     logical :: slow, solved
 
     associate (newton => x%newton, rtol => x%tolerances%rtol)
-      call correction(newton, x%h, x%f(:, 2:), dz)
+      call find_correction(x, dz)
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       ! the limit of RADAU5 for the error of Newton's method, as part of a tolerance
       tolerance = rounding
@@ -116,7 +233,7 @@ contains
       newton%norm = size_of
       if (solved) then
         newton%z = newton%z + dz
-        call derivatives(newton, x%h, x%f(:, 2:))
+        x%f(:, 2:) = slopes(x)
         x%phase = phase_finish_step
       else if (slow .or. remaining == 0) then
         call give_up(x)
@@ -185,7 +302,7 @@ contains
       return
     end if
     x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
-    if (.not. x%newton%sparse) call add_brackets(x)
+    if (x%problem%jacobian_is_matrix) call add_brackets(x)
     call finish_jacobian(x)
   end subroutine request_jacobian
 
@@ -253,22 +370,17 @@ contains
     end associate
   end subroutine store_column
 
-  ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
+  ! Adds the derivative of dexp^-1_u f at u = 0, -[u, f] / 2.
   subroutine add_brackets(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), dimension(size(x%u)) :: ahead, behind
-    logical :: exists
+    real(wp) :: change(size(x%u))
     integer :: j
 
     do j = 1, size(x%u)
       x%u = 0.0_wp
-      x%u(j) = 1.0_wp
-      ahead = x%slope
-      behind = x%slope
-      call dexpinv(x%frame, x%method%series, x%u, ahead, exists)
-      x%u(j) = -1.0_wp
-      call dexpinv(x%frame, x%method%series, x%u, behind, exists)
-      x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
+      x%u(j) = -0.5_wp
+      call bracket(x%frame, x%u, x%slope, change)
+      x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + change
     end do
   end subroutine add_brackets
 

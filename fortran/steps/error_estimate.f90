@@ -31,10 +31,10 @@
 ! else e2, unless they are small compared with their variation.
 module error_estimate_m
   use kinds, only: wp
+  use collocation_m, only: filtered
   use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
   use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
-  use newton_m, only: filtered
   use shared_numbers, only: max_angle, resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
@@ -45,7 +45,6 @@ module error_estimate_m
   ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
   ! chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
-  real(wp), parameter :: resolved(2) = [resolved_first, resolved_second]
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
 
 contains
@@ -53,28 +52,40 @@ contains
   ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: quadrature(2)                ! e1 and e2, of the quadratures
+    real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
+    real(wp) :: parts(2), change
 
     call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
     x%path_of_u = 0
+    call find_differences(x, errors)
+    x%error = combined(x%method, errors(1, 1), errors(1, 2))
     if (x%method%in_parts) then
-      call estimate_parts(x, quadrature)
-    else
-      call estimate_whole(x, quadrature)
+      parts = [x%error, combined(x%method, errors(2, 1), errors(2, 2))]
+      x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
+      if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+    else if (x%method%estimates_at_end) then
+      if (errors(1, 3) > 0 .and. errors(1, 3) <= huge(errors)) &
+        errors(1, 2) = errors(1, 2) * (errors(1, 2) / hypot(errors(1, 2), errors(1, 3)))
+      x%error = max(errors(1, 1), x%method%factor * errors(1, 2))
     end if
     call limit_angle(x)
-    if (x%method%uses_last_nodes .and. x%h_before /= 0) then
+    if (.not. x%method%uses_last_nodes) return
+    if (x%h_before /= 0) then
       call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
       x%u = x%h * x%u
       call remove_isotropy(x%frame, x%y(:, x%result), x%u)
       x%error = max(x%error, norm_of_u(x))
-    else if (x%method%uses_last_nodes .and. x%counts%steps == 0) then
-      if (any(quadrature > resolved * variation(x))) &
-        x%error = max(x%error, merge(quadrature(1), quadrature(2), &
-                                     quadrature(1) > resolved(1) * variation(x)))
+    else if (x%counts%steps == 0) then
+      ! without parts the second one is no estimate of its own
+      change = variation(x)
+      if (errors(1, 1) > resolved_first * change) then
+        x%error = max(x%error, errors(1, 1))
+      else if (x%method%in_parts .and. errors(1, 2) > resolved_second * change) then
+        x%error = max(x%error, errors(1, 2))
+      end if
     end if
   end subroutine estimate_error
 
@@ -86,79 +97,49 @@ contains
     variation = 0.0_wp
     do k = 2, size(x%method%c)
       x%u = x%h * (x%f(:, k) - x%f(:, 1))
-      variation = max(variation, norm_of_u(x))
+      call raise(variation, norm_of_u(x))
     end do
   end function variation
 
-  ! Estimates the error by results and sums of stages.
-  subroutine estimate_whole(x, quadrature)
+  ! Finds the differences of results and the sums of stages. Each half of the sums belongs to one
+  ! difference, but sums at the end of the step belong to e2 and e3. Parts are sums of stages, and the
+  ! rest. With a third result the rest is that of the differences of results; where exponents of Magnus
+  ! methods are compared, it has sums of its own; on the algebra it is what dexp^-1 adds to
+  ! coefficients.
+  subroutine find_differences(x, errors)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(out) :: quadrature(2)
-    real(wp) :: errors(3), error
-    integer :: i, place
+    real(wp), intent(out) :: errors(:, :)    ! (part, difference)
+    real(wp) :: rest(size(x%u)), error
+    integer :: i, part, place
 
     errors = 0.0_wp
-    if (x%method%embedded > 0) errors(1) = distance(x, x%method%embedded)
-    do i = 1, size(x%method%error, 2)
-      call sum_of_stages(x, i)
-      ! sums at the end of the step belong to e2 and e3, else each half to one
-      place = merge(1, 2, i <= (size(x%method%error, 2) + 1) / 2)
-      if (x%method%estimates_at_end) place = 1 + i
-      error = norm_of_u(x)
-      if (x%method%kind == polynomial_kind) error = hypot(errors(place), error)
-      call raise(errors(place), error)
-    end do
-    quadrature = [errors(1), 0.0_wp]
-    x%error = combined(x%method, errors(1), errors(2))
-    if (x%method%estimates_at_end) then
-      if (errors(3) > 0 .and. errors(3) <= huge(errors)) &
-        errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
-      x%error = max(errors(1), x%method%factor * errors(2))
-    end if
-  end subroutine estimate_whole
-
-  ! Estimates the error by two differences, in parts: sums of stages, and the rest. With a third
-  ! result the rest is that of the differences of results; where exponents of Magnus methods are
-  ! compared, it has sums of its own; on the algebra it is what dexp^-1 adds to coefficients.
-  subroutine estimate_parts(x, quadrature)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(out) :: quadrature(2)
-    real(wp) :: errors(2, 2)    ! (part, difference)
-    real(wp) :: rest(size(x%u))
-    integer :: i, place
-
-    errors = 0.0_wp
-    associate (last => size(x%method%error, 2))
+    associate (method => x%method, last => size(x%method%error, 2))
+      if (method%embedded > 0 .and. .not. method%in_parts) &
+        errors(1, 1) = distance(x, method%embedded)
       do i = 1, last
-        if (x%method%third == 0 .and. x%method%kind == linear_kind) then
-          place = merge(1, 2, i <= 2)
-          call sum_of_stages(x, i)
-          call raise(errors(merge(1, 2, mod(i, 2) == 1), place), norm_of_u(x))
-          cycle
-        end if
-        place = merge(2, 1, i == last)
+        place = merge(1, 2, i <= (last + 1) / 2)
+        if (method%estimates_at_end) place = 1 + i
+        part = 1
+        if (method%in_parts .and. method%third == 0 .and. method%kind == linear_kind) &
+          part = 2 - mod(i, 2)
+        rest = 0.0_wp
         if (allocated(x%added)) then
-          call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%added, x%u)
+          call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
           call raise(errors(2, place), norm_of_u(x))
           rest = x%u
-          call sum_of_stages(x, i)
-          x%u = x%u - rest
-          call raise(errors(1, place), norm_of_u(x))
-        else
-          call sum_of_stages(x, i)
-          call raise(errors(1, place), norm_of_u(x))
-          if (i == 1) call raise(errors(2, place), distance(x, x%method%embedded, x%control%work))
-          if (i == last) call raise(errors(2, place), distance(x, x%method%third, x%control%work))
         end if
+        call sum_of_stages(x, i)
+        x%u = x%u - rest
+        error = norm_of_u(x)
+        if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
+        call raise(errors(part, place), error)
+        if (.not. method%in_parts .or. method%third == 0) cycle
+        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%control%work))
+        if (i == last) call raise(errors(2, place), distance(x, method%third, x%control%work))
       end do
-      quadrature = errors(1, :)
-      associate (parts => [(combined(x%method, errors(i, 1), errors(i, 2)), i=1, 2)])
-        x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
-      end associate
-      if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
     end associate
-  end subroutine estimate_parts
+  end subroutine find_differences
 
   ! Raises an error to another one, unless that is smaller; NaN counts as larger.
   pure subroutine raise(error, other)
@@ -203,7 +184,7 @@ contains
     integer, intent(in) :: i
 
     call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
-    if (x%method%kind == collocation_kind) call filtered(x%newton, x%u)
+    if (x%method%kind == collocation_kind) call filtered(x)
     call remove_isotropy(x%frame, x%y(:, x%result), x%u)
   end subroutine sum_of_stages
 
@@ -212,20 +193,12 @@ contains
   subroutine limit_angle(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
-    integer :: k
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
     excess = (abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle) &
              **(1 / x%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
-    x%path_of_u = 0
-    do k = 2, size(x%f, 2) - size(x%method%bracket, 3)
-      x%u = x%h * (x%f(:, k) - x%f(:, 1))
-      if (.not. norm_of_u(x) <= 1) then
-        x%error = excess
-        exit
-      end if
-    end do
+    if (.not. variation(x) <= 1) x%error = excess
   end subroutine limit_angle
 
   ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what
@@ -236,38 +209,30 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp) :: t(2 * size(c)), values(size(v), 2 * size(c)), sizes(size(v)), largest
-    integer :: j, k, s
+    real(wp), allocatable :: t(:), values(:, :)        ! (nodes of both), (dimension, nodes of both)
+    real(wp) :: sizes(size(v)), largest
+    integer, allocatable :: kept(:)
+    integer :: j, k
 
-    s = size(c)
-    t = [(c - 1) * ratio, c]
-    values(:, :s) = f_before(:, :s)
-    values(:, s + 1:) = f(:, :s)
+    ! the end of the step before is the start of this one
+    kept = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
+    t = [(c(kept) - 1) * ratio, c]
+    allocate (values(size(v), size(t)))
+    values(:, :size(kept)) = f_before(:, kept)
+    values(:, size(kept) + 1:) = f(:, :size(c))
     v = 0.0_wp
     sizes = 0.0_wp
     largest = 0.0_wp
-    do k = 1, 2 * s
-      if (.not. counts(k)) cycle
-      associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
+    do k = 1, size(t)
+      associate (weight => 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))]))
         v = v + weight * values(:, k)
         sizes = sizes + abs(weight * values(:, k))
       end associate
     end do
-    do k = s + 1, 2 * s - 1
-      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t, &
-                                         mask=[(counts(j), j=1, 2 * s)])))
+    do k = size(kept) + 1, size(t) - 1
+      largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t)))
     end do
     v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
-
-  contains
-
-    ! Whether a node counts: the end of the step before is the start of this one.
-    pure logical function counts(j)
-      integer, intent(in) :: j
-
-      counts = j > s .or. t(j) /= c(1)
-    end function counts
-
   end subroutine node_difference
 
   ! The norm of the difference of the result from another one, without a part that is known

@@ -2,10 +2,10 @@
 ! Python elsewhere; and those that are evaluated at output times, one in Python, or some in C, one
 ! number each.
 module events_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, &
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate, inputs_t, vector_field_t
+  use inputs_m, only: evaluate, vector_field_t, write_inputs
   use kinds, only: wp
   use shared_numbers, only: event_operation, event_record_t, jump_operation
   implicit none
@@ -19,7 +19,7 @@ module events_m
     type(callback_t) :: callback
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next
-    type(inputs_t) :: inputs                 ! written into the data of the members
+    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! see write_inputs
   contains
     procedure :: value => event_value
     procedure :: jump => event_jump
@@ -66,7 +66,7 @@ contains
         member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
         if (data == 0) data = member_data
         if (data == -1) data = 0             ! a null pointer
-        if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
+        if (associated(self%inputs)) call write_inputs(self%inputs, t, member, member_data)
         g = function(t, y, transfer(data, c_null_ptr))
         if (row%period > 0) g = g - row%period * anint(g / row%period)
       else

@@ -11,18 +11,10 @@ module heat_bath_m
   use, intrinsic :: iso_fortran_env, only: int64
   use frames_m, only: frame_t
   use free_motion_m, only: make_tangential
+  use shared_numbers, only: record_t
   implicit none
   private
-  public :: bath_t, exchange_heat
-
-  type :: bath_t
-    logical :: present = .false.
-    real(wp) :: friction = 0.0_wp            ! gamma, per time
-    real(wp) :: temperature = 0.0_wp         ! k_B T, an energy
-    integer(int64) :: seed = 0
-    integer(int64) :: first = 0              ! member of the ensemble that is the first of the run
-    real(wp) :: h = 1.0_wp                   ! the size of steps, which makes times integers
-  end type bath_t
+  public :: exchange_heat
 
   interface
     ! Four normal variates for a key and a counter
@@ -36,8 +28,8 @@ module heat_bath_m
 contains
 
   ! Lets the momenta of a point exchange heat for a time.
-  subroutine exchange_heat(bath, frame, member, t, time, y)
-    type(bath_t), intent(in) :: bath
+  subroutine exchange_heat(record, frame, member, t, time, y)
+    type(record_t), intent(in) :: record     ! of the run, with gamma and k_B T of the bath
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: member            ! its number in the run, from 1
     real(wp), intent(in) :: t                ! that of the step
@@ -49,13 +41,13 @@ contains
 
     ! The time in units of h / 2^20: times that differ by rounding are one, those of short steps
     ! differ. By the modulus it is an integer of 64 bits.
-    tick = nint(modulo(t / bath%h * 2.0_wp**20, 2.0_wp**62), int64)
+    tick = nint(modulo(t / record%h * 2.0_wp**20, 2.0_wp**62), int64)
     do k = 1, frame%forces, 4
-      call normal_variates([bath%seed, bath%first + int(member - 1, int64)], &
+      call normal_variates([record%seed, record%first_member + int(member - 1, int64)], &
                            [tick, int(k / 4, int64)], noise(k:k + 3))
     end do
-    kept = exp(-bath%friction * time)
-    deviation = sqrt(bath%temperature * (1 - kept) * (1 + kept))
+    kept = exp(-record%friction * time)
+    deviation = sqrt(record%temperature * (1 - kept) * (1 + kept))
     k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)

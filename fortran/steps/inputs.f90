@@ -4,30 +4,21 @@
 ! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
 ! equal steps are those of a grid, whose last step may be shorter.
 module inputs_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_funptr, c_int, &
-       c_int64_t, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
+       c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_field, call_python_member, evaluate, field_at, grid_t, inputs_t, &
-            longest_step, make_grid, rhs_i, vector_field_t
+  public :: call_python_field, evaluate, grid_t, longest_step, make_grid, rhs_i, &
+            vector_field_t, write_inputs
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
     real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
     integer(int64) :: steps = 0
   end type grid_t
-
-  type :: inputs_t
-    ! of each curve: powers, pieces, width, first place in the data of a member, addresses of the
-    ! starts of the pieces and of the coefficients (width, pieces, powers), and the bytes from the
-    ! coefficients of one member to those of the next
-    integer(c_int64_t), pointer, contiguous :: table(:, :) => null()   ! (7, curves)
-  contains
-    procedure :: write => write_inputs
-  end type inputs_t
 
   abstract interface
     function rhs_i(t, y, f, user_data) bind(c) result(code)
@@ -40,15 +31,14 @@ module inputs_m
     end function rhs_i
   end interface
 
-  ! in python_field.c: functions of Python, whose data are the user data or a member's
-  procedure(rhs_i), bind(c) :: call_python_field, call_python_member
+  procedure(rhs_i), bind(c) :: call_python_field       ! in python_field.c: functions of Python
 
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
     integer :: member = 1                    ! that the point belongs to
     integer(c_intptr_t) :: data_address = 0  ! 0 for none
     integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
-    type(inputs_t) :: inputs                 ! written into the data
+    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! see write_inputs
   end type vector_field_t
 
 contains
@@ -85,8 +75,11 @@ contains
   end function unit
 
   ! Writes the values at a time into the data of a member.
-  subroutine write_inputs(self, t, member, data)
-    class(inputs_t), intent(in) :: self
+  subroutine write_inputs(table, t, member, data)
+    ! (7, curves) of each curve: powers, pieces, width, first place in the data of a member, addresses
+    ! of the starts of the pieces and of the coefficients (width, pieces, powers), and the bytes from
+    ! the coefficients of one member to those of the next
+    integer(c_int64_t), intent(in) :: table(:, :)
     real(wp), intent(in) :: t
     integer, intent(in) :: member
     integer(c_intptr_t), intent(in) :: data  ! their address
@@ -96,10 +89,10 @@ contains
     integer :: i, k, piece
 
     before = int(member - 1, c_intptr_t)
-    do i = 1, size(self%table, 2)
-      associate (row => int(self%table(:4, i)), address => self%table(5:6, i))
+    do i = 1, size(table, 2)
+      associate (row => int(table(:4, i)), address => table(5:6, i))
         call c_f_pointer(transfer(address(1), c_null_ptr), starts, [row(2)])
-        call c_f_pointer(transfer(address(2) + before * self%table(7, i), c_null_ptr), &
+        call c_f_pointer(transfer(address(2) + before * table(7, i), c_null_ptr), &
                          coefficients, [row(3), row(2), row(1)])
         call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
         piece = last_before(starts, t)
@@ -152,16 +145,6 @@ contains
     end do
   end function longest_step
 
-  ! The function at an address
-  function field_at(address) result(rhs)
-    integer(c_intptr_t), intent(in) :: address
-    procedure(rhs_i), pointer :: rhs
-    type(c_funptr) :: pointer
-
-    pointer = transfer(address, pointer)
-    call c_f_procpointer(pointer, rhs)
-  end function field_at
-
   ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
   ! array descriptors take as long as a short loop.
   subroutine evaluate(self, n, m, t, y, f, flag)
@@ -174,7 +157,7 @@ contains
 
     f = nan
     data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
-    if (associated(self%inputs%table)) call self%inputs%write(t, self%member, data)
+    if (associated(self%inputs)) call write_inputs(self%inputs, t, self%member, data)
     flag = self%rhs(t, y, f, transfer(data, c_null_ptr))
   end subroutine evaluate
 

@@ -1,19 +1,27 @@
 ! A method as paths of flows from one point to another. The points are stages, results, and points
 ! from which more than one path starts.
 module method_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_int64_t, c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use newton_m, only: transformation_t
   use shared_numbers, only: algebra_kind, collocation_kind, implicit_kind, linear_kind, &
        method_record_t, polynomial_kind, registers_kind, splitting_kind
   implicit none
   private
-  public :: method_t, make_method, middle_path, reals
+  public :: method_t, make_method, reals
   ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
   ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
   public :: algebra_kind, collocation_kind, implicit_kind, linear_kind, polynomial_kind, &
             registers_kind, splitting_kind
+
+  ! Numbers of collocation_m, in the order in which Python has them
+  type :: transformation_t
+    sequence
+    real(wp) :: inverse(3, 3)                ! A^-1
+    real(wp) :: t(3, 3), t_inverse(3, 3)
+    real(wp) :: integral(3, 3)     ! (power, stage) of the integrals of Lagrange's polynomials
+    real(wp) :: gamma, mu(2)                 ! mu: real and imaginary part
+  end type transformation_t
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind
@@ -30,7 +38,6 @@ module method_m
     integer :: embedded = 0                  ! the path to the second one of a pair
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
-    logical, allocatable :: goes_on(:)       ! (0:paths) whether another path starts at its end
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
@@ -62,12 +69,12 @@ contains
     stages = int(record%stages)
     method%kind = int(record%kind)
     columns = record%stages + record%bracket_count
-    method%origin = integers(record%origin, record%paths)
-    method%path_first = integers(record%path_first, record%paths + 1)
-    method%flows%first = integers(record%flow_first, record%flows + 1)
-    method%flows%stage = integers(record%flow_stage, record%terms)
+    method%origin = int(reals(record%origin, record%paths))
+    method%path_first = int(reals(record%path_first, record%paths + 1))
+    method%flows%first = int(reals(record%flow_first, record%flows + 1))
+    method%flows%stage = int(reals(record%flow_stage, record%terms))
     method%flows%weight = reals(record%weight, record%terms)
-    method%stage_path = integers(record%stage_path, record%stages)
+    method%stage_path = int(reals(record%stage_path, record%stages))
     method%c = reals(record%c, record%stages)
     method%result = int(record%result)
     method%embedded = int(record%embedded)
@@ -94,32 +101,12 @@ contains
     method%uses_last_nodes = record%kept_nodes > 0
     method%in_parts = record%errors > 1 .and. &
                       (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
-    allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &
-              source=.false.)
-    method%goes_on([0, method%origin, method%result, method%embedded, method%third]) = .true.
+    allocate (method%leads(0:size(method%origin)), source=.false.)
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
   end subroutine make_method
-
-  ! The path in whose flow the middle of a step of a symmetric splitting method is
-  pure integer function middle_path(method)
-    type(method_t), intent(in) :: method
-
-    middle_path = size(method%origin) - size(method%c) / 2
-  end function middle_path
-
-  ! The integers at an address
-  function integers(address, count)
-    integer(c_intptr_t), intent(in) :: address
-    integer(c_int64_t), intent(in) :: count
-    integer(c_int), allocatable :: integers(:)
-    integer(c_int), pointer, contiguous :: array(:)
-
-    call c_f_pointer(transfer(address, c_null_ptr), array, [count])
-    integers = array
-  end function integers
 
   ! The real numbers at an address
   function reals(address, count)

@@ -26,13 +26,13 @@ module paths_m
   use algebra_m, only: bracket, dexpinv
   use blocks_m, only: combine_flows
   use frames_m, only: apply_flows, restore
-  use free_motion_m, only: constraints_at, drift, is_closed, move_by_kicks, remove_opening
+  use free_motion_m, only: constraints_at, drift, is_closed, remove_opening
   use heat_bath_m, only: exchange_heat
   use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use method_m, only: algebra_kind, collocation_kind, polynomial_kind, registers_kind, &
-       splitting_kind, middle_path
+       splitting_kind
   use phases_m
   use requests_m, only: reject_stage, request
   use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
@@ -44,38 +44,58 @@ module paths_m
 
 contains
 
-  ! Follows a path: a kick, then a drift, or at the end of a step none.
-  subroutine move_with_joints(x, path, y)
+  ! Follows a path of a splitting method: a kick, then a drift, or at the end of a step none. In the
+  ! middle of a step momenta exchange heat with a bath: in the middle of a drift, or of a kick if a
+  ! kick is there.
+  subroutine move_by_splitting(x, path, y)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: time
-    integer :: flow, k
+    real(wp) :: kicked                                 ! part before the middle
+    integer :: middle                                  ! path in whose flow that of the step is
 
-    flow = x%method%path_first(path)
-    time = x%h * x%method%drift(flow)
-    call find_constraints(x, y)
+    middle = size(x%method%origin) - size(x%method%c) / 2
+    if (x%problem%record%heated == 0 .or. path /= middle) then
+      call move_part(x, path, 1.0_wp, 1.0_wp, y)
+      return
+    end if
+    kicked = merge(1.0_wp, 0.5_wp, modulo(size(x%method%c), 2) == 0)
+    call move_part(x, path, kicked, kicked - 0.5_wp, y)
     if (x%status /= finished) return
-    associate (m => x%frame%forces, flows => x%method%flows)
-      associate (momenta => y(size(y) - m + 1:))
-        do k = flows%first(flow), flows%first(flow + 1) - 1
-          momenta = momenta + x%weight(k) * x%f(m + 1:2 * m, flows%stage(k))
-        end do
-        if (x%problem%bath%present .and. path == middle_path(x%method)) then
-          call drift_closed(x, time / 2, path, y)
-          if (x%status /= finished) return
-          call remove_opening(x%frame, x%joints%here, momenta)
-          call exchange_heat(x%problem%bath, x%frame, x%member, x%t, x%h, y)
-          call remove_opening(x%frame, x%joints%here, momenta)
-          call drift_closed(x, time / 2, path, y)
-        else if (time /= 0) then
+    associate (momenta => y(x%frame%before + 1:))
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+      call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+    end associate
+    call move_part(x, path, 1 - kicked, 1.5_wp - kicked, y)
+  end subroutine move_by_splitting
+
+  ! Moves a point by parts of the kick and of the drift of a path.
+  subroutine move_part(x, path, kicked, drifted, y)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: path
+    real(wp), intent(in) :: kicked, drifted            ! the parts
+    real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
+    integer :: k
+
+    if (x%frame%jointed) call find_constraints(x, y)
+    if (x%status /= finished) return
+    associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
+               momenta => y(x%frame%before + 1:))      ! and tangents
+      do k = flows%first(flow), flows%first(flow + 1) - 1
+        momenta = momenta + (kicked * x%weight(k)) * x%f(m + 1:, flows%stage(k))
+      end do
+      associate (time => drifted * (x%h * x%method%drift(flow)))
+        if (x%frame%jointed .and. time /= 0) then
           call drift_closed(x, time, path, y)
-        else
+        else if (x%frame%jointed) then
           call remove_opening(x%frame, x%joints%here, momenta)
+        else if (time /= 0) then
+          call drift(x%frame, time, y)
         end if
       end associate
     end associate
-  end subroutine move_with_joints
+  end subroutine move_part
 
   ! Finds the constraints at a point, unless they are known.
   subroutine find_constraints(x, y)
@@ -180,17 +200,9 @@ contains
         call combine_coordinates(x, i)
         call apply_flows(x%frame, 1, x%u, x%y(:, i))
       case (splitting_kind)
-        if (x%frame%jointed) then
-          call move_with_joints(x, i, x%y(:, i))
-          if (x%status /= finished) return
-          cycle
-        end if
-        if (x%problem%bath%present .and. i == middle_path(x%method)) then
-          call exchange_within(x, i)
-        else
-          call move_by_kicks(x%frame, x%method%flows, x%weight, x%h * x%method%drift, begin, &
-                             end - 1, x%f, x%y(:, i))
-        end if
+        call move_by_splitting(x, i, x%y(:, i))
+        if (x%status /= finished) return
+        if (x%frame%jointed) cycle           ! drifts with joints have counted and restored
       case (polynomial_kind)
         call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
         call move_polynomially(x%frame%blocks(1)%action, x%v(:, :end - begin), &
@@ -206,24 +218,6 @@ contains
     end do
     x%paths = max(x%paths, last)
   end subroutine follow_paths
-
-  ! Follows the path with the middle of a step of a splitting method, and exchanges heat in the middle
-  ! of its drift, or of its kick if a kick is in the middle of the step.
-  subroutine exchange_within(x, path)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: path
-    real(wp) :: kicked, moved                ! parts before the middle
-
-    associate (y => x%y(:, path))
-      kicked = merge(1.0_wp, 0.5_wp, modulo(size(x%method%c), 2) == 0)
-      moved = kicked - 0.5_wp
-      call move_by_kicks(x%frame, x%method%flows, kicked * x%weight, moved * x%h * x%method%drift, &
-                         path, path, x%f, y)
-      call exchange_heat(x%problem%bath, x%frame, x%member, x%t, x%h, y)
-      call move_by_kicks(x%frame, x%method%flows, (1 - kicked) * x%weight, &
-                         (1 - moved) * x%h * x%method%drift, path, path, x%f, y)
-    end associate
-  end subroutine exchange_within
 
   ! Computes the coordinates of the end of a path that has one flow.
   subroutine combine_coordinates(x, path)
@@ -279,8 +273,7 @@ contains
         path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
         call follow_paths(x, path)
         if (x%status /= finished) return
-        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
-                     x%method%goes_on(path))
+        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
       end if
     end associate
   end subroutine request_explicit

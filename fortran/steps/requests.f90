@@ -43,25 +43,20 @@ contains
   ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point itself,
   ! since loads from a copy that was just written would stall. x%request%y keeps the entries, which
   ! are restored if the field has overwritten them.
-  subroutine request(x, t, y, next, f, y_is_used)
+  subroutine request(x, t, y, next, f)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
     ! where a field's coefficients go, other answers go to x%request%answer
     real(wp), intent(inout) :: f(x%frame%dimension)
-    logical, optional, intent(in) :: y_is_used         ! whether other paths start there
-    logical :: guarded
 
     x%request%t = t
     if (size(x%problem%stops) > 1) x%request%t = within_segment(x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
-    guarded = .true.
-    if (present(y_is_used)) guarded = y_is_used .or. x%frame%forces > 0 .or. &
-      x%frame%derivatives .or. .not. associated(x%problem%field)
-    if (guarded) call copy(size(y), y, x%request%y)
+    call copy(size(y), y, x%request%y)
     if (.not. associated(x%problem%field)) return
     x%problem%field%member = x%member
     if (x%frame%derivatives) then
@@ -69,9 +64,7 @@ contains
     else
       call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
     end if
-    if (guarded) then
-      if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
-    end if
+    if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
     if (x%frame%derivatives) call coefficients_of(x%frame, x%request%t, y, x%request%slope, f)
     call check_coefficients(x, y, f)
   end subroutine request

@@ -5,17 +5,15 @@ module trajectory_m
   use coordinates_m, only: tolerances_t
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use heat_bath_m, only: bath_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
        splitting_kind, method_t
-  use newton_m, only: newton_t, reserve
   use phases_m
   use inputs_m, only: grid_t, vector_field_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: counters_t, paused, proposed_for_point
+  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t
   implicit none
   private
   public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
@@ -42,10 +40,28 @@ module trajectory_m
     ! points at output times within the step, of a method along polynomials
     type(inner_points_t), pointer :: inner => null()
     type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
-    type(bath_t) :: bath                     ! for a splitting method
+    type(record_t), pointer :: record => null()        ! of the run, with the heat bath
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
   end type problem_t
+
+  ! The state of collocation_m
+  type :: newton_t
+    logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
+    logical :: moved = .false.               ! whether the point has been replaced after the last step
+    integer :: column = 0                    ! that of the Jacobian that is evaluated next
+    integer :: iteration = 0                 ! 0 before the first one of an attempt
+    real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
+    real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
+    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
+    real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
+    real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
+    real(wp), allocatable :: z(:, :)         ! (dimension, 3)
+    real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
+    real(wp), allocatable :: lu(:, :)
+    complex(wp), allocatable :: complex_lu(:, :)
+    integer, allocatable :: pivot(:), complex_pivot(:)
+  end type newton_t
 
   ! The state of implicit_m
   type :: stage_solver_t
@@ -214,7 +230,11 @@ contains
         allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
       if (memory /= 0) return
       if (method%kind == collocation_kind) then
-        call reserve(frame, method%transformation, .not. problem%jacobian_is_matrix, x%newton, memory)
+        n = merge(frame%dimension, 0, problem%jacobian_is_matrix)
+        allocate (x%newton%last(frame%dimension, 3), x%newton%z(frame%dimension, 3), &
+                  x%newton%jacobian(frame%dimension, n), x%newton%lu(n, n), &
+                  x%newton%complex_lu(n, n), x%newton%pivot(n), x%newton%complex_pivot(n), &
+                  stat=memory)
       else if (method%kind == implicit_kind) then
         x%solver%fixed_point = .not. problem%jacobian_is_matrix
         n = merge(size(x%f) / method%blocks, 0, problem%jacobian_is_matrix)

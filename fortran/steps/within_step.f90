@@ -89,7 +89,7 @@ contains
     integer :: status
 
     associate (self => x%interpolant)
-      self%noisy = x%problem%bath%present
+      self%noisy = x%problem%record%heated /= 0
       if (x%interpolate_only) then
         self%t0 = x%last%t
         self%h = x%last%h

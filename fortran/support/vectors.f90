@@ -2,12 +2,12 @@
 ! SciPy provides the library, so that nothing has to be linked and wheels stay small.
 ! See cg/support/capsules.py.
 module vectors_m
-  use, intrinsic :: iso_c_binding, only: c_char, c_f_procpointer, c_int, c_intptr_t, c_null_funptr
+  use, intrinsic :: iso_c_binding, only: c_char, c_int
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, cross, finite, set_addresses
+  public :: combine, copy, cross, finite
 
   ! ieee_value would save and restore the floating-point state, as ieee_is_finite would
   real(wp), parameter, public :: nan = transfer(int(z'7FF8000000000000', int64), 1.0_wp)
@@ -74,13 +74,13 @@ module vectors_m
     end subroutine syevd_i
   end interface
 
-  procedure(syrk_i), pointer, protected, public :: dsyrk => null()
-  procedure(potrf_i), pointer, protected, public :: dpotrf => null()
-  procedure(potrs_i), pointer, protected, public :: dpotrs => null()
-  procedure(getrf_i), pointer, protected, public :: dgetrf => null(), zgetrf => null()
-  procedure(getrs_i), pointer, protected, public :: dgetrs => null(), zgetrs => null()
-  procedure(gemm_i), pointer, protected, public :: dgemm => null(), zgemm => null()
-  procedure(syevd_i), pointer, protected, public :: dsyevd => null()
+  procedure(syrk_i), pointer, public :: dsyrk => null()
+  procedure(potrf_i), pointer, public :: dpotrf => null()
+  procedure(potrs_i), pointer, public :: dpotrs => null()
+  procedure(getrf_i), pointer, public :: dgetrf => null(), zgetrf => null()
+  procedure(getrs_i), pointer, public :: dgetrs => null(), zgetrs => null()
+  procedure(gemm_i), pointer, public :: dgemm => null(), zgemm => null()
+  procedure(syevd_i), pointer, public :: dsyevd => null()
 
 contains
 
@@ -133,21 +133,5 @@ contains
 
     cross = [u(2) * v(3) - u(3) * v(2), u(3) * v(1) - u(1) * v(3), u(1) * v(2) - u(2) * v(1)]
   end function cross
-
-  ! Sets the addresses of the routines.
-  subroutine set_addresses(addresses)
-    integer(c_intptr_t), intent(in) :: addresses(10)  ! in the order of the pointers
-
-    call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
-    call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
-    call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
-    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgetrf)
-    call c_f_procpointer(transfer(addresses(5), c_null_funptr), zgetrf)
-    call c_f_procpointer(transfer(addresses(6), c_null_funptr), dgetrs)
-    call c_f_procpointer(transfer(addresses(7), c_null_funptr), zgetrs)
-    call c_f_procpointer(transfer(addresses(8), c_null_funptr), dgemm)
-    call c_f_procpointer(transfer(addresses(9), c_null_funptr), zgemm)
-    call c_f_procpointer(transfer(addresses(10), c_null_funptr), dsyevd)
-  end subroutine set_addresses
 
 end module vectors_m

@@ -5,21 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 
-import cg._core_r64 as core
 from cg import frames as fr
-from cg.frames.compiled import constants_of, describe_blocks
+from cg.frames.compiled import _apply
 from cg.integration.plan.plan import has_compiled_difference
+from cg.support.shared_numbers import Operation
 
 
 def compiled_flows(frame):
     """Return a function that moves points, shape (..., *shape), along flows (..., count, dim)."""
-    known = frame.compiled_blocks()
-    blocks = describe_blocks(known), constants_of(known)
 
     def move(v, y, restore=True):
-        moved, fields = np.array(y, dtype=frame.dtype, order="C"), np.ascontiguousarray(v)
-        flat = moved.reshape(-1).view(np.float64)
-        core.frame_move(*blocks, v.shape[-2], fields.reshape(-1), restore, flat)
+        start, count = np.array(y, dtype=frame.dtype), v[..., 0, 0].size
+        moved = np.empty_like(start)
+        _apply(Operation.FLOW, frame.compiled_blocks(), int(restore), v, start, moved, count)
         return moved
 
     return move
@@ -29,12 +27,11 @@ def difference_of(frame):
     """Return `Frame.exp_coordinates`, compiled where possible."""
     if not has_compiled_difference(frame):
         return frame.exp_coordinates
-    description, rank = describe_blocks(frame.compiled_blocks()), len(frame.point_shape)
+    blocks, rank = frame.compiled_blocks(), len(frame.point_shape)
 
     def difference(y0, y1):
         v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
-        flat = (np.ascontiguousarray(y).reshape(-1).view(np.float64) for y in (y0, y1))
-        core.frame_difference(description, *flat, v.reshape(-1))
+        _apply(Operation.COORDINATES, blocks, 0, y0, y1, v, v.size // frame.dim)
         return v
 
     return difference

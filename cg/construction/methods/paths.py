@@ -205,7 +205,7 @@ def collocation_polynomial(c: Array) -> Array:
 
 
 def transformation(method: MuntheKaas) -> tuple[Fraction, ...]:
-    """Return the entries of ``transformation_t`` in ``fortran/steps/newton.f90``, by columns."""
+    """Return the entries of ``transformation_t`` in ``fortran/steps/method.f90``, by columns."""
     inverse = np.linalg.inv(method.a[1:, 1:])
     values, vectors = np.linalg.eig(inverse)
     real, pair = np.argmin(np.abs(values.imag)), np.argmin(values.imag)

@@ -318,8 +318,8 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
         context = context_of(function, arguments, frame, shape, df_dp.check)
-        address = core.function_addresses()[0]
-        return call_field(rhs, address, id(context), frame, times, points, shape)
+        address, data = core.function_addresses()[0], np.array(id(context))
+        return call_field(rhs, address, data.ctypes.data, frame, times, points, shape)
     data = parameters if inputs is None else inputs.data_with(parameters)
     own = function.user_data
     table = () if inputs is None or own else inputs.table(parameters)

@@ -379,12 +379,14 @@ def compiled_variation(
         for name, function, shape, check in in_python:
             frame = variational.product if name == "along_data" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            contexts.append(context_of(function, rest, frame, shape, check, dtype, changing))
-            setattr(record, name, id(contexts[-1]))
+            context = context_of(function, rest, frame, shape, check, dtype, changing)
+            pointer = np.array(id(context))
+            contexts.append((context, pointer))
+            setattr(record, name, pointer.ctypes.data)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, core.function_addresses()[2], 0, frame=variational.product, given=given, data=rows,
+        None, core.function_addresses()[1], 0, frame=variational.product, given=given, data=rows,
         variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 

@@ -119,20 +119,19 @@ class Contexts:
     def __init__(self, function: Any, given: Given, count: int | None, *rest: Any) -> None:
         members = range(1 if count is None else count)
         self.contexts = [context_of(function, given.arguments(k), *rest) for k in members]
-        self.pointers = None if count is None else np.array(list(map(id, self.contexts)))
+        self.pointers = np.array(list(map(id, self.contexts)))
+        self._stride = 0 if count is None else 8
 
     @property
     def data_address(self) -> int:
-        """Address of the first context, or of the pointers to all."""
-        return id(self.contexts[0]) if self.pointers is None else int(self.pointers.ctypes.data)
+        """Address of the pointers to the contexts."""
+        return int(self.pointers.ctypes.data)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
         import cg._core_r64 as core
 
-        field, member, _ = core.function_addresses()
-        function, stride = (field, 0) if self.pointers is None else (member, 8)
-        return function, self.data_address, stride
+        return core.function_addresses()[0], self.data_address, self._stride
 
 
 class PythonRhs(Contexts):
