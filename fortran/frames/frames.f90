@@ -11,7 +11,6 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, restore_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
-  use small_matrices_m, only: remove_phase
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
@@ -253,6 +252,33 @@ contains
       end associate
     end do
   end subroutine restore
+
+  ! Changes a unitary matrix to determinant 1, whose phase has no digits after flows by large
+  ! angles.
+  pure subroutine remove_phase(n, y)
+    integer, intent(in) :: n
+    complex(wp), intent(inout) :: y(n, n)
+    complex(wp) :: a(n, n), determinant
+    real(wp) :: angle
+    integer :: i, j, pivot
+
+    a = y
+    determinant = cmplx(1.0_wp, kind=wp)
+    do i = 1, n                                      ! Gaussian elimination
+      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
+      if (pivot /= i) then
+        a([i, pivot], :) = a([pivot, i], :)
+        determinant = -determinant
+      end if
+      determinant = determinant * a(i, i)
+      if (.not. abs(a(i, i)) > 0) exit
+      do j = i + 1, n
+        a(j, i:) = a(j, i:) - (a(j, i) / a(i, i)) * a(i, i:)
+      end do
+    end do
+    angle = -atan2(aimag(determinant), real(determinant, wp)) / real(n, wp)
+    y = y * cmplx(cos(angle), sin(angle), wp)
+  end subroutine remove_phase
 
   ! An upper bound of the distance of a point from the manifold, huge where none is cheap. Singular
   ! values s of a matrix y are within |s^2 - 1| of 1, and so within the norm of y y^T - 1.
