@@ -18,37 +18,31 @@ module algebra_m
 
 contains
 
-  ! The sign of brackets: 1 if points are moved from the left
-  pure real(wp) function side(block)
-    type(block_t), intent(in) :: block
-
-    side = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block &
-                                  .or. block%kind == isospectral_block)
-  end function side
-
   ! Computes the bracket w = [u, v] of fields of the frame: DU V - DV U as vector fields.
   subroutine bracket(frame, u, v, w)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: u(:), v(:)   ! (dimension)
     real(wp), contiguous, intent(out) :: w(:)        ! (dimension)
+    real(wp) :: sign
     integer :: i
 
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+        sign = merge(1.0_wp, -1.0_wp, block%space)     ! 1 if points are moved from the left
         if (block%kind == euclidean_block) then
           w(first:last) = 0.0_wp
         else if (block%kind == callback_block) then
           call frame%callback%apply(bracket_operation, u, v, w)
         else if (block%kind == se3_block) then
-          w(first:last) = side(block) * reshape(motion_bracket( &
+          w(first:last) = sign * reshape(motion_bracket( &
             reshape(u(first:last), [3, 1 + block%k]), reshape(v(first:last), [3, 1 + block%k])), &
             [block%dimension])
         else if (is_rotation(block)) then
-          w(first:last) = side(block) * cross(u(first:last), v(first:last))
+          w(first:last) = sign * cross(u(first:last), v(first:last))
         else if (any(block%kind == [su_block, u_block])) then
-          call unitary_bracket(block%n, side(block) * u(first:last), v(first:last), w(first:last))
+          call unitary_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
         else
-          call orthogonal_bracket(block%n, side(block) * u(first:last), v(first:last), &
+          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), &
                                   w(first:last))
         end if
       end associate
@@ -78,7 +72,7 @@ contains
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) cycle
-        sign = side(block)
+        sign = merge(1.0_wp, -1.0_wp, block%space)
         if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))

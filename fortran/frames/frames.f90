@@ -11,7 +11,6 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, restore_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
-  use small_matrices_m, only: remove_phase
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
@@ -50,7 +49,8 @@ contains
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), options => description(3, i))
         block%kind = description(1, i)
-        block%space = iand(options, space_axes) /= 0
+        block%space = iand(options, space_axes) /= 0 &
+                      .or. any(block%kind == [sphere_block, isospectral_block])
         block%scalar_first = iand(options, scalar_first) /= 0
         block%polynomial = iand(options, polynomial) /= 0
         block%v1 = frame%dimension + 1
@@ -141,81 +141,50 @@ contains
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: flows
     real(wp), intent(in) :: v(frame%dimension, *)            ! (dimension, flows)
-    real(wp), intent(inout) :: y(frame%point_size)
+    real(wp), target, intent(inout) :: y(frame%point_size)
     integer, optional, intent(in) :: only    ! number of the block
-    integer :: i
+    complex(wp), pointer, contiguous :: matrix(:, :)
+    integer :: i, j
 
     if (flows < 1) return
     do i = 1, size(frame%blocks)
       if (present(only)) then
         if (i /= only) cycle
       end if
-      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, p => frame%blocks(i)%p1)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, m => frame%blocks(i)%v2, &
+                 p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
-          call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
+          do j = 1, flows
+            y(p:last) = y(p:last) + v(k:m, j)
+          end do
         case (se3_block)
           call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
-        case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
-              callback_block)
-          call move_matrix(frame, block, flows, v(k, 1), y(p))
+        case (so_block)
+          call move_orthogonal(block%n, block%space, v(k:m, :flows), y(p))
+        case (isospectral_block)
+          call move_isospectral(block%n, v(k:m, :flows), y(p))
+        case (su_block, u_block)
+          matrix => as_complex(block%n, y(p:last))
+          call move_unitary(block%n, block%space, v(k:m, :flows), matrix)
+        case (stiefel_block)
+          do j = 1, flows
+            call move_stiefel(block%k, block%n, v(k, j), y(p))
+          end do
+        case (linear_action_block)
+          if (block%polynomial) then
+            call move_polynomially(block%action, v(k:m, :flows), 0.0_wp, y(p:last))
+          else
+            call move_linearly(block%action, v(k:m, :flows), y(p:last))
+          end if
+        case (callback_block)
+          call frame%callback%apply(flow_operation, [v(k:m, :flows)], (y(p:last)), y(p:last))
         case default
           call rotate(block, flows, frame%dimension, v(k, 1), y(p))
         end select
       end associate
     end do
   end subroutine apply_flows
-
-  ! Adds all coefficients to a point of Euclidean space.
-  pure subroutine translate(n, flows, m, v, y)
-    integer, intent(in) :: n, flows, m       ! m: coefficients of the frame
-    real(wp), intent(in) :: v(m, *)
-    real(wp), intent(inout) :: y(n)
-    integer :: j
-
-    do j = 1, flows
-      if (n == 3) then                       ! a size that the compiler knows
-        y(1:3) = y(1:3) + v(1:3, j)
-      else
-        y = y + v(1:n, j)
-      end if
-    end do
-  end subroutine translate
-
-  ! Moves a matrix of any size, or a point whose flows are outside of compiled code.
-  subroutine move_matrix(frame, block, flows, all_v, y)
-    type(frame_t), intent(in) :: frame
-    type(block_t), intent(in) :: block
-    integer, intent(in) :: flows
-    real(wp), intent(in) :: all_v(frame%dimension, *)
-    real(wp), target, intent(inout) :: y(block%point_size)
-    real(wp) :: v(block%dimension, flows)
-    complex(wp), pointer, contiguous :: matrix(:, :)
-    integer :: j
-
-    v = all_v(:block%dimension, :flows)
-    select case (block%kind)
-    case (so_block)
-      call move_orthogonal(block%n, block%space, v, y)
-    case (isospectral_block)
-      call move_isospectral(block%n, v, y)
-    case (su_block, u_block)
-      matrix => as_complex(block%n, y)
-      call move_unitary(block%n, block%space, v, matrix)
-    case (stiefel_block)
-      do j = 1, flows
-        call move_stiefel(block%k, block%n, v(:, j), y)
-      end do
-    case (linear_action_block)
-      if (block%polynomial) then
-        call move_polynomially(block%action, v, 0.0_wp, y)
-      else
-        call move_linearly(block%action, v, y)
-      end if
-    case (callback_block)
-      call frame%callback%apply(flow_operation, [v], (y), y)
-    end select
-  end subroutine move_matrix
 
   ! Removes rounding off the manifold from a point: one Newton-Schulz step, y -> (3 y - y y^T y) /
   ! 2, towards the nearest rotation or unit vector. It is the identity on the manifold and squares
@@ -253,6 +222,33 @@ contains
       end associate
     end do
   end subroutine restore
+
+  ! Changes a unitary matrix to determinant 1, whose phase has no digits after flows by large
+  ! angles.
+  pure subroutine remove_phase(n, y)
+    integer, intent(in) :: n
+    complex(wp), intent(inout) :: y(n, n)
+    complex(wp) :: a(n, n), determinant
+    real(wp) :: angle
+    integer :: i, j, pivot
+
+    a = y
+    determinant = cmplx(1.0_wp, kind=wp)
+    do i = 1, n                                      ! Gaussian elimination
+      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
+      if (pivot /= i) then
+        a([i, pivot], :) = a([pivot, i], :)
+        determinant = -determinant
+      end if
+      determinant = determinant * a(i, i)
+      if (.not. abs(a(i, i)) > 0) exit
+      do j = i + 1, n
+        a(j, i:) = a(j, i:) - (a(j, i) / a(i, i)) * a(i, i:)
+      end do
+    end do
+    angle = -atan2(aimag(determinant), real(determinant, wp)) / real(n, wp)
+    y = y * cmplx(cos(angle), sin(angle), wp)
+  end subroutine remove_phase
 
   ! An upper bound of the distance of a point from the manifold, huge where none is cheap. Singular
   ! values s of a matrix y are within |s^2 - 1| of 1, and so within the norm of y y^T - 1.

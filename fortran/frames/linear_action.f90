@@ -113,21 +113,19 @@ contains
     integer :: j, part, parts
 
     do j = 1, size(v, 2)
+      if (.not. action%skew) then
+        call move_polynomially(action, v(:, j:j), 0.0_wp, y)
+        cycle
+      end if
       call combine(action, v(:, j), x, norm)
-      norm = norm / merge(chebyshev_norm, taylor_norm, action%skew)
-      if (.not. (norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
+      if (.not. (norm / chebyshev_norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
         y = nan
         return
       end if
-      parts = max(1, ceiling(norm))
+      parts = max(1, ceiling(norm / chebyshev_norm))
       x = x / real(parts, wp)
       do part = 1, parts
-        if (action%skew) then
-          call apply_chebyshev(action, x, &
-                               max(norm * chebyshev_norm / real(parts, wp), epsilon(norm)), y)
-        else
-          call apply_taylor(action, x, norm * taylor_norm / real(parts, wp), y)
-        end if
+        call apply_chebyshev(action, x, max(norm / real(parts, wp), epsilon(norm)), y)
       end do
     end do
   end subroutine move_linearly
@@ -215,30 +213,6 @@ contains
       allocate (next(size(y)))
     end do
   end subroutine apply_chebyshev
-
-  ! Applies exp(X) of any X whose norm is at most `norm`. Of the series, terms of norm above
-  ! epsilon exp(-norm) / 4 are used, since |exp(X) y| is at least exp(-norm) |y|.
-  subroutine apply_taylor(action, x, norm, y)
-    type(linear_action_t), intent(in) :: action
-    real(wp), contiguous, intent(in) :: x(:)
-    real(wp), intent(in) :: norm             ! at most `taylor_norm`
-    real(wp), intent(inout) :: y(action%point_size)
-    real(wp) :: term(size(y)), next(size(y)), bound, negligible
-    integer :: k
-
-    negligible = epsilon(norm) * exp(-norm) / 4
-    bound = norm
-    term = y
-    k = 0
-    do while (bound > negligible)
-      k = k + 1
-      call multiply(action, action%first, action%column, x, term, next)
-      term = next / real(k, wp)
-      y = y + term
-      bound = bound * norm / real(k + 1, wp)
-    end do
-    products = products + int(k, int64)
-  end subroutine apply_taylor
 
   ! Computes the product of a matrix with y.
   subroutine multiply(action, first, column, x, y, product)
@@ -330,7 +304,8 @@ contains
     integer :: first, i, last, part, parts
 
     length = norm2(y)
-    norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
+    norm = dot_product(sum(abs(v), dim=2), action%norm) &
+           / merge(taylor_norm, polynomial_norm, size(v, 2) == 1)
     if (.not. norm <= max_parts) then
       y = nan
       return

@@ -33,7 +33,7 @@ contains
     real(wp) :: q(4), e(4), sinc, side
     integer :: j
 
-    side = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block)
+    side = merge(1.0_wp, -1.0_wp, block%space)
     call exponential(v(1:3, 1), q, sinc)
     do j = 2, flows
       call exponential(v(1:3, j), e, sinc)

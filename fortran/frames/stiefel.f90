@@ -4,10 +4,9 @@
 !
 ! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
 ! rotations g. A point is its own transpose, so that the order of storage doesn't matter. Rounding
-! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point, which Jacobi's
-! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
+! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point.
 module stiefel_m
-  use blocks_m, only: algebra_coefficients, algebra_matrix, largest_own
+  use blocks_m, only: algebra_coefficients, algebra_matrix
   use kinds, only: wp
   use vectors_m, only: dgemm, dgetrf, dgetrs, dsyevd, nan
   use orthogonal_m, only: move_orthogonal, multiply, restore_orthogonal
@@ -223,61 +222,12 @@ contains
     real(wp) :: values(n), work(1 + 6 * n + 2 * n**2)
     integer :: iwork(3 + 5 * n), info, k
 
-    if (n > largest_own) then
-      vectors = y
-      call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
-    else
-      call diagonalise(n, y, values, vectors)
-    end if
+    vectors = y
+    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
     call restore_orthogonal(n, vectors)
     do k = 1, n
       own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
     end do
   end subroutine decompose
-
-  ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
-  ! rounding
-  subroutine diagonalise(n, matrix, values, vectors)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: values(n)           ! relative to the largest entry
-    real(wp), intent(out) :: vectors(n, n)       ! columns
-    real(wp) :: a(n, n), column(n), largest, cosine, sine, tangent
-    integer, parameter :: max_sweeps = 30
-    integer :: i, p, q, sweep
-    logical :: done
-
-    vectors = 0.0_wp
-    do i = 1, n
-      vectors(i, i) = 1.0_wp
-    end do
-    largest = maxval(abs(matrix))
-    a = 0.0_wp
-    if (largest > 0) a = matrix / largest
-    do sweep = 1, max_sweeps
-      done = .true.
-      do q = 2, n
-        do p = 1, q - 1
-          if (abs(a(p, q)) <= epsilon(largest) / 16) cycle
-          done = .false.
-          tangent = (a(q, q) - a(p, p)) / (2 * a(p, q))
-          tangent = sign(1 / (abs(tangent) + sqrt(tangent**2 + 1)), tangent)
-          cosine = 1 / sqrt(tangent**2 + 1)
-          sine = tangent * cosine
-          column = a(:, p)
-          a(:, p) = cosine * column - sine * a(:, q)
-          a(:, q) = sine * column + cosine * a(:, q)
-          column = a(p, :)
-          a(p, :) = cosine * column - sine * a(q, :)
-          a(q, :) = sine * column + cosine * a(q, :)
-          column = vectors(:, p)
-          vectors(:, p) = cosine * column - sine * vectors(:, q)
-          vectors(:, q) = sine * column + cosine * vectors(:, q)
-        end do
-      end do
-      if (done) exit
-    end do
-    values = [(a(i, i), i=1, n)]
-  end subroutine diagonalise
 
 end module stiefel_m

@@ -94,22 +94,13 @@ contains
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
-  ! descriptors take as long as the sum. The compiler knows the most frequent size.
+  ! descriptors take as long as the sum.
   pure subroutine combine(m, n, weight, k, sum)
     integer, intent(in) :: m, n
     real(wp), intent(in) :: weight(n), k(m, n)
     real(wp), intent(out) :: sum(m)
-    real(wp) :: six(6)
     integer :: j
 
-    if (m == 6) then
-      six = 0.0_wp
-      do j = 1, n
-        if (weight(j) /= 0) six = six + weight(j) * k(1:6, j)
-      end do
-      sum(1:6) = six
-      return
-    end if
     sum = 0.0_wp
     do j = 1, n
       if (weight(j) /= 0) sum = sum + weight(j) * k(:, j)
