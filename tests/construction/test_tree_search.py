@@ -9,9 +9,9 @@ from refusals import refuses
 import cg
 from cg.construction.layouts import Layout
 from cg.construction.points import MethodError, check_tree
-from cg.construction.search.candidate import Candidate, Reduction, solved
+from cg.construction.search.candidate import Reduction, pack_method, solved
 from cg.construction.search.shapes import draw_layout
-from cg.construction.search.start import draw_start, run_start
+from cg.construction.search.start import run_start
 from cg.construction.solvers.system import ConditionSystem
 
 FIVE = {"order": 5, "stages": 6, "seed": 1}
@@ -116,15 +116,8 @@ def test_construct_drops_flows_of_drawn_trees(tmp_path):
     assert cg.construct(**options, workers=1) == construction
 
 
-def solution(order, **shape):
-    result = cg.search(order=order, seed=1, **shape)
-    start = next(start for start in result.starts if start.exact)
-    layout, _ = draw_start(result.settings, start.index)
-    return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
-
-
 def test_dropping_flow_leaves_solution():
-    candidate = solution(4, stages=6, flows=9, starts=20)
+    candidate = pack_method(cg.search(4, 6, 20, 1, flows=9).methods[0])
     fewer = Reduction(np.random.default_rng(1), largest=10.0).drop_flow(candidate)
     assert solved(fewer)
     assert (fewer.system.stages, len(fewer.system.layout.parents)) == (6, 8)

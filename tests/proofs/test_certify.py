@@ -2,7 +2,6 @@ from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
-import numpy as np
 import pytest
 from flint import arb
 from kinds import FROZEN, MAGNUS, SPLITTING
@@ -22,9 +21,6 @@ from cg.construction.proofs.digits import max_digits
 from cg.construction.proofs.krawczyk import enclose_zero, krawczyk
 from cg.construction.proofs.packed import certificate_names, fitting, folder
 from cg.construction.search.candidate import make_method
-from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.refine import refine
-from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import working_precision as precision
 
 CERTIFIED = certificate_names()
@@ -95,24 +91,11 @@ class TestProofs:
         pf.check(certificate, method)
 
     def test_a_pair_is_proved_jointly(self):
-        method = pair_of_order_four()
+        method = search(order=4, stages=6, embedded=True)
         certificate = pf.certify(method)
         assert (certificate.order, certificate.embedded_order) == (4, 3)
         assert len(certificate.fixed) == 21 + 6 - 13 - 5
         pf.check(certificate, method)
-
-
-def pair_of_order_four():
-    system = ConditionSystem.tableau(4, 6, embedded=True)
-    for seed in range(20):
-        guess = np.zeros(system.size)
-        guess[system.movable] = np.random.default_rng(seed).uniform(-1, 1, len(system.movable))
-        fit = fit_conditions(guess, system, ftol=1e-27)
-        if fit.f < 1e-24:
-            actual = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
-            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in actual])
-            return Tableau(a, b, name="pair", b_embedded=second)
-    raise AssertionError("no pair found")
 
 
 class TestFailures:
@@ -202,7 +185,7 @@ class TestDigits:
     def test_rational_methods_and_pairs(self):
         assert cg.digits(methods["CG3"], 100)[1] == ["13/51", "-2/3", "24/17"]
         assert cg.digits(methods["CG2(3)"], 9, embedded=True)[1] == ["17/54", "19/54", "1/3"]
-        method = pair_of_order_four()
+        method = search(order=4, stages=6, embedded=True)
         certificate = pf.certify(method)
         a, second = cg.digits(method, 60, certificate=certificate, embedded=True)
         residuals = conditions.residuals(a, second, 3, arithmetic="exact")

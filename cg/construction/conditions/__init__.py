@@ -103,12 +103,12 @@ def weights(
 @overload
 def residuals(
     a: Any, b: Any = ..., order: int | None = ..., independent: bool = ..., *,
-    embedded: bool = ..., arithmetic: Literal["double"] = ..., bits: int = ...,
+    embedded: bool = ..., arithmetic: Literal["double"] = ...,
 ) -> NDArray[np.float64]: ...  # fmt: skip
 @overload
 def residuals(
     a: Any, b: Any = ..., order: int | None = ..., independent: bool = ..., *,
-    embedded: bool = ..., arithmetic: Literal["exact", "balls"], bits: int = ...,
+    embedded: bool = ..., arithmetic: Literal["exact", "balls"],
 ) -> tuple[Any, ...]: ...  # fmt: skip
 def residuals(
     a: Any,
@@ -118,7 +118,6 @@ def residuals(
     *,
     embedded: bool = False,
     arithmetic: str = "double",
-    bits: int = 512,
 ) -> Any:
     """Return ``Φ(t) - 1/γ(t)`` for all conditions through an order.
 
@@ -142,9 +141,7 @@ def residuals(
     arithmetic
         One of ``"double"``, ``"exact"``, ``"balls"``. ``"exact"`` takes arguments of
         `fractions.Fraction` as coefficients: integers, floats, ``"119/216"``, ``"0.25"``.
-        ``"balls"`` is faster.
-    bits
-        Precision of the midpoints of balls, at most a million.
+        ``"balls"`` is faster, with midpoints of 512 bits.
 
     Returns
     -------
@@ -182,7 +179,7 @@ def residuals(
         raise TypeError(f"a must be a method unless b and order are given, got {a!r}")
     if arithmetic != "double":
         tree = exact_tree(a, b) if tree is None else tree
-        return tree_residuals(tree, order, independent, bits if arithmetic == "balls" else None)
+        return tree_residuals(tree, order, independent, arithmetic == "balls")
     if tree is not None:
         a = Layout.of_tree(tree)
         b = [float(weight) for point in tree.points for weight in point.weights.values()]

@@ -38,7 +38,7 @@ Word = tuple[Any, ...]
 
 Vector = list[Any]
 
-_MAX_BALL_BITS = 1_000_000  # with more bits a sum of products would take hours
+_BALL_BITS = 512
 
 
 class Condition(NamedTuple):
@@ -348,18 +348,18 @@ def exact_tree(a: Any, b: Any) -> PointTree:
 
 
 def tree_residuals(
-    tree: PointTree, order: Any, independent: bool, bits: int | None
+    tree: PointTree, order: Any, independent: bool, in_balls: bool
 ) -> tuple[Any, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
+    """Return ``Φ(t) - 1/γ(t)`` of the result of a tree, as fractions or as balls."""
     words = condition_words(check_order(order, None), check_flag("independent", independent))
     layout = Layout.of_tree(tree)
     layout.check_places()
     system = EquationSystem(layout, tuple(Condition(0, word) for word in words))
     x = [weight for point in tree.points for weight in point.weights.values()]
     x.append(Fraction(0))  # from which numbers are made if there are no weights
-    if bits is None:
+    if not in_balls:
         return tuple(map(to_fraction, system.residuals(list(map(to_flint, x)))))
-    with working_precision(check_integer("bits", bits, 2, _MAX_BALL_BITS)):
+    with working_precision(_BALL_BITS):
         return tuple(system.residuals(list(map(to_ball, x))))
 
 

@@ -6,7 +6,6 @@ set, then returns to the set by Newton steps of least norm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from cg.construction.search.candidate import Candidate, solved
 from cg.construction.solvers.minimum_norm import decompose, retract
 from cg.support.checks import check_instance, check_integer, check_real
 
+_PENALTY = 30.0  # weight of what is beyond limits
 _MAX_STEP = 1.0
 _TOLERANCE = 1e-4  # smallest relative decrease of the objective in eight iterations
 
@@ -26,7 +26,7 @@ Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``, and the weight of a penalty.
+    """Bounds on sums of unknowns, ``lower <= rows @ x <= upper``.
 
     Examples
     --------
@@ -39,13 +39,12 @@ class Limits:
     rows: NDArray[np.float64]  # shape (m, size)
     lower: NDArray[np.float64] | float
     upper: NDArray[np.float64] | float
-    weight: float = 30.0
 
     def beyond(self, x: NDArray[np.float64]) -> Terms:
-        """Return by how much sums are beyond their bounds, times the weight, and derivatives."""
+        """Return by how much sums are beyond their bounds, weighted, and the derivatives."""
         sums = self.rows @ x
         beyond = np.maximum(sums - self.upper, 0) + np.minimum(sums - self.lower, 0)
-        return self.weight * beyond, self.weight * self.rows * (beyond != 0)[:, None]
+        return _PENALTY * beyond, _PENALTY * self.rows * (beyond != 0)[:, None]
 
 
 def optimise(
@@ -54,7 +53,6 @@ def optimise(
     principal_error: float = 1.0,
     coefficients: float = 0.0,
     limits: Limits | None = None,
-    frozen: Sequence[int] | NDArray[np.intp] = (),
     max_iterations: int = 60,
 ) -> Candidate:
     """Minimise a weighted sum of squares along the solution set.
@@ -69,8 +67,6 @@ def optimise(
         Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
     limits
         Bounds on sums of coefficients; the amounts beyond them are penalised.
-    frozen
-        Sequence of int. Indices of entries that keep their values.
     max_iterations
         Largest number of iterations; also stops when eight together reduce the objective by less
         than a fraction of 1e-4.
@@ -102,7 +98,7 @@ def optimise(
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
-    movable = candidate.system.movable_without(frozen)
+    movable = candidate.system.movable
     values, jac = _objective(candidate, *weights, limits)
     size, damping = float(values @ values), 1e-2
     history = [size]
