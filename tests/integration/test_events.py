@@ -15,7 +15,11 @@ from right_hand_sides import height, solve
 import cg
 from cg.frames import SO3, Euclidean, UnitQuaternion
 
-SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
+# frames with their identity, and the cosine of the angle of a rotation about the third axis
+TURNING = pytest.mark.parametrize(("frame", "one", "cosine"), [
+    (SO3(), np.eye(3), lambda t, y: y[0, 0]),
+    (UnitQuaternion(), np.eye(4)[3], lambda t, q: q[3] ** 2 - q[2] ** 2),
+], ids=["matrix", "quaternion"])  # fmt: skip
 
 
 def marked(function=height, **attributes):
@@ -127,41 +131,6 @@ def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
     assert solution.t_events[0] == pytest.approx([zero], abs=5e-15)
 
 
-class TestManyZerosInOneStep:
-    """A body that turns at a constant rate, whose steps grow to many turns."""
-
-    RATE, LEVEL = 0.3, 0.9995
-    START = (0.0, 0.0, 0.0, 1.0)
-
-    def aligned(self, t, q):
-        return abs(q[3]) - self.LEVEL
-
-    def times(self, end):
-        """|cos(rate t / 2)| passes the level shortly before and after each half turn."""
-        width = 2 * math.acos(self.LEVEL) / self.RATE
-        turns = 2 * math.pi * np.arange(1 + end * self.RATE / 6) / self.RATE
-        times = np.sort(np.concatenate([turns - width, turns + width]))
-        return times[(times > 0) & (times < end)]
-
-    def run(self, event=None, end=200.0, **options):
-        event = self.aligned if event is None else event
-        options = SPIN | {"events": event} | options
-        return cg.solve_ivp(lambda t, q: [self.RATE, 0.0, 0.0], (0, end), self.START, **options)
-
-    @pytest.mark.parametrize("method", ["auto", "CF5(4)", "CG4(3)"])
-    def test_all_are_found(self, method):
-        run = self.run(method=method)
-        assert len(self.times(200.0)) == 19
-        assert run.steps < 15
-        np.testing.assert_allclose(run.t_events[0], self.times(200.0), rtol=0, atol=5e-12)
-        assert abs(np.abs(run.y_events[0][:, 3]) - self.LEVEL).max() < 1e-14
-
-    def test_more_than_a_buffer_holds(self):
-        run = self.run(end=4000.0)
-        assert run.steps < 20
-        np.testing.assert_allclose(run.t_events[0], self.times(4000.0), rtol=0, atol=3e-10)
-
-
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("method", ["auto", "CF5(4)"])
 def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
@@ -188,27 +157,28 @@ def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     np.testing.assert_allclose(run.t_events[0], expected, rtol=0, atol=3e-5)
 
 
+@TURNING
 @pytest.mark.parametrize("share", [0.99, 0.999, 0.9999])
-def test_narrow_pairs_of_zeros_anywhere_in_long_steps(share):
+def test_narrow_pairs_of_zeros_anywhere_in_long_steps(share, frame, one, cosine):
     level = math.cos(share * math.pi)
     for middle in np.linspace(0.1, 3.9, 191):
-        y0 = SO3().flow([0.0, 0.0, math.pi - middle], np.eye(3))
+        y0 = frame.flow([0.0, 0.0, math.pi - middle], one)
         solution = cg.solve_ivp(
-            lambda t, y: [0.0, 0.0, 1.0], (0, 4), y0, frame=SO3(), method="CF4", h=2.0,
-            events=lambda t, y: y[0, 0] - level,
+            lambda t, y: [0.0, 0.0, 1.0], (0, 4), y0, frame=frame, method="CF4", h=2.0,
+            events=lambda t, y: cosine(t, y) - level,
         )  # fmt: skip
         width = (1 - share) * math.pi
         expected = [middle - width, middle + width]
         np.testing.assert_allclose(solution.t_events[0], expected, rtol=0, atol=1e-11)
 
 
+@TURNING
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("steps", [{}, {"h": 8e3, "method": "CF4"}], ids=str)
-def test_all_events_of_very_long_steps_are_found(steps, sign):
+def test_all_events_of_very_long_steps_are_found(steps, sign, frame, one, cosine):
     solution = cg.solve_ivp(
-        lambda t, y: [0.0, 0.0, 1.0], (0, 1.6e4 * sign), np.eye(3), frame=SO3(),
-        events=lambda t, y: y[0, 0], **steps,
-    )  # fmt: skip
+        lambda t, y: [0.0, 0.0, 1.0], (0, 1.6e4 * sign), one, frame=frame, events=cosine, **steps
+    )
     expected = np.arange(0.5, 1.6e4 / np.pi) * np.pi  # zeros of the cosine
     np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=5e-13)
 
