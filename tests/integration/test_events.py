@@ -3,8 +3,6 @@
 import ctypes
 import ctypes.util
 import math
-import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -276,7 +274,6 @@ def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
 MEMBERS = 40
 RATES = np.random.default_rng(2).uniform(0.5, 3.0, (MEMBERS, 2))
 UPS = np.random.default_rng(3).uniform([0.5, -2.0], [3.0, 2.0], (MEMBERS, 2))
-PUSH = cg.Samples([0.0, 1.0, 2.0, 3.0], [0.0, 2.0, -1.0, 0.5])
 
 
 def turning(t, y, rate):
@@ -284,27 +281,8 @@ def turning(t, y, rate):
     return np.stack([np.sin(t), 0.3 + y[..., 0, 1], t * 0 + rate[..., 0]], axis=-1)
 
 
-def falling(t, y, u, rate):
-    return np.stack([y[..., 1], u - 9.81 * rate[..., 0]], axis=-1)
-
-
 def angle(t, y, rate):
     return np.arctan2(y[..., 1, 0], y[..., 0, 0]) - rate[..., 1]
-
-
-def lower(t, y, u, rate):
-    return y[..., 0] + 0.01 * u
-
-
-def faster(t, y, u, rate):
-    return y[..., 1] + rate[..., 1]
-
-
-def bounce(t, y, u, rate):
-    return [0.01 - 0.01 * u, -0.7 * y[1]]
-
-
-EVENTS = [cg.Event(lower, direction=-1, jump=bounce, terminal=3), cg.Event(faster)]
 
 
 def test_each_point_is_evaluated_once_and_points_of_many_members_together():
@@ -362,18 +340,6 @@ class TestErrors:
         assert caught.value.__notes__ == ["in events[1](t, y, ...) at t = 0"]
 
     def test_flag(self):
-        refuses(TypeError, "vectorized must be True or False", cg.Event, lower, vectorized=1)
+        refuses(TypeError, "vectorized must be True or False", cg.Event, angle, vectorized=1)
         compiled = cg.CompiledFunction(ctypes.util.find_library("m"), "cos")
         refuses(ValueError, "vectorized must be False", cg.Event, compiled, vectorized=True)
-
-
-def test_a_stepper_takes_them_beside_others_and_is_pickled():
-    options = {"frame": Euclidean(2), "parameters": RATES, "inputs": PUSH}
-    whole = cg.solve_ensemble(falling, (0, 3), UPS, events=EVENTS, **options)
-    events = [replace(EVENTS[0], vectorized=True), EVENTS[1]]
-    stepper = cg.Stepper(falling, 0.0, UPS, 3.0, events=events, **options)
-    stepper = pickle.loads(pickle.dumps(stepper))
-    stepper.advance(3.0)
-    np.testing.assert_array_equal(stepper.stopped, whole.status == 1)
-    for own, others in zip(stepper.y_after, whole.y_after, strict=True):
-        np.testing.assert_array_equal(np.concatenate(own), np.concatenate(others))
