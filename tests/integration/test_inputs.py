@@ -132,12 +132,11 @@ class TestTimesOfTheirOwn:
 
     CURVES = [HELD] * 5
 
-    def test_steppers_refuse_them(self):
-        with pytest.raises(ValueError, match="those of members with members=True"):
-            cg.Stepper(
-                lambda t, y, u: [u, 0, 1], 0.0, np.stack(5 * [np.eye(3)]), 2.0,
-                frame=cg.frames.SO3(), inputs=self.CURVES,
-            )  # fmt: skip
+    def test_they_say_how_many_members_there_are_and_steppers_refuse_them(self):
+        f, options = lambda t, y, u: [u], {"frame": LINE, "inputs": self.CURVES}
+        assert len(cg.solve_ensemble(f, (0, 2), [0.0], **options)) == 5
+        message = "those of members with members=True"
+        refuses(ValueError, message, cg.Stepper, f, 0.0, np.zeros((5, 1)), 2.0, **options)
 
     @pytest.mark.parametrize(("inputs", "message"), [
         (CURVES[:2], "a list of 5 such"), ([*CURVES[:4], 3], r"inputs\[4\]: inputs must be"),
