@@ -118,25 +118,6 @@ def test_large_derivatives_keep_their_warning(size):
     assert ["dropped: 0.707" in str(one.message) for one in caught] == [True] * (size >= 1)
 
 
-@pytest.mark.parametrize("frame", [
-    fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-    fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
-    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
-], ids=name)  # fmt: skip
-def test_coefficients_of_tangents_have_minimum_norm(frame):
-    rng = np.random.default_rng(76)
-    y = frame.random_point(rng, (3,))
-    tangent = frame.field(frame.random_vector(rng, (3,)), y)
-    actual = frame._coefficients_at(y, tangent)
-    np.testing.assert_allclose(frame.field(actual, y), tangent, rtol=0, atol=1e-14)
-    for k in range(3):
-        fields = frame.field(np.eye(frame.dim), y[k]).reshape(frame.dim, -1)
-        matrix = np.concatenate([fields.real, fields.imag], axis=1).T
-        right = np.concatenate([tangent[k].real.ravel(), tangent[k].imag.ravel()])
-        expected = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-        np.testing.assert_allclose(actual[k], expected, rtol=0, atol=2e-14)
-
-
 def test_coordinate_sizes():
     frame = fr.Product(fr.SO3(), fr.Euclidean(2), fr.Semidirect(fr.SO3(), 2), fr.SE3(), fr.SU(2))
     point = np.eye(5)

@@ -7,6 +7,7 @@ import pytest
 from mechanics import (
     BODIES,
     BODY_INERTIA,
+    BOTTOM,
     GRAVITY,
     NEXT,
     closed_by_ball,
@@ -69,6 +70,8 @@ def test_joints_stay_closed_along_their_forces(kind, bodies, configuration):
 def test_join_closes_joints_and_removes_momenta_that_open_them():
     problem = double_pendulum()
     q, momentum = problem.frame.split(problem.y0)
+    first, at, second, there = BODIES.split(q)
+    np.testing.assert_allclose(at + first @ BOTTOM, there + second @ NEXT, rtol=0, atol=1e-15)
     rng = np.random.default_rng(1)
     open_q = BODIES.flow(0.02 * rng.standard_normal((5, 12)), q)
     given = momentum + rng.standard_normal((5, 12))

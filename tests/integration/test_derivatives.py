@@ -10,10 +10,8 @@ from scipy.linalg import expm
 import cg
 from cg.frames import Power, Product, Stiefel, check
 from cg.frames.stiefel import LowRankStiefel
-from cg.problems.convergence import observed_order
 
 SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
-H = np.array([1 / 8, 1 / 16, 1 / 32])
 FINE = {"rtol": 1e-10, "atol": 1e-10, "rhs": "derivative"}
 
 
@@ -68,22 +66,6 @@ def test_flows_are_linear_fractional(n, k, size):
         expected = np.linalg.solve(pair[n:].T, pair[:n].T).T
         np.testing.assert_allclose(end, expected, rtol=0, atol=1e-14 * np.exp(2.0 * size))
     assert frame.membership_error(moved).max() < 2e-15
-
-
-@pytest.mark.parametrize("key", ["CG3", "CF4", "CG4a", "CF5(4)", "DOP853"])
-@pytest.mark.parametrize(("n", "k"), [(4, 2), (6, 3)])
-def test_orders(n, k, key):
-    method, problem = cg.methods[key], Family(n, k, 7)
-    steps = H if method.order < 8 else 4 * H
-    exact = problem.exact(1.0)
-    ends = [
-        cg.integrate(
-            problem, (0, 1), problem.y0, frame=problem.frame, method=key, h=h, rhs="derivative"
-        ).y[-1]
-        for h in steps
-    ]
-    errors = [np.linalg.norm(end - exact) for end in ends]
-    assert observed_order(steps, errors) > method.order - 0.3
 
 
 @pytest.mark.parametrize("method", ["RKMK8(5,3)", "RadauIIA5"])
@@ -141,8 +123,10 @@ def test_only_the_projection_onto_tangents_counts():
     "frame",
     [cg.frames.Sphere(2), cg.frames.UnitQuaternion(), cg.frames.SU(2), cg.frames.SU(3),
      cg.frames.SO3("space"), cg.frames.SE3(), cg.frames.SE3("space"), cg.frames.SO(4),
-     cg.frames.Semidirect(cg.frames.SO3(), 2), cg.frames.SPD(3), Stiefel(4, 2),
-     cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5))],
+     cg.frames.Semidirect(cg.frames.SO3(), 2), cg.frames.SPD(3), Stiefel(4, 2), Stiefel(3, 3),
+     cg.frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
+     cg.frames.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+     cg.frames.CoadjointOrbit(cg.frames.SO3(), (0.6, 0.0, -0.8))],
     ids=frame_name,
 )  # fmt: skip
 @pytest.mark.parametrize("size", [3.0, 0.1])
@@ -155,7 +139,7 @@ def test_reported_share_is_that_of_the_dropped_part(frame, size):
     v = frame._coefficients_at(y[None], slope[None])[0]
     fields = np.stack([frame.field(e, y).ravel() for e in np.eye(frame.dim)], axis=-1)
     rows, right = (np.concatenate([x.real, x.imag]) for x in (fields, slope.ravel()))
-    np.testing.assert_allclose(v, np.linalg.lstsq(rows, right)[0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(v, np.linalg.lstsq(rows, right, 1e-12)[0], rtol=0, atol=1e-13)
     tangent = frame.field(v, y)
     share = np.linalg.norm(slope - tangent) / np.linalg.norm(slope)
     with pytest.warns(UserWarning, match=f"dropped: up to {share:.3g} of their length"):

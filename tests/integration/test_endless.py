@@ -36,13 +36,6 @@ class TestEndless:
         assert np.allclose(run.sol(sign * 2.0), np.exp(2.0), rtol=0.0, atol=5e-10)
         assert progress[-1][1] == np.inf
 
-    def test_max_steps_end_it(self):
-        never = cg.Event(lambda t, y: 1.0, terminal=True)
-        run = cg.solve_ivp(
-            lambda t, y: [-1.0], (0, np.inf), [1.0], max_steps=9, events=never, **GROWS
-        )
-        assert (run.status, run.steps) == (-1, 9)
-
     @pytest.mark.parametrize("sign", [1, -1])
     @pytest.mark.parametrize("method", ["auto", "CF4(3)", "RadauIIA5"])
     def test_the_last_numbers_end_it(self, sign, method):

@@ -3,8 +3,6 @@
 import ctypes
 import ctypes.util
 import math
-import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +13,11 @@ from right_hand_sides import height, solve
 import cg
 from cg.frames import SO3, Euclidean, UnitQuaternion
 
-SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
+# frames with their identity, and the cosine of the angle of a rotation about the third axis
+TURNING = pytest.mark.parametrize(("frame", "one", "cosine"), [
+    (SO3(), np.eye(3), lambda t, y: y[0, 0]),
+    (UnitQuaternion(), np.eye(4)[3], lambda t, q: q[3] ** 2 - q[2] ** 2),
+], ids=["matrix", "quaternion"])  # fmt: skip
 
 
 def marked(function=height, **attributes):
@@ -127,41 +129,6 @@ def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
     assert solution.t_events[0] == pytest.approx([zero], abs=5e-15)
 
 
-class TestManyZerosInOneStep:
-    """A body that turns at a constant rate, whose steps grow to many turns."""
-
-    RATE, LEVEL = 0.3, 0.9995
-    START = (0.0, 0.0, 0.0, 1.0)
-
-    def aligned(self, t, q):
-        return abs(q[3]) - self.LEVEL
-
-    def times(self, end):
-        """|cos(rate t / 2)| passes the level shortly before and after each half turn."""
-        width = 2 * math.acos(self.LEVEL) / self.RATE
-        turns = 2 * math.pi * np.arange(1 + end * self.RATE / 6) / self.RATE
-        times = np.sort(np.concatenate([turns - width, turns + width]))
-        return times[(times > 0) & (times < end)]
-
-    def run(self, event=None, end=200.0, **options):
-        event = self.aligned if event is None else event
-        options = SPIN | {"events": event} | options
-        return cg.solve_ivp(lambda t, q: [self.RATE, 0.0, 0.0], (0, end), self.START, **options)
-
-    @pytest.mark.parametrize("method", ["auto", "CF5(4)", "CG4(3)"])
-    def test_all_are_found(self, method):
-        run = self.run(method=method)
-        assert len(self.times(200.0)) == 19
-        assert run.steps < 15
-        np.testing.assert_allclose(run.t_events[0], self.times(200.0), rtol=0, atol=5e-12)
-        assert abs(np.abs(run.y_events[0][:, 3]) - self.LEVEL).max() < 1e-14
-
-    def test_more_than_a_buffer_holds(self):
-        run = self.run(end=4000.0)
-        assert run.steps < 20
-        np.testing.assert_allclose(run.t_events[0], self.times(4000.0), rtol=0, atol=3e-10)
-
-
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("method", ["auto", "CF5(4)"])
 def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
@@ -188,27 +155,28 @@ def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     np.testing.assert_allclose(run.t_events[0], expected, rtol=0, atol=3e-5)
 
 
+@TURNING
 @pytest.mark.parametrize("share", [0.99, 0.999, 0.9999])
-def test_narrow_pairs_of_zeros_anywhere_in_long_steps(share):
+def test_narrow_pairs_of_zeros_anywhere_in_long_steps(share, frame, one, cosine):
     level = math.cos(share * math.pi)
     for middle in np.linspace(0.1, 3.9, 191):
-        y0 = SO3().flow([0.0, 0.0, math.pi - middle], np.eye(3))
+        y0 = frame.flow([0.0, 0.0, math.pi - middle], one)
         solution = cg.solve_ivp(
-            lambda t, y: [0.0, 0.0, 1.0], (0, 4), y0, frame=SO3(), method="CF4", h=2.0,
-            events=lambda t, y: y[0, 0] - level,
+            lambda t, y: [0.0, 0.0, 1.0], (0, 4), y0, frame=frame, method="CF4", h=2.0,
+            events=lambda t, y: cosine(t, y) - level,
         )  # fmt: skip
         width = (1 - share) * math.pi
         expected = [middle - width, middle + width]
         np.testing.assert_allclose(solution.t_events[0], expected, rtol=0, atol=1e-11)
 
 
+@TURNING
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("steps", [{}, {"h": 8e3, "method": "CF4"}], ids=str)
-def test_all_events_of_very_long_steps_are_found(steps, sign):
+def test_all_events_of_very_long_steps_are_found(steps, sign, frame, one, cosine):
     solution = cg.solve_ivp(
-        lambda t, y: [0.0, 0.0, 1.0], (0, 1.6e4 * sign), np.eye(3), frame=SO3(),
-        events=lambda t, y: y[0, 0], **steps,
-    )  # fmt: skip
+        lambda t, y: [0.0, 0.0, 1.0], (0, 1.6e4 * sign), one, frame=frame, events=cosine, **steps
+    )
     expected = np.arange(0.5, 1.6e4 / np.pi) * np.pi  # zeros of the cosine
     np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=5e-13)
 
@@ -306,7 +274,6 @@ def test_parts_of_a_linear_action_follow_the_norm_of_the_generator():
 MEMBERS = 40
 RATES = np.random.default_rng(2).uniform(0.5, 3.0, (MEMBERS, 2))
 UPS = np.random.default_rng(3).uniform([0.5, -2.0], [3.0, 2.0], (MEMBERS, 2))
-PUSH = cg.Samples([0.0, 1.0, 2.0, 3.0], [0.0, 2.0, -1.0, 0.5])
 
 
 def turning(t, y, rate):
@@ -314,27 +281,8 @@ def turning(t, y, rate):
     return np.stack([np.sin(t), 0.3 + y[..., 0, 1], t * 0 + rate[..., 0]], axis=-1)
 
 
-def falling(t, y, u, rate):
-    return np.stack([y[..., 1], u - 9.81 * rate[..., 0]], axis=-1)
-
-
 def angle(t, y, rate):
     return np.arctan2(y[..., 1, 0], y[..., 0, 0]) - rate[..., 1]
-
-
-def lower(t, y, u, rate):
-    return y[..., 0] + 0.01 * u
-
-
-def faster(t, y, u, rate):
-    return y[..., 1] + rate[..., 1]
-
-
-def bounce(t, y, u, rate):
-    return [0.01 - 0.01 * u, -0.7 * y[1]]
-
-
-EVENTS = [cg.Event(lower, direction=-1, jump=bounce, terminal=3), cg.Event(faster)]
 
 
 def test_each_point_is_evaluated_once_and_points_of_many_members_together():
@@ -392,18 +340,6 @@ class TestErrors:
         assert caught.value.__notes__ == ["in events[1](t, y, ...) at t = 0"]
 
     def test_flag(self):
-        refuses(TypeError, "vectorized must be True or False", cg.Event, lower, vectorized=1)
+        refuses(TypeError, "vectorized must be True or False", cg.Event, angle, vectorized=1)
         compiled = cg.CompiledFunction(ctypes.util.find_library("m"), "cos")
         refuses(ValueError, "vectorized must be False", cg.Event, compiled, vectorized=True)
-
-
-def test_a_stepper_takes_them_beside_others_and_is_pickled():
-    options = {"frame": Euclidean(2), "parameters": RATES, "inputs": PUSH}
-    whole = cg.solve_ensemble(falling, (0, 3), UPS, events=EVENTS, **options)
-    events = [replace(EVENTS[0], vectorized=True), EVENTS[1]]
-    stepper = cg.Stepper(falling, 0.0, UPS, 3.0, events=events, **options)
-    stepper = pickle.loads(pickle.dumps(stepper))
-    stepper.advance(3.0)
-    np.testing.assert_array_equal(stepper.stopped, whole.status == 1)
-    for own, others in zip(stepper.y_after, whole.y_after, strict=True):
-        np.testing.assert_array_equal(np.concatenate(own), np.concatenate(others))

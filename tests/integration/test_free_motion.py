@@ -1,6 +1,7 @@
 """The free motion of rigid bodies by one step of a splitting method without forces."""
 
 import ctypes
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -10,53 +11,28 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, PhaseSpace
+from cg.problems.taylor import QuadraticSystem, _solve
 from cg.support.quads import working_precision
 
 EPSILON = np.finfo(np.float64).eps
 
 
-def exact_motion(inertia, momentum, time, order=60):
-    """Return attitude and momentum by Taylor series of 200 bits, as balls, in steps of a radian."""
+def exact_motion(inertia, momentum, time):
+    """Return attitude and momentum by Taylor series of 200 bits, in steps of a radian."""
     with working_precision(200):
         inverse = [1 / arb(float(moment)) for moment in inertia]
-        fastest = np.sqrt(np.sum(np.square(momentum) / inertia) / min(inertia))
-        count = int(fastest * abs(time)) + 1
-        h = arb(float(time)) / count
         # columns of the attitude's transpose change as the momentum does: x' = x cross omega
-        rows = [momentum, *np.eye(3)]
-        vectors = [[arb(float(x)) for x in row] for row in rows]
-        for _ in range(count):
-            series = [[[x] for x in vector] for vector in vectors]
-            for k in range(order):
-                add_term(series, inverse, k)
-            vectors = [[value_at(row, h) for row in vector] for vector in series]
-        return np.array(vectors[1:], dtype=float), np.array(vectors[0], dtype=float)
-
-
-def add_term(series, inverse, k):
-    """Add the coefficients of t^(k + 1) to the series of momentum and attitude."""
-    velocity = [[scale * x for x in row] for scale, row in zip(inverse, series[0], strict=True)]
-    slopes = [cross_term(vector, velocity, k) for vector in series]
-    for vector, slope in zip(series, slopes, strict=True):
-        for row, x in zip(vector, slope, strict=True):
-            row.append(x / (k + 1))
-
-
-def cross_term(u, v, k):
-    """Return the coefficient of t^k in the cross product of two series."""
-
-    product = lambda x, y: sum((x[i] * y[k - i] for i in range(k + 1)), arb(0))
-    return [
-        product(u[(i + 1) % 3], v[(i + 2) % 3]) - product(u[(i + 2) % 3], v[(i + 1) % 3])
-        for i in range(3)
-    ]
-
-
-def value_at(row, h):
-    value = arb(0)
-    for x in reversed(row):
-        value = value * h + x
-    return value
+        equations = tuple(
+            ((inverse[k], (at + j, k)), (-inverse[j], (at + k, j)))
+            for at in range(0, 12, 3)
+            for j, k in ((1, 2), (2, 0), (0, 1))
+        )
+        initial = tuple(arb(float(x)) for x in (*momentum, *np.eye(3).ravel()))
+        system, at = QuadraticSystem(equations, initial), Fraction(float(time))
+        fastest = np.sqrt(np.sum(np.square(momentum) / inertia) / min(inertia))
+        (end,) = _solve(system, (at,), Fraction(1.0 / fastest), 60)
+        vectors = np.array(end, dtype=float).reshape(4, 3)
+        return vectors[1:], vectors[0]
 
 
 def no_force(t, y):

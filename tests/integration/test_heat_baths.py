@@ -172,24 +172,6 @@ def test_equilibrium_of_a_dipole_in_a_field():
     assert (np.abs([kinetic.mean(), cosine.mean()] - np.array(expected)) < 3.5 * errors).all()
 
 
-def test_equilibrium_of_a_spherical_pendulum():
-    """Heights are those of Langevin's function, and kinetic energies those of two freedoms."""
-    joint = fr.Joint("distance", (None, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, 0.0]), length=1.0)
-    frame, weight = fr.PhaseSpace(fr.Euclidean(3), 1.3, joints=[joint]), 1.2
-    q = fr.Sphere(2).random_point(np.random.default_rng(5), 600)
-    y0 = frame.join(q, frame.random_momentum(q, 0.7, np.random.default_rng(6)))
-    solution = cg.solve_ensemble(
-        lambda t, y: np.broadcast_to([0.0, 0.0, -weight], (len(y), 3)), (0, 30), y0, frame=frame,
-        method="RATTLE", h=0.2, vectorized=True, thermostat=BATH, t_eval=np.arange(6.0, 31.0, 2.0),
-    )  # fmt: skip
-    assert frame.membership_error(solution.y).max() < 1e-13
-    means = np.array([-solution.y[..., 2], frame.kinetic_energy(solution.y)]).mean(axis=1)
-    errors = means.std(axis=1) / np.sqrt(600)
-    assert errors.max() < 0.015
-    x = weight / 0.7
-    assert (np.abs(means.mean(axis=1) - [1 / np.tanh(x) - 1 / x, 0.7]) < 3.5 * errors).all()
-
-
 def test_noise_opens_no_joints_and_has_the_same_streams():
     joints = [
         fr.Joint("ball", (None, [0, 0, 0]), (0, [0, 0, -0.5])),

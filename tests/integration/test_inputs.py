@@ -128,61 +128,15 @@ def test_exceptions_say_how_functions_are_called():
 
 
 class TestTimesOfTheirOwn:
-    """Lists of inputs: each member is what `cg.solve_ivp` makes of its own, to the bit."""
+    """Lists of inputs; the model's programs have them."""
 
-    CURVES = [cg.Samples([0.0, 0.3 + k / 7, 0.9 + k / 11], [1.0, -2.0, 0.5]) for k in range(4)] + [
-        cg.Samples(np.linspace(0, 2, 6), np.cos(np.arange(6.0)), "cubic")
-    ]
+    CURVES = [HELD] * 5
 
-    @pytest.mark.parametrize("options", [
-        {}, {"h": 0.05}, {"method": "CF4"} | {"h": 0.1}, {"workers": 2}, {"vectorized": True},
-        {"parameters": np.arange(5.0)[:, None]}, {"linear": True}, {"t_eval": [1.3]},
-        {"derivatives": "forward", "parameters": np.arange(5.0)[:, None]},
-        {"events": [lambda t, y, u, *p: y[0, 0]], "dense_output": True},
-        {"events": [lambda t, y, u: y[0, 0]], "derivatives": "forward"},
-    ], ids=" ".join)  # fmt: skip
-    @pytest.mark.parametrize("span", [(0, 2), (2, 0)])
-    def test_members_are_single_solutions(self, options, span):
-        frame, many = cg.frames.SO3(), options.get("vectorized", False)
-
-        def f(t, *rest):
-            u = rest[0 if "linear" in options else 1]
-            p = rest[-1][..., 0] if "parameters" in options else 0.2
-            value = np.stack(np.broadcast_arrays(u, p, 1.0 + 0 * t), axis=-1)
-            return value
-
-        joint = cg.solve_ensemble(f, span, np.eye(3), frame=frame, inputs=self.CURVES, **options)
-        left_out = {"workers", "vectorized", "parameters"}
-        single = {name: value for name, value in options.items() if name not in left_out}
-        single.setdefault("t_eval", span)
-        for k, curve in enumerate(self.CURVES):
-            if "parameters" in options:
-                single["parameters"] = options["parameters"][k]
-            g = (lambda t, y, u: f(np.array([t]), y[None], np.array([u]))[0]) if many else f
-            one = cg.solve_ivp(g, span, np.eye(3), frame=frame, inputs=curve, **single)
-            np.testing.assert_array_equal(joint.y[:, k], one.y)
-            if joint.sensitivity is not None:
-                np.testing.assert_array_equal(joint.sensitivity[:, k], one.sensitivity)
-            if joint.t_events is not None:
-                np.testing.assert_array_equal(joint.t_events[0][k], one.t_events[0])
-            if getattr(joint, "dt_events", None) is not None:
-                np.testing.assert_array_equal(joint.dt_events[0][k], one.dt_events[0])
-
-    def test_steppers_refuse_them(self):
-        with pytest.raises(ValueError, match="those of members with members=True"):
-            cg.Stepper(
-                lambda t, y, u: [u, 0, 1], 0.0, np.stack(5 * [np.eye(3)]), 2.0,
-                frame=cg.frames.SO3(), inputs=self.CURVES,
-            )  # fmt: skip
-
-    def test_of_several_inputs(self):
-        pairs = [(curve, self.CURVES[0]) for curve in self.CURVES]
-        f = lambda t, y, u: [u[0], u[1], 1.0]
-        joint = cg.solve_ensemble(f, (0, 2), np.eye(3), frame=cg.frames.SO3(), inputs=pairs)
-        one = cg.solve_ivp(
-            f, (0, 2), np.eye(3), frame=cg.frames.SO3(), inputs=pairs[3], t_eval=(0, 2)
-        )
-        np.testing.assert_array_equal(joint.y[:, 3], one.y)
+    def test_they_say_how_many_members_there_are_and_steppers_refuse_them(self):
+        f, options = lambda t, y, u: [u], {"frame": LINE, "inputs": self.CURVES}
+        assert len(cg.solve_ensemble(f, (0, 2), [0.0], **options)) == 5
+        message = "those of members with members=True"
+        refuses(ValueError, message, cg.Stepper, f, 0.0, np.zeros((5, 1)), 2.0, **options)
 
     @pytest.mark.parametrize(("inputs", "message"), [
         (CURVES[:2], "a list of 5 such"), ([*CURVES[:4], 3], r"inputs\[4\]: inputs must be"),

@@ -12,7 +12,7 @@ from kinds import FROZEN
 from cg.construction.catalogue import methods
 from cg.construction.methods.paths import paths_of
 from cg.construction.methods.tableau import Tableau
-from cg.frames import SO3, Euclidean
+from cg.frames import SO3
 from cg.integration import integrate
 
 EXPLICIT = [name for name, tableau in FROZEN.items() if tableau.explicit]
@@ -33,24 +33,6 @@ def exponentials(method):
         return len({point for end in ends for point in method.tree.path(end)})
     a, b = method.exact
     return sum(x != 0 for row in a for x in row) + sum(x != 0 for x in b)
-
-
-def classical_step(f, t, y, h, tableau):
-    stages = []
-    for c, row in zip(tableau.c, tableau.a, strict=True):
-        increment = sum((x * k for x, k in zip(row, stages, strict=False)), np.zeros_like(y))
-        stages.append(np.array(f(t + c * h, y + h * increment)))
-    return y + h * sum(x * k for x, k in zip(tableau.b, stages, strict=True))
-
-
-@pytest.mark.parametrize("name", EXPLICIT)
-def test_flat_manifold_gives_the_classical_method(name):
-    f = lambda t, y: np.array([y[1] * np.cos(t), -y[0] * y[2], y[0] + t])
-    y = np.array([0.3, -0.5, 1.0])
-    solution = integrate(f, (0.2, 1.2), y, frame=Euclidean(3), method=name, h=0.125)
-    for k in range(8):
-        y = classical_step(f, 0.2 + k * 0.125, y, 0.125, methods[name])
-        np.testing.assert_allclose(solution.y[k + 1], y, rtol=0, atol=2e-14)
 
 
 @pytest.mark.parametrize("name", EXPLICIT)

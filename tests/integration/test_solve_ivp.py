@@ -52,11 +52,6 @@ def test_steps_without_end_are_given_up(monkeypatch):
         assert solution.steps + solution.nrejected == 50
 
 
-def test_empty_masks_are_accepted():
-    solution = solve(y0=np.ma.masked_array(np.eye(3)))
-    np.testing.assert_array_equal(solution.y, solve().y)
-
-
 def test_rtol_below_rounding_is_raised_with_a_warning():
     with pytest.warns(UserWarning, match="rtol = 1e-20 is too small") as caught:
         solve(t_span=(0.0, 1e-3), rtol=1e-20, atol=1e-6)

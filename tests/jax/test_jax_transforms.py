@@ -23,15 +23,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 class TestTransforms:
     """Derivatives of end points of adaptive runs against difference quotients."""
 
-    STEPS = 1024
-    KEPT = diffrax.RecursiveCheckpointAdjoint(checkpoints=STEPS)
-
-    def end(self, inertia, y0=START, adjoint=KEPT):
-        ours = cg.jax.FrameTerm(body(jnp), ATTITUDE_AND_VELOCITY)
-        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
-        options = {"max_steps": self.STEPS, "adjoint": adjoint, "args": inertia}
-        return solve(ours, solver, y0, end=2.0, rtol=1e-12, **options).ys[-1]
-
     @pytest.mark.parametrize(("frame", "name"), [
         (fr.UnitQuaternion(), "CF4(3)"),
         *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),

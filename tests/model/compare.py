@@ -446,6 +446,10 @@ def members(
                     for each in (ways, common))  # fmt: skip
     if program.endless and program.output is None and not program.dense:
         code += "several['t_eval'] = [span[0]]\n"
+    apart = program.inputs and program.seed % 2 == 1  # a list of inputs, with times of their own
+    if apart:
+        code += f"second['inputs'] = {program.named_inputs('moved')}\n"
+        code += "several['inputs'] = [each['inputs'] for each in (options, second, options)]\n"
     single = case.solve(code + CALL.replace("y0, **options", "other, **second"))
     code += "s = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **several"
     for way in (way for way in ways if not (program.compiled and "vectorized" in way)):
@@ -459,7 +463,7 @@ def members(
             same(own, s[i], (*compared, *EVENTS, *COUNTS), f"{code}{way})[{i}]")
             if own.status == 0 and not np.array_equal(s[i].y[-1:], own.y[-1:]):
                 raise Difference(f"the end of member {i} differs", f"{code}{way})\nprint(s.y)")
-    if case.jumps():
+    if case.jumps() or apart:
         return  # refused with common steps
     for way in (way for way in common if not (program.compiled and "vectorized" in way)):
         s = case.solve(f"{code}{way})")

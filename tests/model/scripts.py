@@ -12,7 +12,8 @@ TOGETHER = """def together(event):
         rest = [zip(*each) if isinstance(each, tuple) else each for each in rest]
         return np.array([event.function(*one) for one in zip(t.tolist(), y, *rest)])
     return cg.Event(rows, event.terminal, event.direction, event.jump, event.period, True)
-many = {"events": [together(event) for event in options.get("events", ())]}
+many = {"events": [event if event.direction > 0 else together(event)
+                   for event in options.get("events", ())]}
 """
 EVENTS_TOGETHER = (" | many", " | many, vectorized=True")
 VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
