@@ -156,10 +156,8 @@ contains
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
         associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
-          speed(:, i) = rates(frame%linkage, c, momenta)
-          c%moved = abs(c%moved)
-          c%own_moved = abs(c%own_moved)
-          size_of_speed(:, i) = rates(frame%linkage, c, abs(momenta))
+          speed(:, i) = rates(frame%linkage, c%moved, momenta)
+          size_of_speed(:, i) = rates(frame%linkage, abs(c%moved), abs(momenta))
         end associate
       end do
     end associate
