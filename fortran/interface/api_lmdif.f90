@@ -30,19 +30,21 @@ contains
     if (failed) flag = stopped_by_user
   end subroutine residual
 
-  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, mode, &
+  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, &
                              factor, x, fvec, info, nfev, fjac, ipvt, qtf) bind(c)
     integer(c_intptr_t), intent(in) :: context     ! the function
-    integer, intent(in) :: n, m, maxfev, mode
-    real(wp), intent(in) :: x0(n), diag(n), ftol, xtol, gtol, epsfcn, factor
+    integer, intent(in) :: n, m, maxfev
+    real(wp), intent(in) :: diag(n)                ! zeros if it isn't given
+    real(wp), intent(in) :: x0(n), ftol, xtol, gtol, epsfcn, factor
     real(wp), intent(out) :: x(n), fvec(m), fjac(m, n), qtf(n)
     integer, intent(out) :: info, nfev, ipvt(n)
     type(python_function_t) :: problem
     type(lmdif_t) :: solver
 
     problem%python%context = transfer(context, c_null_ptr)
-    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
-                     factor=factor, diag=diag)
+    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, &
+                     factor=factor)
+    if (all(diag > 0)) solver%diag = diag
     x = x0
     call lmdif(problem, x, fvec, solver)
     info = solver%info
