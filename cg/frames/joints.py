@@ -26,8 +26,8 @@ Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
 _POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
 _ATTITUDE: tuple[Row, ...] = (
     (RowForm.COINCIDENT_AXES, 0, 1),
-    (RowForm.BETWEEN_AXES, 1, 2),
-    (RowForm.BETWEEN_AXES, 2, 0),
+    (RowForm.COINCIDENT_AXES, 1, 2),
+    (RowForm.COINCIDENT_AXES, 2, 0),
 )
 KINDS: dict[str, tuple[Row, ...]] = {
     "ball": _POINT,
@@ -422,7 +422,8 @@ class Linkage:
         """The function that compiled code calls for constraints of one's own.
 
         It gets 0 for values, 1 for derivatives with them, or 2 and velocities for second
-        derivatives too; and the doubles of a configuration.
+        derivatives too; and the doubles of a configuration. Before the derivatives are the sums of
+        their terms, times `_reach` and without it.
         """
         this = weakref.ref(self)
 
@@ -434,7 +435,8 @@ class Linkage:
             derivatives = [self._value(q)]
             if depth[0] > 0.0:
                 slopes = self._slopes(q)
-                derivatives.append(slopes.ravel())
+                terms = np.abs(slopes)
+                derivatives += [terms @ self._reach(q), terms.sum(axis=1), slopes.ravel()]
             if depth[0] > 1.0:
                 slope = float(np.abs(slopes * self._reach(q)).max())
                 derivatives.append(self._second_derivatives(q, depth[1:], slope))

@@ -117,7 +117,7 @@ class RowForm(IntEnum):
     ALONG_SPACE = 1  # an axis of space and the vector between points
     ALONG_BODY = 2  # the axis of the first body and the vector between points
     BETWEEN_AXES = 3  # their cosine
-    COINCIDENT_AXES = 4  # the same, in the first of three rows for axes that coincide
+    COINCIDENT_AXES = 4  # the same, in three rows for axes that coincide
     FIXED_LENGTH = 5  # the vector between points and itself, less the square of a length
 
 

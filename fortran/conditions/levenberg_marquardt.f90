@@ -12,16 +12,14 @@ module levenberg_marquardt_m
   private
   public :: lmdif, lmdif_t
 
-  integer, parameter :: scale_as_given = 2  ! a `mode`; else D comes from the columns of J
-
   ! The settings and the results of one solve, under MINPACK's names
   type :: lmdif_t
     real(wp) :: ftol = 0.0_wp, xtol = 0.0_wp, gtol = 0.0_wp    ! >= 0
     integer :: maxfev = 0                    ! > 0: largest number of evaluations
     real(wp) :: epsfcn = 0.0_wp              ! relative error of f, at least epsilon is taken
-    integer :: mode = 1
     real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
-    real(wp), allocatable :: diag(:)         ! (n): D; needed if mode is scale_as_given
+    ! (n): D, positive; if it isn't given, it comes from the columns of J
+    real(wp), allocatable :: diag(:)
     integer :: info = improper_input         ! a Status, or the negative flag of the problem
     integer :: nfev = 0                      ! evaluations, those for differences included
     real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
@@ -33,27 +31,7 @@ module levenberg_marquardt_m
 
 contains
 
-  ! Whether MINPACK would accept the settings for m residuals of n unknowns
-  pure logical function proper_input(solver, n, m)
-    type(lmdif_t), intent(in) :: solver
-    integer, intent(in) :: n, m
-
-    proper_input = n > 0 .and. m >= n .and. solver%ftol >= 0 .and. solver%xtol >= 0 &
-        .and. solver%gtol >= 0 .and. solver%maxfev > 0 .and. solver%factor > 0
-    if (solver%mode == scale_as_given) proper_input = proper_input .and. all(solver%diag > 0)
-  end function proper_input
-
-  ! Allocates the results.
-  pure subroutine prepare(solver, m, n)
-    type(lmdif_t), intent(inout) :: solver
-    integer, intent(in) :: m, n
-
-    allocate (solver%fjac(m, n), solver%qtf(n), source=0.0_wp)
-    allocate (solver%ipvt(n), source=0)
-    if (.not. allocated(solver%diag)) allocate (solver%diag(n), source=1.0_wp)
-  end subroutine prepare
-
-  ! Minimises |f(x)|. If the settings are improper, f is never called.
+  ! Minimises |f(x)|. There are at least as many residuals as unknowns.
   subroutine lmdif(problem, x, fvec, solver)
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)                   ! (n): start in, last accepted point out
@@ -63,13 +41,15 @@ contains
     real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par, actual, predicted, slope, ratio
     real(wp), allocatable :: ftrial(:)  ! (m)
     integer :: flag, iteration
+    logical :: given                    ! whether D is
 
     fvec = 0
     flag = 0
     allocate (ftrial(size(fvec)), source=0.0_wp)
-    call prepare(solver, size(fvec), size(x))
+    allocate (solver%fjac(size(fvec), size(x)), solver%qtf(size(x)), source=0.0_wp)
+    allocate (solver%ipvt(size(x)), source=0)
+    given = allocated(solver%diag)
     main: block
-      if (.not. proper_input(solver, size(x), size(fvec))) exit main
       call problem%residual(x, fvec, flag)
       solver%nfev = 1
       if (flag < 0) exit main
@@ -81,17 +61,17 @@ contains
         call linearise(problem, x, fvec, solver, ftrial, acnorm, flag)
         if (flag < 0) exit main
         if (iteration == 1) then
-          if (solver%mode /= scale_as_given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
+          if (.not. given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
           xnorm = enorm(solver%diag * x)
           delta = solver%factor * xnorm
           if (.not. delta > 0) delta = solver%factor
         end if
-        gnorm = scaled_gradient(solver%fjac, solver%ipvt, solver%qtf, fnorm, acnorm)
+        gnorm = scaled_gradient(solver, fnorm, acnorm)
         if (gnorm <= solver%gtol) then
           solver%info = small_gradient
           exit main
         end if
-        if (solver%mode /= scale_as_given) solver%diag = max(solver%diag, acnorm)
+        if (.not. given) solver%diag = max(solver%diag, acnorm)
 
         inner: do
           call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
@@ -133,7 +113,8 @@ contains
     if (flag < 0) solver%info = flag
   end subroutine lmdif
 
-  ! Factorises the Jacobian at x and applies its reflections to f.
+  ! Factorises the Jacobian at x, applies its reflections to f, of which the first n elements are
+  ! kept, and puts R's diagonal into the place that the reflections then no longer need.
   subroutine linearise(problem, x, fvec, solver, work, acnorm, flag)
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
@@ -143,14 +124,21 @@ contains
     real(wp), intent(out) :: acnorm(:)                 ! (n): norms of the Jacobian's columns
     integer, intent(inout) :: flag
     real(wp) :: diagonal(size(x))
+    integer :: j
 
     call difference_jacobian(problem, x, fvec, solver, flag)
     if (flag < 0) return
-    call qrfac(solver%fjac, solver%ipvt, diagonal, acnorm, problem%stop_flag)
-    if (stop_requested(problem%stop_flag)) flag = stopped_by_user
-    if (flag < 0) return
-    work = fvec
-    call apply_reflections(solver%fjac, diagonal, work, solver%qtf)
+    associate (qr => solver%fjac)
+      call qrfac(qr, solver%ipvt, diagonal, acnorm, problem%stop_flag)
+      if (stop_requested(problem%stop_flag)) flag = stopped_by_user
+      if (flag < 0) return
+      work = fvec
+      do j = 1, size(x)
+        if (abs(qr(j, j)) > 0) call reflect(qr(j:, j), work(j:))
+        qr(j, j) = diagonal(j)
+      end do
+      solver%qtf = work(:size(x))
+    end associate
   end subroutine linearise
 
   ! The Jacobian by forward differences with steps sqrt(epsfcn) * |x_j|.
@@ -177,36 +165,19 @@ contains
     end do
   end subroutine difference_jacobian
 
-  ! Overwrites `f` by Q^T f, keeps its first n elements, and puts R's diagonal
-  ! into the place that the reflections no longer need.
-  pure subroutine apply_reflections(qr, rdiag, f, qtf)
-    real(wp), intent(inout), contiguous :: qr(:,:)  ! (m, n)
-    real(wp), intent(in) :: rdiag(:)                ! (n)
-    real(wp), intent(inout), contiguous :: f(:)     ! (m)
-    real(wp), intent(out) :: qtf(:)                 ! (n)
-    integer :: j
-
-    do j = 1, size(qr, 2)
-      if (abs(qr(j, j)) > 0) call reflect(qr(j:, j), f(j:))
-      qr(j, j) = rdiag(j)
-      qtf(j) = f(j)
-    end do
-  end subroutine apply_reflections
-
   ! Largest cosine of the angle between f and a column of the Jacobian.
-  pure real(wp) function scaled_gradient(r, ipvt, qtf, fnorm, acnorm)
-    real(wp), intent(in), contiguous :: r(:,:)  ! (m, n): R in the upper triangle
-    integer, intent(in) :: ipvt(:)              ! (n)
-    real(wp), intent(in) :: qtf(:), fnorm                ! qtf: (n)
-    real(wp), intent(in) :: acnorm(:)           ! (n): norms of the Jacobian's columns
+  pure real(wp) function scaled_gradient(solver, fnorm, acnorm)
+    type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
+    real(wp), intent(in) :: fnorm
+    real(wp), intent(in) :: acnorm(:)          ! (n): norms of the Jacobian's columns
     integer :: j
 
     scaled_gradient = 0
     if (.not. fnorm > 0) return
-    do j = 1, size(r, 2)
-      if (.not. acnorm(ipvt(j)) > 0) cycle
-      scaled_gradient = max(scaled_gradient, &
-          abs(dot_product(r(:j, j), qtf(:j) / fnorm) / acnorm(ipvt(j))))
+    do j = 1, size(acnorm)
+      if (.not. acnorm(solver%ipvt(j)) > 0) cycle
+      scaled_gradient = max(scaled_gradient, abs(dot_product(solver%fjac(:j, j), &
+                            solver%qtf(:j) / fnorm) / acnorm(solver%ipvt(j))))
     end do
   end function scaled_gradient
 

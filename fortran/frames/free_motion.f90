@@ -219,9 +219,9 @@ contains
     whole = f
     if (forces_alone) call add_free_motion(frame, y, whole)
     associate (m => frame%linkage%forces)
-      x = -rates(frame%linkage, c, whole(m + 1:2 * m)) - c%bias
+      x = -rates(frame%linkage, c%moved, whole(m + 1:2 * m)) - c%bias
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, c, .false., x, f(m + 1:2 * m))
+      call constraint_impulse(frame%linkage, c%slope, x, f(m + 1:2 * m))
     end associate
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
@@ -277,7 +277,7 @@ contains
       x = -c%g
       call solve_constraints(frame%linkage, c, x)
       v = 0.0_wp
-      call constraint_impulse(frame%linkage, c, .true., x, v(:frame%linkage%forces))
+      call constraint_impulse(frame%linkage, c%moved, x, v(:frame%linkage%forces))
       call apply_flows(frame, 1, v, y)
     end do
     status = joints_not_solved
@@ -293,9 +293,9 @@ contains
     integer :: i
 
     do i = 1, 2
-      x = -rates(frame%linkage, c, momenta)
+      x = -rates(frame%linkage, c%moved, momenta)
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, c, .false., x, momenta)
+      call constraint_impulse(frame%linkage, c%slope, x, momenta)
     end do
   end subroutine remove_opening
 

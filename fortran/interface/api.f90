@@ -7,7 +7,6 @@ module api_m
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
   use tree_tables, only: highest => highest_order
-  use weights_m, only: weights_t
   implicit none
 
 contains
@@ -37,23 +36,6 @@ contains
 
     order = highest
   end subroutine highest_order
-
-  ! Phi(t) of the listed trees.
-  subroutine weights(order, l, layout, n, x, m, trees, phi) bind(c)
-    !f2py threadsafe
-    integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-    real(wp), intent(in) :: x(n)       ! weights, packed
-    integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
-    real(wp), intent(out) :: phi(m)
-    type(weights_t) :: values
-    integer :: i
-
-    call values%set_up(order, layout)
-    call values%evaluate(x)
-    do i = 1, m
-      phi(i) = values%weight(trees(i), .false.)
-    end do
-  end subroutine weights
 
   ! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
   ! order_conditions_t. A zero in the list of trees gives a zero.

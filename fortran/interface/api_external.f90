@@ -144,10 +144,8 @@ contains
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
         associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
-          speed(:, i) = rates(frame%linkage, c, momenta)
-          c%moved = abs(c%moved)
-          c%own_moved = abs(c%own_moved)
-          size_of_speed(:, i) = rates(frame%linkage, c, abs(momenta))
+          speed(:, i) = rates(frame%linkage, c%moved, momenta)
+          size_of_speed(:, i) = rates(frame%linkage, abs(c%moved), abs(momenta))
         end associate
       end do
     end associate
@@ -241,19 +239,21 @@ contains
 
   ! MINPACK's lmdif on a function in Python. It is never `threadsafe`, since the function needs the
   ! interpreter's lock.
-  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, mode, &
+  subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, &
                              factor, x, fvec, info, nfev, fjac, ipvt, qtf) bind(c)
     integer(c_intptr_t), intent(in) :: context     ! the function
-    integer, intent(in) :: n, m, maxfev, mode
-    real(wp), intent(in) :: x0(n), diag(n), ftol, xtol, gtol, epsfcn, factor
+    integer, intent(in) :: n, m, maxfev
+    real(wp), intent(in) :: diag(n)                ! zeros if it isn't given
+    real(wp), intent(in) :: x0(n), ftol, xtol, gtol, epsfcn, factor
     real(wp), intent(out) :: x(n), fvec(m), fjac(m, n), qtf(n)
     integer, intent(out) :: info, nfev, ipvt(n)
     type(python_function_t) :: problem
     type(lmdif_t) :: solver
 
     problem%python%context = transfer(context, c_null_ptr)
-    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
-                     factor=factor, diag=diag)
+    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, &
+                     factor=factor)
+    if (all(diag > 0)) solver%diag = diag
     x = x0
     call lmdif(problem, x, fvec, solver)
     info = solver%info

@@ -132,7 +132,7 @@ contains
         lambda = 2 * impulse(:, 1) - impulse(:, 2)
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
-          call constraint_impulse(linkage, here, .false., lambda, &
+          call constraint_impulse(linkage, here%slope, lambda, &
                                   y(linkage%before + 1:linkage%after))
           call drift(x%frame, time, y)
           x%counts%nexp = x%counts%nexp + 1

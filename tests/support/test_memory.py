@@ -99,7 +99,6 @@ enough = np.resize(ConditionSystem(5, small).conditions(True)[0], small.size)
 start_quad = quads.from_float(start)
 bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
 cases = {
-    "door.weights(7, layout, x, trees)": door.evaluation_bytes(7, layout, trees.size),
     "door.residuals(7, layout, x, trees, owner)": door.evaluation_bytes(7, layout, trees.size),
     "door.residuals(7, layout, bits, trees, owner)":
         door.evaluation_bytes(7, layout, trees.size, 16),
@@ -122,9 +121,9 @@ for case, bound in cases.items():
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 def test_calls_below_any_limit_are_done_or_refused():
     lines = _run(_PREPARED)
-    assert len(lines) == 7 * 25
+    assert len(lines) == 6 * 25
     assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
-    for k in range(7):
+    for k in range(6):
         outcomes = [line == "done" for line in lines[25 * k : 25 * (k + 1)]]
         assert not outcomes[0]
         assert outcomes[-1]

@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cg import _core_r128
-from cg.construction.layouts import Layout
+from cg.construction.layouts import Layout, Rows
 from cg.support.quads import decode, encode, from_float, to_decimal, to_float
 
 LARGEST = Fraction(2) ** 16384 - Fraction(2) ** 16271
@@ -24,10 +24,11 @@ def quads(*bits):
 
 
 def through_fortran(bits):
-    """Return b_1 through the compiled core, as Φ([τ]) = b_1."""
-    order, tree = 1, 2
-    weights = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
-    return np.ascontiguousarray(weights.T)
+    """Return a_11 through the compiled core, the derivative of Φ([[τ]]) = a_11 b_1 by b_1."""
+    order, tree, owner = 2, np.array([4], np.intc), np.zeros(1, np.intc)
+    x = np.concatenate([bits, bits])
+    jac = _core_r128.jacobian(order, Layout.tableau(1, Rows.DIAGONAL).code, x.T, tree, owner=owner)
+    return np.ascontiguousarray(jac.T[1])
 
 
 @given(patterns)

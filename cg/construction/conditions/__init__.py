@@ -97,7 +97,8 @@ def weights(
     array([1. , 0.5, 0.5])
     """
     order, layout, x = _packed(a, b, order)
-    return core_calls.weights(order, layout, x, _trees(order, independent))
+    differences = core_calls.residuals(order, layout, x, _trees(order, independent))
+    return differences + np.array(right_sides(order, independent), dtype=np.float64)
 
 
 @overload

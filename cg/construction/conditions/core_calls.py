@@ -19,17 +19,6 @@ Vector = NDArray[np.float64]
 Trees = NDArray[np.intc]
 
 
-def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
-    """Return ``Φ(t)`` of the first result, shape (m,), at packed weights x, shape (layout.size,).
-
-    `trees` are the indices of trees with at most ``order + 1`` nodes, intc of shape (m,).
-    """
-    needed = evaluation_bytes(order, layout, trees.size)
-    check_memory(needed, described("weights", order, layout))
-    phi: Vector = _core_r64.weights(order, layout.code, x, trees)
-    return phi
-
-
 def residuals(
     order: int, layout: Layout, x: NDArray[Any], trees: Trees, owner: Trees | None = None
 ) -> NDArray[Any]:

@@ -30,7 +30,6 @@ Vector = NDArray[np.float64]
 Residual = Callable[[Vector], ArrayLike]
 
 _EPS = float(np.finfo(np.float64).eps)
-_SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,13 +150,12 @@ def lmdif(
     n = start.size
     limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
     arguments = (
-        np.ones(n) if diag is None else _scale_factors(diag, n),
+        np.zeros(n) if diag is None else _scale_factors(diag, n),
         check_real("ftol", ftol),
         check_real("xtol", xtol),
         check_real("gtol", gtol),
         limit,
         check_real("epsfcn", epsfcn),
-        _SCALE_BY_COLUMNS if diag is None else _SCALE_AS_GIVEN,
         check_real("factor", factor, positive=True),
     )
     evaluate, rows = _callback(f, start)
