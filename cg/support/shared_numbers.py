@@ -41,7 +41,6 @@ class Stop(IntEnum):
     NEEDS_EVENTS = 24  # values of events at the requested times and points
     NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
     NEEDS_MAXIMUM = 22  # largest error of them
-    BUFFER_FULL = 23  # the caller must empty the output arrays
 
 
 class FieldFlag(IntEnum):

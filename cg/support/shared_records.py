@@ -82,26 +82,13 @@ RECORD = {
     "y": "address",  # 0 to store no points
     "observed": "address",
     # ends of steps
-    "every": "integer",  # each step whose number is a multiple is stored, and the last one
-    "step_capacity": "integer",
+    "every": "integer",  # each step whose number is a multiple, and the last one; 0 for none
+    "keeps_points": "integer",  # whether their points are stored
+    "dense": "integer",  # whether the interpolants of all steps are stored
+    # numbers of rows that a call has stored, see fortran/steps/output.f90
     "steps": "integer",
-    "step_t": "address",
-    "step_y": "address",  # 0 to store no points
-    "step_observed": "address",
-    # interpolants
-    "dense": "integer",  # whether those of all steps are stored
-    "dense_capacity": "integer",
     "interpolants": "integer",
-    "dense_member": "address",
-    "dense_t": "address",  # (n, 4) start, size, end, 1 if it is on an algebra
-    "dense_y": "address",  # (n, 2, point) both ends of the step
-    "dense_field": "address",  # (n, columns, dimension) vectors of the interpolant
-    # events
-    "event_capacity": "integer",
     "events": "integer",
-    "event_of": "address",  # (n, 2) the member and the event, from 1
-    "event_t": "address",
-    "event_y": "address",  # (n, 2, point) before and after the jump
 }
 """What the compiled loop over steps reads and writes."""
 

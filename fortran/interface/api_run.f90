@@ -11,7 +11,7 @@ module api_run_m
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use method_m, only: make_method, polynomial_kind, reals, splitting_kind
-  use open_run_m, only: open_run, set_inputs, set_output
+  use open_run_m, only: open_run, set_inputs
   use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
   use saved_state_m, only: load_state, save_state
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
@@ -177,15 +177,26 @@ contains
     deallocate (run)
   end subroutine loop_close
 
-  ! Advances a run until all members have ended, the budget is used up, or a buffer of the record is
-  ! full.
+  ! Advances a run until all members have ended, or the budget is used up.
   subroutine loop_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
 
-    call set_output(run_at(address))
     call drive(run_at(address))
   end subroutine loop_drive
+
+  ! Copies the rows that the last call of loop_drive has stored of steps, interpolants or events.
+  subroutine loop_rows(address, what, n, used, rows) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: what, n, used               ! what: from 0, in this order
+    real(wp), intent(inout) :: rows(n, used)
+    type(run_t), pointer :: run
+
+    run => run_at(address)
+    if (what == 0) rows = run%output%steps(:, :used)
+    if (what == 1) rows = run%output%interpolants(:, :used)
+    if (what == 2) rows = run%output%events(:, :used)
+  end subroutine loop_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
   ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
@@ -255,13 +266,11 @@ contains
   end subroutine loop_state
 
   ! Evaluates stored interpolants.
-  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
-                              fields, y) bind(c)
+  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context
     integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
-    real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
-    real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
+    real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
     type(frame_t), target :: frame
@@ -283,16 +292,16 @@ contains
       k = which(i) + 1
       if (k /= last) then
         interpolant%known = plan%scheme%nodes
-        interpolant%h = t(2, k)
-        interpolant%on_algebra = t(4, k) > 0
-        interpolant%y0(:) = y_ends(:, 1, k)
-        interpolant%field(:, :) = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
+        interpolant%h = rows(3, k)
+        interpolant%on_algebra = rows(5, k) > 0
+        interpolant%y0(:) = rows(6:5 + n, k)
+        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
         last = k
       end if
       if (.not. theta(i) > 0) then
-        y(:, i) = y_ends(:, 1, k)
+        y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then
-        y(:, i) = y_ends(:, 2, k)
+        y(:, i) = rows(6 + n:5 + 2 * n, k)
       else if (plan%scheme%at_stages .and. plan%method%kind == polynomial_kind) then
         last_in_step = min(count, i + 31)
         last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &

@@ -15,7 +15,7 @@ module open_run_m
   use inputs_m, only: field_at
   implicit none
   private
-  public :: open_run, set_inputs, set_output
+  public :: open_run, set_inputs
 
 contains
 
@@ -29,13 +29,13 @@ contains
     call set_tolerances(run)
     if (run%record%body_numbers > 0) call set_bodies(run)
     if (run%record%event_functions > 0) call set_events(run)
+    call set_output(run)
     call set_lanes(run, memory)
     if (memory /= 0) return
     if (run%record%observations > 0) then
       call set_observer(run, int(run%record%observations), run%record%observers, &
                         run%record%observer_table, run%record%observer, run%record%observer_data, &
-                        run%record%observer_stride, run%observer)
-      run%output%observer => run%observer
+                        run%record%observer_stride, run%output%observer)
     end if
     if (run%record%step_functions > 0 .or. run%record%step_function /= 0) then
       call set_observer(run, 1, run%record%step_functions, run%record%step_function_table, &
@@ -197,38 +197,23 @@ contains
     end if
   end subroutine set_observer
 
-  ! Makes the views of the caller's output arrays, which may have changed.
+  ! Makes the views of the caller's output arrays, and rows of what is stored of steps.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               columns => int([run%frame%dimension, run%problem%scheme%columns], int64), &
-               outputs => run%record%outputs, members => run%record%members, &
-               observations => run%record%observations, steps => run%record%step_capacity, &
-               dense => run%record%dense_capacity, events => run%record%event_capacity)
-      output%outputs = int(outputs)
-      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
-      if (record%y /= 0) &
-        call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
+               m => run%frame%dimension * run%problem%scheme%columns)
+      output%record => record
+      output%outputs = int(record%outputs)
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
+      if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
+                                          [n, record%members, record%outputs])
       if (record%observed /= 0) &
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [observations, members, outputs])
-      output%record => record
-      call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
-      if (record%step_y /= 0) &
-        call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
-      if (record%step_observed /= 0) &
-        call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
-                         [observations, steps])
-      output%dense = record%dense /= 0
-      call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
-      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4_int64, dense])
-      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
-      call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
-                       [columns, dense])
-      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2_int64, events])
-      call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
-      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2_int64, events])
+                         [record%observations, record%members, record%outputs])
+      allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points /= 0) &
+                             + record%observations, 0), &
+                output%interpolants(5 + 2 * n + m, 0), output%events(3 + 2 * n, 0))
     end associate
   end subroutine set_output
 

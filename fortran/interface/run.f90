@@ -38,7 +38,7 @@ module run_m
     type(callback_t) :: python
     type(events_t) :: events
     type(inner_points_t) :: inner
-    type(observer_t) :: observer, step_function    ! step_function: s of step_size_m
+    type(observer_t) :: step_function        ! s of step_size_m
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
@@ -81,7 +81,7 @@ contains
     run%record%raised = 0
   end subroutine wake
 
-  ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
+  ! Advances all lanes until all members have ended, or the budget is used up.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   ! Others of a vectorized function advance in rounds, whatever the budget is: it ends a call where
   ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
@@ -100,7 +100,7 @@ contains
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
-    run%output%failed = .false.
+    run%output%status = finished
     drive_all: do
       waits = .false.
       stops = .false.
@@ -116,7 +116,7 @@ contains
         select case (status)
         case (needs_minimum, needs_maximum)
           waits = .true.
-        case (paused, buffer_full)
+        case (paused)
           stops = .true.
         case (raised)
           exit drive_all
@@ -156,8 +156,8 @@ contains
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
-        if (any(status == [needs_field, needs_events, needs_minimum, needs_maximum, paused, &
-                           buffer_full])) return
+        if (any(status == [needs_field, needs_events, needs_minimum, needs_maximum, paused])) &
+          return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
@@ -187,7 +187,8 @@ contains
           lane%outputs_done = 1
         end if
       end if
-      if (run%output%failed) call fail(lane, raised, run%record%t0, observer_failed)
+      if (run%output%status /= finished) &
+        call fail(lane, run%output%status, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate

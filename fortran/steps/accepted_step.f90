@@ -59,7 +59,7 @@ contains
     type(trajectory_t), intent(in) :: x
     type(output_t), intent(in) :: output
 
-    has_output = output%dense
+    has_output = output%record%dense /= 0
     if (x%outputs_done < output%outputs) has_output = has_output .or. &
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
@@ -114,7 +114,7 @@ contains
       end if
     end if
     if (x%problem%adaptive .and. x%problem%common .and. (size(x%events%before) > 0 .or. &
-        output%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
+        output%record%dense /= 0 .or. output%outputs > 0)) call share_step(x, 0.0_wp)
   end subroutine complete_step
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
@@ -126,7 +126,7 @@ contains
       call store_interpolant(output, x%member, x%t, x%interpolant)
       x%interpolate_only = .false.
       x%phase = phase_choose_step
-      x%status = paused
+      x%status = merge(paused, output%status, output%status == finished)
       return
     end if
     if (x%seeks_events) then
@@ -161,11 +161,11 @@ contains
     type(output_t), intent(inout) :: output
 
     call store_outputs(x, t, y, output)
-    if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
+    if (output%record%dense /= 0) call store_interpolant(output, x%member, t, x%interpolant)
+    if (output%status == finished) call store_step(output, x%counts%steps, t, y, &
                         t == x%problem%stops(size(x%problem%stops)) .or. ended)
-    if (output%failed) then
-      call fail(x, raised, t, observer_failed)
+    if (output%status /= finished) then
+      call fail(x, output%status, t, observer_failed)
       return
     end if
     if (allocated(x%last%y)) then
@@ -252,7 +252,7 @@ contains
           end if
         end associate
         call store_point(output, x%member, x%outputs_done, point)
-        if (output%failed) return
+        if (output%status /= finished) return
       end do
     end associate
   end subroutine store_outputs

@@ -4,7 +4,7 @@
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
 ! of events at `query`; needs_minimum, needs_maximum: of a number over all trajectories with common
-! steps; buffer_full; paused) and is called again with the answer. The phase says where to continue.
+! steps; paused) and is called again with the answer. The phase says where to continue.
 ! Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
@@ -16,7 +16,7 @@
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use method_m, only: polynomial_kind
-  use output_m, only: has_room, output_t
+  use output_m, only: output_t
   use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
                              prepare_inner, store_output
   use collocation_m, only: store_column
@@ -28,7 +28,7 @@ module loop_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: request_ends, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
+  use shared_numbers, only: finished, needs_events, needs_field, needs_maximum, &
                             needs_minimum, paused
   implicit none
   private
@@ -45,7 +45,7 @@ contains
     select case (x%status)
     case (needs_field)
       call check_coefficients(x, x%request%y, x%request%answer)
-    case (needs_minimum, needs_maximum, paused, buffer_full)
+    case (needs_minimum, needs_maximum, paused)
       x%status = finished
     case (needs_events)
       x%status = finished
@@ -75,9 +75,7 @@ contains
       x%control%step_size = x%request%shared
       x%phase = phase_choose_step
     case (phase_choose_step)
-      if (.not. has_room(output)) then
-        x%status = buffer_full
-      else if (budget <= 0) then
+      if (budget <= 0) then
         x%status = paused
       else
         budget = budget - 1

@@ -17,7 +17,7 @@ module step_events_m
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, recall, time_at
-  use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
+  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
   use within_step_m, only: point_at
@@ -446,7 +446,7 @@ contains
   end function rounding_at
 
   ! Stores zeros in the order of their times, up to the first one that ends the step. The status
-  ! tells whether a function has failed, or there is no room for an event.
+  ! tells whether a function has failed.
   subroutine store_zeros(x, output, until, ended, after)
     type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
@@ -474,9 +474,6 @@ contains
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
-        if (output%record%events + count(happen, kind=int64) > output%record%event_capacity) &
-          x%status = buffer_full
-        if (x%status /= finished) return
         call store_together(x, zeros(k)%at, y, happen, output, after)
         if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
         if (x%status /= finished .or. ended) return

@@ -1,8 +1,8 @@
 """Runs: trajectories of any number of members, advanced by compiled code.
 
-Python allocates all output and passes its addresses in one record (`RECORD` of
-`cg.support.shared_records`). A call of compiled code returns when all members have ended, the
-budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
+Python passes numbers and addresses in one record (`RECORD` of `cg.support.shared_records`). A call
+of compiled code returns when all members have ended, or the budget of steps is used up; then Python
+collects what is stored of steps and calls again.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
-_MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
 _FAILED = {int(FieldFlag.OBSERVER_FAILED): "observe", int(FieldFlag.SIZE_FAILED): "step_function"}
 
@@ -50,10 +49,9 @@ class Run:
     """Trajectories that start at the same time, and their output.
 
     Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
-    observed into ``observed``, shape ``(times, members, count)``. There is room for ``capacity``
-    steps if their number is known. With ``keep_last`` the interpolant of the last step may be
-    requested. By default one member at a time is integrated, or up to 1024 by a vectorized
-    function.
+    observed into ``observed``, shape ``(times, members, count)``. With ``keep_last`` the
+    interpolant of the last step may be requested. By default one member at a time is integrated, or
+    up to 1024 by a vectorized function.
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
     times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
@@ -69,7 +67,6 @@ class Run:
         *,
         y: Array | None = None,
         observed: Array | None = None,
-        capacity: int = 0,
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
@@ -90,17 +87,19 @@ class Run:
         if not plan.step_table.explicit:
             self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
-        self._dense: list[list[Array]] = []
-        self._steps: list[list[Array]] = []
-        self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
+        # what calls have stored, at first nothing, in which members and events are counted from 1
+        ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
+        point = 1 + plan.width * problem.keeps_points
+        self._bounds = point, point + count  # where points and observations end
+        self._steps = [np.empty((0, point + count))]
+        self._dense = [np.empty((0, 5 + ends + plan.columns * plan.dim))]
+        self.events_of_calls = [np.empty((0, 3 + ends))]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
             if array is not None and len(array):
                 self.record.outputs = len(array)
                 self._share("times", np.array(problem.t_eval))
                 self._share(name, array)
-        self._capacity = capacity or _MIN_BUFFER
-        self._make_buffers(self._capacity)
         self._share_problem()
         self._open()
 
@@ -122,7 +121,7 @@ class Run:
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=max(problem.every, 1), dense=problem.dense, **heat,
+            every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense, **heat,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -213,40 +212,6 @@ class Run:
         """Share how long steps may be where; compiled code reads it when it opens or restarts."""
         self.record.limited = len(self._share("limits", limits))
 
-    def _make_buffers(self, capacity: int) -> None:
-        """Share arrays for the output of some number of steps."""
-        problem, width = self.problem, self.plan.width
-        if problem.every:
-            self.record.step_capacity = capacity
-            self._step_names = ["step_t"]
-            stored = width if problem.keeps_points else 0
-            block = self._share("step_t", np.empty(capacity * (1 + stored)))
-            if stored:
-                self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
-                self.record.step_y = self.record.step_t + 8 * capacity
-                self._step_names.append("step_y")
-            if problem.observer is not None:
-                self._share("step_observed", np.empty((capacity, problem.observer.count)))
-                self._step_names.append("step_observed")
-        spare = min(capacity, _MAX_BUFFER)
-        if self._functions:
-            self.record.event_capacity = self._functions * self._lanes + spare
-            events = self.record.event_capacity
-            self._share("event_of", np.empty((events, 2), dtype=np.int64))
-            self._share("event_t", np.empty(events))
-            self._share("event_y", np.empty((events, 2, width)))
-        if problem.dense:
-            self.allocate_interpolants(self._lanes + spare)
-
-    def allocate_interpolants(self, capacity: int) -> None:
-        """Share arrays for some number of interpolants."""
-        plan = self.plan
-        self.record.dense_capacity = capacity
-        self._share("dense_member", np.empty(capacity, dtype=np.int64))
-        self._share("dense_t", np.empty((capacity, 4)))
-        self._share("dense_y", np.empty((capacity, 2, plan.width)))
-        self._share("dense_field", np.empty((capacity, plan.columns * plan.dim)))
-
     def call(self) -> None:
         """Call compiled code once and collect its output."""
         try:
@@ -267,20 +232,7 @@ class Run:
                 f"{name} must return {kind} numbers, got one that isn't {kind} at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
-        if record.steps:
-            self._collect(self._steps, record.steps, *self._step_names)
-        if record.interpolants:
-            names = ["dense_member", "dense_t", "dense_y", "dense_field"]
-            self._collect(self._dense, record.interpolants, *names)
-        if record.events:
-            self._collect(self.events_of_calls, record.events, "event_of", "event_t", "event_y")
-        if record.ended < self.members and (
-            record.steps == record.step_capacity > 0
-            or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
-            or record.events + self._functions * self._lanes > record.event_capacity
-        ):
-            self._capacity = min(4 * self._capacity, _MAX_BUFFER)
-            self._make_buffers(self._capacity)
+        self._collect()
 
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
@@ -300,40 +252,39 @@ class Run:
         if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
             error.add_note("points are read-only: y = y.copy() first")
 
-    def _collect(self, collected: list[list[Array]], count: int, *names: str) -> None:
-        """Collect the used parts of buffers, as copies if the buffers are used again."""
-        rows = [self._buffers[name][:count] for name in names]
-        goes_on = self.record.keep_last or self.record.ended < self.members
-        if goes_on or 2 * count < self._capacity:  # or little is used
-            rows = [array.copy() for array in rows]
-        collected.append(rows)
+    def _collect(self) -> None:
+        """Collect the rows that a call has stored."""
+        counts = self.record.steps, self.record.interpolants, self.record.events
+        collected = self._steps, self._dense, self.events_of_calls
+        for what, count in enumerate(counts):
+            if count:
+                rows = np.empty((count, collected[what][0].shape[1]))
+                self._core.loop_rows(self.address, what, rows.T)
+                collected[what].append(rows)
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
-        stored = dict(zip(self._step_names, _joined(self._steps), strict=True))
-        return stored["step_t"], stored.get("step_y"), stored.get("step_observed")
+        point, end = self._bounds
+        y = _joined(self._steps, 1, point) if point > 1 else None
+        observed = _joined(self._steps, point, end) if end > point else None
+        return _joined(self._steps, 0, 1)[:, 0], y, observed
 
     def interpolants(self) -> Steps:
         """Return the stored interpolants in the order of the members."""
-        if not self._dense:
-            return Steps.none(self.plan)
-        member, *arrays = _joined(self._dense)
-        if self.members > 1 and (np.diff(member) < 0).any():
-            order = np.argsort(member, kind="stable")
-            member, arrays = member[order], [array[order] for array in arrays]
-        return Steps(self.plan, member - 1, *arrays)
+        rows = _joined(self._dense)
+        if (np.diff(rows[:, 0]) < 0).any():
+            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        return Steps(self.plan, rows)
 
     def last_interpolants(self) -> Steps:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
-        self.allocate_interpolants(self.members)
         self._core.loop_continue(self.address, True)
         self.record.budget = 0
         try:
             self.call()
             return self.interpolants()
         finally:
-            self._dense.clear()
-            self.record.dense_capacity = 0
+            del self._dense[1:]
 
     def restart(
         self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
@@ -399,15 +350,11 @@ class Run:
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        if not self.events_of_calls:
-            empty = plan.points(np.empty((0, plan.width)), (0, 2))
-            return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        places, t, y = _joined(self.events_of_calls)
-        return places - 1, t, plan.points(y, (len(t), 2))
+        rows = _joined(self.events_of_calls)
+        places, points = rows[:, :2].astype(np.int64) - 1, np.ascontiguousarray(rows[:, 3:])
+        return places, rows[:, 2].copy(), plan.points(points, (len(rows), 2))
 
 
-def _joined(collected: list[list[Any]]) -> list[Any]:
-    """Return arrays that were collected in several calls."""
-    if len(collected) == 1:
-        return collected[0]
-    return [np.concatenate(arrays) for arrays in zip(*collected, strict=True)]
+def _joined(calls: list[Array], begin: int = 0, end: int | None = None) -> Array:
+    """Return columns of the rows of several calls."""
+    return np.concatenate([rows[:, begin:end] for rows in calls])
