@@ -65,6 +65,7 @@ RECORD = {
     "body_constants": "address",
     # input of each call
     "budget": "integer",  # steps to try until the call returns
+    "state_size": "integer",  # output: bytes of the saved state of a member
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
@@ -74,7 +75,9 @@ RECORD = {
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member
-    "states": "address",  # its point (at first the initial one), its time, the time of a failure
+    # its point (at first the initial one), its time, the times of a failure and of the start of the
+    # last step, and the size that the next one tries
+    "states": "address",
     "counters": "address",  # `COUNTERS`
     # points at output times
     "outputs": "integer",
@@ -143,38 +146,6 @@ COUNTERS = {
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member in results, in the order of compiled code."""
 
-STATE = {
-    "t": "real",
-    "h": "real",  # of the step before, signed
-    "h_before": "real",  # of one whose coefficients the next step uses
-    "slope_known": "integer",  # whether the coefficients at the present point are kept
-    # step size control
-    "next_step": "real",  # size that the next step tries
-    "last_error": "real",
-    "after_rejection": "integer",
-    "suspicion": "integer",  # of a discontinuity
-    "attempts": "integer",  # steps, rejected ones included
-    # the last step, which output is computed of
-    "last_t": "real",
-    "last_h": "real",
-    # Newton's method of a collocation method
-    "newton_last_h": "real",
-    "newton_rate_factor": "real",
-    "newton_factored_h": "real",
-    "newton_has_jacobian": "integer",
-    "newton_fresh": "integer",
-    "newton_moved": "integer",
-    # equal steps
-    "grid_start": "real",
-    "grid_step": "real",
-    "grid_last": "real",
-    "grid_stop": "real",
-    "grid_steps": "integer",
-    "grid_done": "integer",
-    "events_known": "integer",  # whether the values of events at the present point are kept
-}
-"""What a trajectory needs between steps, besides counters, points, slopes and events."""
-
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none
@@ -224,7 +195,6 @@ RECORDS = {
     "record_t": RECORD,
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
-    "state_record_t": STATE,
     "event_record_t": EVENT,
     "variation_t": VARIATION,
 }

@@ -2,6 +2,7 @@
 ! Both stay in memory between calls, and the caller knows them by their addresses.
 module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_fortran_env, only: int8
   use callback_m, only: callback_t
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
@@ -12,8 +13,8 @@ module api_run_m
   use linear_action_m, only: inner_points_t
   use method_m, only: make_method, polynomial_kind, reals, splitting_kind
   use open_run_m, only: open_run, set_inputs
-  use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
-  use saved_state_m, only: load_state, save_state
+  use run_m, only: drive, plan_at, plan_t, run_at, run_t, store_lane, wake
+  use saved_state_m, only: exchange_state
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, set_start
   use within_step_m, only: request_interpolant
@@ -237,32 +238,28 @@ contains
     do i = 1, members
       if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
       if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
+      call store_lane(run, i)
     end do
     call wake(run)
   end subroutine loop_restart
 
-  ! Reads or writes the states of all trajectories.
-  subroutine loop_state(address, write, n, m, columns, members, count, numbers, points, slopes) &
-      bind(c)
+  ! Copies the states of all trajectories, or restores them.
+  subroutine loop_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    logical(c_bool), intent(in) :: write
-    integer, intent(in) :: n, m, columns, members, count
-    real(wp), intent(inout) :: numbers(count, members)     ! see save_state
-    real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
+    logical(c_bool), intent(in) :: restores
+    integer, intent(in) :: count, members
+    integer(int8), intent(inout) :: bytes(count, members)  ! see exchange_state
     type(run_t), pointer :: run
-    integer :: i
+    integer :: i, used
 
     run => run_at(address)
     do i = 1, members
-      if (write) then
-        call load_state(run%lanes(i), run%counters(i), numbers(:, i), points(:, :, i), &
-                        slopes(:, :, i))
-        call refactor(run%lanes(i))
-      else
-        call save_state(run%lanes(i), numbers(:, i), points(:, :, i), slopes(:, :, i))
-      end if
+      call exchange_state(run%lanes(i), logical(restores), bytes(:, i), used)
+      if (.not. restores) cycle
+      call refactor(run%lanes(i))
+      call store_lane(run, i)
     end do
-    if (write) call wake(run)
+    if (restores) call wake(run)
   end subroutine loop_state
 
   ! Evaluates stored interpolants.

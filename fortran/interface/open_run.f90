@@ -2,7 +2,7 @@
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_intptr_t, c_null_ptr
-  use, intrinsic :: iso_fortran_env, only: int64
+  use, intrinsic :: iso_fortran_env, only: int8, int64
   use events_m, only: observer_t
   use coordinates_m, only: tolerances_t
   use free_motion_m, only: make_bodies
@@ -10,6 +10,7 @@ module open_run_m
   use kinds, only: wp
   use method_m, only: reals
   use run_m, only: plan_t, run_t
+  use saved_state_m, only: exchange_state
   use shared_numbers
   use trajectory_m, only: reserve_trajectory
   use inputs_m, only: field_at
@@ -109,11 +110,12 @@ contains
     integer, intent(out) :: memory           ! nonzero if there isn't enough
     logical :: within
     integer :: i, lanes, members
+    integer(int8) :: none(0)
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 4, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
@@ -127,6 +129,8 @@ contains
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
+      call exchange_state(run%lanes(1), .false., none, i)
+      record%state_size = i
     end associate
   end subroutine set_lanes
 

@@ -22,7 +22,7 @@ module run_m
   use inputs_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, drive, plan_at, run_at, wake
+  public :: plan_t, run_t, drive, plan_at, run_at, store_lane, wake
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -47,7 +47,7 @@ module run_m
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 4, members)
     type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
@@ -201,7 +201,7 @@ contains
 
     associate (lane => run%lanes(i), n => run%frame%point_size)
       run%states(:n, lane%member) = lane%y(:, 0)
-      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
+      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at, lane%last%t, lane%control%step_size]
       run%counters(lane%member) = lane%counts
       run%counters(lane%member)%status = int(lane%status, c_int64_t)
       run%counters(lane%member)%flag = int(lane%request%flag, c_int64_t)

@@ -36,7 +36,7 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    x%seeks_events = size(x%events%before) > 0
+    x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
       call evaluate_events(x, 0, 1.0_wp, x%y(:, x%result), x%events%after)
       if (x%status /= finished) return
@@ -67,7 +67,7 @@ contains
   ! Whether each event may end a step whose interpolant may be requested
   pure function may_cut(x)
     type(trajectory_t), intent(in) :: x
-    logical :: may_cut(size(x%events%before))
+    logical :: may_cut(size(x%events))
 
     associate (events => x%problem%events)
       may_cut = x%problem%goes_on .and. (events%table%jumps /= 0 .or. &
@@ -81,20 +81,20 @@ contains
   subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
-    logical :: cuts(size(x%events%before))
+    logical :: cuts(size(x%events))
 
     if (rotates_far(x)) then
       call reject_accepted_step(x, step_too_long, x%t)
       return
     end if
     call find_zeros(x, .true.)
-    if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
+    if (.not. allocated(x%zeros)) return   ! values are requested, or it has failed
     x%phase = phase_complete_step
     cuts = may_cut(x)
-    x%needs_interpolant = any(x%events%zeros%at < 1 .or. cuts(x%events%zeros%event) &
-                              .or. x%events%after(x%events%zeros%event) /= 0)
-    x%seeks_events = size(x%events%zeros) > 0
-    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
+    x%needs_interpolant = any(x%zeros%at < 1 .or. cuts(x%zeros%event) &
+                              .or. x%events(x%zeros%event)%after /= 0)
+    x%seeks_events = size(x%zeros) > 0
+    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
@@ -107,13 +107,13 @@ contains
 
     x%phase = phase_store_output
     if (x%interpolate_only) return
-    if (x%seeks_events .and. .not. allocated(x%events%zeros)) then
+    if (x%seeks_events .and. .not. allocated(x%zeros)) then
       if (rotates_far(x)) then
         call reject_accepted_step(x, step_too_long, x%t)
         return
       end if
     end if
-    if (x%problem%adaptive .and. x%problem%common .and. (size(x%events%before) > 0 .or. &
+    if (x%problem%adaptive .and. x%problem%common .and. (size(x%events) > 0 .or. &
         output%record%dense /= 0 .or. output%outputs > 0)) call share_step(x, 0.0_wp)
   end subroutine complete_step
 
@@ -144,10 +144,10 @@ contains
     real(wp) :: until, y(x%frame%point_size)
     logical :: ended
 
-    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
+    if (.not. allocated(x%zeros)) call find_zeros(x, .false.)
     if (x%status == finished) call store_zeros(x, output, until, ended, y)
     if (x%status /= finished) return
-    deallocate (x%events%zeros)
+    deallocate (x%zeros)
     if (.not. ended) call point_at(x, until, y)
     call store_until(x, time_at(x, until), y, ended, output)
   end subroutine store_with_events
@@ -168,12 +168,12 @@ contains
       call fail(x, output%status, t, observer_failed)
       return
     end if
-    if (allocated(x%last%y)) then
+    if (allocated(x%last_y)) then
       x%last%t = x%t
       x%last%h = x%t_end - x%t
-      x%last%y(:) = x%y(:, 0)
-      x%last%slope(:) = x%slope
-      if (.not. x%slope_known) x%last%slope = nan
+      x%last_y(:) = x%y(:, 0)
+      x%last_slope(:) = x%slope
+      if (.not. x%slope_known) x%last_slope = nan
       x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)
@@ -190,8 +190,8 @@ contains
     ends = t == x%problem%stops(x%segment)
     jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
-      if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
-      x%events%jumps_in_place = x%events%jumps_in_place + 1
+      if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
+      x%jumps_in_place = x%jumps_in_place + 1
     end if
     x%t = t
     x%y(:, 0) = y
@@ -201,16 +201,16 @@ contains
     if (jumps) call forget_step(x)
     if (ends) x%phase = phase_begin_segment
     if (.not. ended) then
-      x%events%before(:) = x%events%after
+      x%events%before = x%events%after
     else if (any(x%events%count >= x%problem%events%table%limit) .and. .not. x%problem%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
-    else if (x%events%jumps_in_place > max_stuck) then
+    else if (x%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
     else
       x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
                          2 * abs(x%events%residual))
-      x%events%known = .false.
+      x%events_known = .false.
       x%phase = phase_after_events
     end if
   end subroutine begin_next_step

@@ -141,11 +141,11 @@ contains
         / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
       return
     end if
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
     correction_norm = 0.0_wp
     do i = 1, size(dz, 2)
-      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%control%v)
-      correction_norm = hypot(correction_norm, norm(x%tolerances, x%control%v, x%control%scale))
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%space%v)
+      correction_norm = hypot(correction_norm, norm(x%tolerances, x%space%v, x%space%scale))
     end do
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm

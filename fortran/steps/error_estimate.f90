@@ -55,7 +55,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: quadrature(2)                ! e1 and e2, of the quadratures
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%space%work, x%space%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
@@ -148,8 +148,8 @@ contains
         else
           call sum_of_stages(x, i)
           call raise(errors(1, place), norm_of_u(x))
-          if (i == 1) call raise(errors(2, place), distance(x, x%method%embedded, x%control%work))
-          if (i == last) call raise(errors(2, place), distance(x, x%method%third, x%control%work))
+          if (i == 1) call raise(errors(2, place), distance(x, x%method%embedded, x%space%work))
+          if (i == last) call raise(errors(2, place), distance(x, x%method%third, x%space%work))
         end if
       end do
       quadrature = errors(1, :)
@@ -277,20 +277,20 @@ contains
     real(wp), intent(in), optional :: known(:)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%space%v)
     else
-      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
+      x%space%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(known)) x%control%v(:) = x%control%v - known(:size(x%control%v))
-    distance = norm(x%tolerances, x%control%v, x%control%scale)
+    if (present(known)) x%space%v(:) = x%space%v - known(:size(x%space%v))
+    distance = norm(x%tolerances, x%space%v, x%space%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
   real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%control%work)
-    norm_of_u = norm(x%tolerances, x%control%work, x%control%scale)
+    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%space%work)
+    norm_of_u = norm(x%tolerances, x%space%work, x%space%scale)
   end function norm_of_u
 
 end module error_estimate_m

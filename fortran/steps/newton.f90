@@ -29,20 +29,24 @@ module newton_m
     real(wp) :: gamma, mu(2)                 ! mu: real and imaginary part
   end type transformation_t
 
-  ! What a trajectory keeps for its iterations
-  type :: newton_t
-    type(frame_t), pointer :: frame => null()
-    type(transformation_t), pointer :: transformation => null()
+  ! What is kept between steps, besides arrays
+  type :: newton_state_t
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
     logical :: moved = .false.               ! whether the point has been replaced after the last step
+    real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
+    real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
+    real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
+  end type newton_state_t
+
+  ! What a trajectory keeps for its iterations
+  type, extends(newton_state_t) :: newton_t
+    type(frame_t), pointer :: frame => null()
+    type(transformation_t), pointer :: transformation => null()
     logical :: sparse = .false.              ! whether Python keeps the Jacobian and its factors
     integer :: member = 1
     integer :: column = 0                    ! that of the Jacobian that is evaluated next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
-    real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
-    real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
     real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
-    real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
     real(wp), allocatable :: last(:, :)      ! (dimension, stages) derivatives in the last step
     real(wp), allocatable :: z(:, :)         ! (dimension, stages)
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse

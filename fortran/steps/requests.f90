@@ -169,7 +169,7 @@ contains
     x%control%after_rejection = .true.
     x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%tolerances%exponent)
     x%phase = phase_choose_step
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
   ! Lets trajectories with common steps decide together whether to try an accurate step again.
@@ -263,7 +263,7 @@ contains
     if (x%status /= finished) return
     call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
-    x%events%known = .true.
+    x%events_known = .true.
     x%events%before = values
     where (x%events%came_from /= 0 .and. abs(values) <= max(small, smallest))
       x%events%before = 0.0_wp

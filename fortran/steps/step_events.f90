@@ -118,8 +118,8 @@ contains
   subroutine find_zeros(x, detects)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     logical, intent(in) :: detects
-    integer :: came_from(size(x%events%came_from))
-    real(wp) :: after(size(x%events%after))
+    integer :: came_from(size(x%events))
+    real(wp) :: after(size(x%events))
 
     came_from = x%events%came_from
     after = x%events%after
@@ -127,7 +127,7 @@ contains
     if (x%status == needs_events) then
       x%events%came_from = came_from
       x%events%after = after
-      if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+      if (allocated(x%zeros)) deallocate (x%zeros)
     else
       call forget_values(x)
     end if
@@ -147,7 +147,7 @@ contains
       call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n), stat=memory)
+    allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
       return
@@ -157,7 +157,7 @@ contains
     end do
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    x%events%zeros = [zero_t ::]
+    x%zeros = [zero_t ::]
     ! First every second inner point, of four parts the middle. If no function can reach zero by the
     ! differences of these values, the other points aren't evaluated.
     do first = 2, 1, -1
@@ -175,7 +175,7 @@ contains
     waits = .false.
     do i = 1, size(values, 1)
       own(:) = values(i, :)
-      if (x%events%came_from(i) /= 0) call find_after_event(x, i, detects, theta, own)
+      if (x%events(i)%came_from /= 0) call find_after_event(x, i, detects, theta, own)
       if (x%status == finished) call find_zeros_of(x, i, detects, theta, own)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
@@ -338,7 +338,7 @@ contains
     end associate
     zero = high(1)
     if (high(2) /= 0 .and. .not. detects) call find_root(x, event, low, high, zero)
-    x%events%zeros = [x%events%zeros, zero_t(max(zero, tiny(zero)), event, &
+    x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
 
@@ -364,23 +364,23 @@ contains
     real(wp) :: elapsed, point(2)
     integer :: first, k, last
 
-    associate (state => x%events, n => ubound(theta, 1), &
-               side => real(x%events%came_from(event), wp))
+    associate (state => x%events(event), n => ubound(theta, 1), &
+               side => real(x%events(event)%came_from, wp))
       do k = 1, n
         if (abs(values(k)) > rounding_at(x, event, theta(k), values(n))) exit
         values(k) = 0.0_wp
       end do
-      state%after(event) = values(n)
+      state%after = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
-        if (values(n) /= 0) state%came_from(event) = 0
+        if (values(n) /= 0) state%came_from = 0
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
       at = theta(last:first:-1)
       near = values(last:first:-1)
       rounding = [(rounding_at(x, event, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((x%t - state%time(event)) / x%h)
+      elapsed = abs((x%t - state%time) / x%h)
       do k = 1, halvings
         point(1) = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
@@ -390,7 +390,7 @@ contains
         if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
         if (point(2) * side > 0) then
           if (first == 1) call add_zero(x, event, detects, point, [theta(1), values(1)])
-          state%came_from(event) = 0
+          state%came_from = 0
           return
         end if
         at = [at, point(1)]
@@ -400,7 +400,7 @@ contains
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
         if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
-          state%came_from(event) = 0
+          state%came_from = 0
           return
         end if
       end associate
@@ -441,7 +441,7 @@ contains
 
     associate (n => x%problem%events%width)
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
-      rounding_at = max(8 * abs(x%events%residual(event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+      rounding_at = max(8 * abs(x%events(event)%residual), 32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 
@@ -453,29 +453,29 @@ contains
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
-    logical :: happen(size(x%events%zeros))
+    logical :: happen(size(x%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
-    associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
+    associate (state => x%events, events => x%problem%events, zeros => x%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
                     (events%table(zeros%event)%jumps /= 0 .or. &
-                     state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
+                     state(zeros%event)%count + 1 >= events%table(zeros%event)%limit))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          x%events%residual(pack(zeros%event, zeros%at < 2)) = 0.0_wp
+          x%events(pack(zeros%event, zeros%at < 2))%residual = 0.0_wp
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
         call store_together(x, zeros(k)%at, y, happen, output, after)
-        if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
+        if (ended) state(pack(zeros%event, happen))%came_from = pack(zeros%from, happen)
         if (x%status /= finished .or. ended) return
         zeros(k)%at = 2.0_wp
       end do
@@ -492,7 +492,7 @@ contains
     real(wp) :: value(1)
     integer :: k
 
-    associate (zeros => x%events%zeros, t => time_at(x, until))
+    associate (zeros => x%zeros, t => time_at(x, until))
       do k = 1, size(happen)
         if (zeros(k)%at > until + decided_by_rounding) cycle
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
@@ -503,7 +503,7 @@ contains
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         ! its zero is yet to come, and isn't another event
-        if (happen(k)) x%events%residual(zeros(k)%event) = value(1)
+        if (happen(k)) x%events(zeros(k)%event)%residual = value(1)
       end do
     end associate
     call forget_values(x)
@@ -523,14 +523,14 @@ contains
     integer :: i, k
 
     after = y
-    associate (events => x%problem%events, zeros => x%events%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
-          if (happen(k)) x%events%count(of) = x%events%count(of) + 1
+          if (happen(k)) x%events(of)%count = x%events(of)%count + 1
           jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%goes_on &
-                     .or. x%events%count(of) < events%table(of)%limit)
+                     .or. x%events(of)%count < events%table(of)%limit)
           if (.not. happen(k)) cycle
-          x%events%time(of) = t
+          x%events(of)%time = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
         end associate
       end do

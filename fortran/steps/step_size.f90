@@ -45,7 +45,7 @@ contains
       end if
       return
     end if
-    if (associated(x%problem%events) .and. .not. x%events%known) then
+    if (associated(x%problem%events) .and. .not. x%events_known) then
       call evaluate_at_start(x, 8 * abs(x%events%residual))
       if (x%status /= finished) return
     end if
@@ -70,11 +70,11 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%control%v)
-    x%control%norms(1) = norm(x%tolerances, x%control%v, x%control%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%control%v)
-    x%control%norms(2) = norm(x%tolerances, x%control%v, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%space%v)
+    x%control%norms(1) = norm(x%tolerances, x%space%v, x%space%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%space%v)
+    x%control%norms(2) = norm(x%tolerances, x%space%v, x%space%scale)
     if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
       call fail(x, slope_not_finite, x%t)
       return
@@ -103,13 +103,13 @@ contains
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%control%v)), curvature
+    real(wp) :: start_value(size(x%space%v)), curvature
 
     x%request%shared = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
-      curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
+      curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
                   / x%control%guessed_size
       x%request%shared = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
@@ -144,7 +144,7 @@ contains
 
     longest_turn = x%tolerances%max_step
     if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%common &
-        .or. .not. x%slope_known .or. size(x%events%before) == 0) return
+        .or. .not. x%slope_known .or. size(x%events) == 0) return
     rate = turning(x%frame, x%slope, .false.)
     if (rate * longest_turn > turn) longest_turn = turn / rate
   end function longest_turn

@@ -18,7 +18,7 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused, proposed_for_point
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
+  public :: problem_t, state_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
             forget_values, reserve_trajectory, set_start
 
   type :: problem_t
@@ -83,8 +83,12 @@ module trajectory_m
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
     real(wp) :: norms(2) = 0.0_wp            ! those of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
-    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
+
+  ! Workspace for error norms
+  type :: space_t
+    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width)
+  end type space_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
@@ -92,27 +96,22 @@ module trajectory_m
     integer :: event = 0, from = 0           ! from: sign of the function before
   end type zero_t
 
-  ! The events of a trajectory
+  ! An event of a trajectory
   type :: event_state_t
-    logical :: known = .false.               ! whether the values at the start of the step are
-    real(wp), allocatable :: before(:), after(:)       ! (events) values at both ends of the step
-    integer(int64), allocatable :: count(:)  ! (events) how often each happened
-    real(wp), allocatable :: time(:)         ! (events) when each happened last
-    ! (events) the sign that the function had before an event at the start of the step, or just
-    ! before the start; 0 if there was no event
-    integer, allocatable :: came_from(:)
-    ! (events) the function at the point of that event, which is its rounding error there
-    real(wp), allocatable :: residual(:)
-    real(wp), allocatable :: small(:)        ! (events) values that count as zero after events
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
-    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
+    real(wp) :: before = 0.0_wp, after = 0.0_wp        ! values at both ends of the step
+    integer(int64) :: count = 0              ! how often it happened
+    real(wp) :: time = 0.0_wp                ! when it happened last
+    ! the sign that the function had before an event at the start of the step, or just before the
+    ! start; 0 if there was no event
+    integer :: came_from = 0
+    real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
+    real(wp) :: small = 0.0_wp               ! values that count as zero after events
   end type event_state_t
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
-    real(wp), allocatable :: y(:), slope(:)  ! at its start, if they are kept
   end type last_step_t
 
   ! The joints of a splitting method's frame
@@ -123,32 +122,42 @@ module trajectory_m
     real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
   end type joints_t
 
-  type :: trajectory_t
+  ! What a trajectory needs between steps, besides arrays
+  type :: state_t
+    integer :: status = paused               ! a Stop
+    real(wp) :: failed_at = 0.0_wp
+    type(counters_t) :: counts
+    ! the present point
+    real(wp) :: t = 0.0_wp
+    logical :: slope_known = .false.
+    type(grid_t) :: grid                     ! equal steps in the segment
+    integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
+    type(control_t) :: control
+    real(wp) :: h = 0.0_wp                   ! signed size of the step
+    real(wp) :: h_before = 0.0_wp            ! of the step of f_before, 0 where they aren't used
+    logical :: events_known = .false.        ! whether values at the start of the step are
+    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
+    type(last_step_t) :: last
+  end type state_t
+
+  type, extends(state_t) :: trajectory_t
     type(problem_t), pointer :: problem => null()
     type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
-    integer :: status = paused               ! a Stop
-    real(wp) :: failed_at = 0.0_wp
-    type(counters_t) :: counts
     type(request_t) :: request
-    ! the present point
-    real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
-    logical :: slope_known = .false.
     integer :: segment = 1
-    type(grid_t) :: grid                     ! equal steps in the segment
-    integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
-    type(control_t) :: control
+    type(space_t) :: space
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
     integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
-    real(wp) :: t_end = 0.0_wp, h = 0.0_wp   ! h: signed size
+    real(wp) :: t_end = 0.0_wp
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
@@ -157,10 +166,8 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
-    ! coefficients at the nodes of the step before, of a Magnus method, and that step's size, zero
-    ! where they aren't to be used
+    ! coefficients at the nodes of the step before, of a Magnus method
     real(wp), allocatable :: f_before(:, :)
-    real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
@@ -174,12 +181,13 @@ module trajectory_m
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points of the step were prepared
-    type(event_state_t) :: events
+    type(event_state_t), allocatable :: events(:)
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
     ! (3 + point_size + events, capacity) an event or 0 for all, the fraction of the step, time and
     ! point, then the answer
     real(wp), allocatable :: query(:, :)
-    type(last_step_t) :: last
+    real(wp), allocatable :: last_y(:), last_slope(:)  ! at the start of the last step, if kept
   end type trajectory_t
 
 contains
@@ -230,15 +238,12 @@ contains
       if (problem%adaptive) n = size(problem%tolerances%atol)
       k = 0
       if (associated(problem%events)) k = problem%events%count
-      allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
-                x%events%after(k), x%events%count(k), x%events%time(k), x%events%residual(k), &
-                x%events%small(k), x%events%came_from(k), x%query(3 + frame%point_size + k, 0), &
-                stat=memory)
+      allocate (x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
+                x%query(3 + frame%point_size + k, 0), stat=memory)
       if (memory /= 0) return
-      x%events%came_from = 0
       if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
+      allocate (x%last_y(frame%point_size), x%last_slope(frame%dimension), stat=memory)
     end associate
   end subroutine reserve_trajectory
 
@@ -254,9 +259,9 @@ contains
     logical :: near                          ! whether the last step led nearly there
 
     same = x%t == t .and. all(x%y(:, 0) == y)
-    near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last%y) &
+    near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last_y) &
            .and. x%t == t
-    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
+    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
     x%t = t
     x%y(:, 0) = y
     x%slope_known = .false.
@@ -269,13 +274,13 @@ contains
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
     x%control%suspicion = 0
-    x%events%jumps_in_place = 0
+    x%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
     x%weighted_by = 0.0_wp
     call forget_step(x, near)
     x%last%cut = .false.
-    x%events%known = .false.
+    x%events_known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
     call continue_trajectory(x)
@@ -310,7 +315,7 @@ contains
     x%segment = 1
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
     call forget_values(x)
   end subroutine continue_trajectory
 

@@ -38,8 +38,8 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
-      if (.not. finite(size(x%last%slope), x%last%slope)) then
-        call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
+      if (.not. finite(size(x%last_slope), x%last_slope)) then
+        call request(x, x%last%t, x%last_y, phase_begin_received, x%request%answer)
       else if (.not. x%slope_known) then
         call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
       else
@@ -59,7 +59,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
-      x%last%slope(:) = x%request%answer
+      x%last_slope(:) = x%request%answer
     else
       x%slope(:) = x%request%answer
       x%slope_known = .true.
@@ -93,9 +93,9 @@ contains
       if (x%interpolate_only) then
         self%t0 = x%last%t
         self%h = x%last%h
-        self%y0(:) = x%last%y
+        self%y0(:) = x%last_y
         self%y1(:) = x%y(:, 0)
-        self%field(:, 1) = x%last%slope
+        self%field(:, 1) = x%last_slope
         self%field(:, 2) = x%slope
       else
         self%t0 = x%t

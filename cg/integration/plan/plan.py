@@ -122,12 +122,6 @@ class Plan:
         # a table is sent by its name, so that each process has one instance with its cached data
         return plan_of, (self.frame, self.table)
 
-    @property
-    def impulses(self) -> int:
-        """Number of vectors of impulses of joints that a step begins from."""
-        splits = self.table.kind is Kind.SPLITTING and self._linkage is not None
-        return 2 * len(self.step_table.arrays["origin"]) if splits else 0
-
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
 

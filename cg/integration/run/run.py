@@ -27,8 +27,6 @@ from cg.support.shared_records import (
     COUNTERS,
     COUNTS,
     RECORD,
-    STATE,
-    columns_of,
     fields_of,
 )
 from cg.tables import Kind
@@ -55,8 +53,8 @@ class Run:
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
     times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
-    when it failed; ``counts`` has the shape ``(members, 6)``, see `COUNTS`; ``kept`` is the number
-    of vectors of coefficients that a member keeps between steps.
+    when it failed; ``last_start`` and ``next_step`` the start of the last step, and the size that
+    the next one tries; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -83,9 +81,7 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.step_table.kept + plan.step_table.kept_nodes + plan.impulses
-        if not plan.step_table.explicit:
-            self.kept += self._choose_stage_solver()
+        solver_rows = 0 if plan.step_table.explicit else self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
         # what calls have stored, at first nothing, in which members and events are counted from 1
         ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
@@ -101,7 +97,7 @@ class Run:
                 self._share("times", np.array(problem.t_eval))
                 self._share(name, array)
         self._share_problem()
-        self._open()
+        self._open(solver_rows)
 
     def _make_record(self, keep_last: bool) -> Record:
         plan, problem, control = self.plan, self.problem, self.control
@@ -138,13 +134,16 @@ class Run:
         blocks = plan.step_table.record.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
-    def _open(self) -> None:
-        """Open the run in compiled code, which allocates memory for the members in its lanes."""
+    def _open(self, solver_rows: int) -> None:
+        """Open the run in compiled code, which allocates memory for the members in its lanes.
+
+        ``solver_rows`` are as many as the solver of implicit stages keeps.
+        """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.step_table.kept + 4 * (self.kept - plan.step_table.kept)
+        rows = plan.step_table.kept + 4 * (plan.step_table.kept_nodes + solver_rows)
         rows += 2 * plan.columns if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
@@ -164,9 +163,10 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._share("states", np.empty((members, width + 2)))
+        states = self._share("states", np.empty((members, width + 4)))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
-        self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
+        self.end = states[:, :width]
+        self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
         self.counters, self.counts = rows, rows[:, 2:]
         self.status, self.flag = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
@@ -292,10 +292,6 @@ class Run:
         """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
         data = self.rhs.data_address
         self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data, stopped)
-        if rows is not self.end:
-            self.end[...] = rows
-        self.reached[~stopped] = t
-        self.status[~stopped] = Stop.PAUSED
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
@@ -304,12 +300,12 @@ class Run:
 
     def saved(self) -> dict[str, Any]:
         """Return what another run of the same problem needs to go on."""
+        states = np.empty((self._lanes, self.record.state_size), np.int8)
+        self._core.loop_state(self.address, False, states.T)
         jacobian = self.callbacks.jacobian
         kept = {} if jacobian is None else jacobian.kept
         return {
-            "states": self._buffers["states"].copy(),
-            "counters": self.counters.copy(),
-            "trajectories": self._trajectories(),
+            "states": states,
             "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
@@ -318,24 +314,8 @@ class Run:
         """Go on from what another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
-        self.counters[...] = saved["counters"]
-        self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
+        self._core.loop_state(self.address, True, saved["states"].T)
         self.events_of_calls[:] = saved["events"]
-        self._buffers["states"][...] = saved["states"]
-
-    def state(self) -> NDArray[np.void]:
-        """Return the `STATE` of each trajectory."""
-        numbers = np.ascontiguousarray(self._trajectories()[0][:, : len(STATE)])
-        return numbers.view(columns_of(STATE))[:, 0]
-
-    def _trajectories(self) -> tuple[Array, Array, Array]:
-        """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
-        lanes = self._lanes
-        numbers = np.empty((lanes, len(STATE) + 5 * self._functions))
-        points = np.empty((lanes, 2, self.plan.width))
-        slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
-        self._core.loop_state(self.address, False, numbers.T, points.T, slopes.T)
-        return numbers, points, slopes
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
