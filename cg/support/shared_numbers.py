@@ -292,7 +292,7 @@ def fortran_module() -> str:
     lines = [
         "! Made from cg/support/shared_numbers.py",
         "module shared_numbers",
-        "  use, intrinsic :: iso_c_binding, only: c_double, c_int64_t, c_intptr_t",
+        "  use, intrinsic :: iso_c_binding, only: c_bool, c_double, c_int64_t, c_intptr_t",
         "  implicit none",
         "  public",
     ]

@@ -36,10 +36,10 @@ contains
     type(vector_field_t) :: field
 
     field%rhs => field_at(function_address)
-    field%data_address = data_address
-    field%data_stride = data_stride
+    field%data%address = data_address
+    field%data%stride = data_stride
     if (curves > 0) then
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs%table, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
     end if
     flag = 0
     do done = 0, members - 1

@@ -10,10 +10,9 @@ module open_run_m
   use kinds, only: wp
   use method_m, only: reals
   use run_m, only: plan_t, run_t
-  use saved_state_m, only: exchange_state
   use shared_numbers
-  use trajectory_m, only: reserve_trajectory
-  use inputs_m, only: field_at
+  use trajectory_m, only: exchange_state, reserve_trajectory
+  use inputs_m, only: field_at, member_data_t
   implicit none
   private
   public :: open_run, set_inputs
@@ -30,20 +29,10 @@ contains
     call set_tolerances(run)
     if (run%record%body_numbers > 0) call set_bodies(run)
     if (run%record%event_functions > 0) call set_events(run)
+    call set_observer(run, run%record%observer, run%output%observer)
+    call set_observer(run, run%record%step_function, run%step_function)
     call set_output(run)
     call set_lanes(run, memory)
-    if (memory /= 0) return
-    if (run%record%observations > 0) then
-      call set_observer(run, int(run%record%observations), run%record%observers, &
-                        run%record%observer_table, run%record%observer, run%record%observer_data, &
-                        run%record%observer_stride, run%output%observer)
-    end if
-    if (run%record%step_functions > 0 .or. run%record%step_function /= 0) then
-      call set_observer(run, 1, run%record%step_functions, run%record%step_function_table, &
-                        run%record%step_function, run%record%step_function_data, &
-                        run%record%step_function_stride, run%step_function)
-      run%problem%step_function => run%step_function
-    end if
   end subroutine open_run
 
   ! Sets the frame, the method and the right-hand side of a problem.
@@ -51,55 +40,36 @@ contains
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
 
-    associate (problem => run%problem, record => run%record, field => run%field)
+    associate (record => run%record)
       run%frame = plan%frame
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
-      run%frame%dropped => run%record%dropped
-      run%frame%dropped_at => run%record%dropped_at
-      field%rhs => field_at(record%function)
-      field%data_address = record%data
-      field%data_stride = record%data_stride
+      run%frame%dropped => record%dropped
+      run%frame%dropped_at => record%dropped_at
+      run%method => plan%method
+      run%field%rhs => field_at(record%function)
       call set_inputs(run)
-      problem%frame => run%frame
-      problem%inner => run%inner
-      if (record%vectorized == 0) problem%field => run%field
-      problem%method => plan%method
-      problem%scheme => plan%scheme
-      problem%common = record%common /= 0
-      problem%goes_on = record%goes_on /= 0
-      problem%of_time = record%of_time /= 0
-      problem%bath = bath_t(record%heated /= 0, record%friction, record%temperature, record%seed, &
-                            record%first_member, record%h)
-      problem%unique_flows = record%unique_flows /= 0
-      problem%has_jacobian = record%jacobian /= differences_jacobian
-      problem%jacobian_is_matrix = record%jacobian /= sparse_jacobian
+      run%bath = bath_t(logical(record%heated), record%friction, record%temperature, record%seed, &
+                        record%first_member, record%h)
     end associate
   end subroutine set_problem
 
-  ! Sets the sizes of steps and their tolerances, of which those in the record may be fewer.
+  ! Sets the ends of segments and the tolerances.
   subroutine set_tolerances(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: rtols(:), atol(:)
-    integer :: i, n
+    integer(int64) :: n
 
-    associate (problem => run%problem, record => run%record)
-      problem%stops = reals(record%stops, record%segments)
-      problem%adaptive = .not. record%h > 0
-      problem%h = record%h
-      problem%first_step = record%first_step
-      problem%max_steps = record%max_steps
-      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates /= 0)
-      call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerance_count)])
-      call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerance_count)])
-      problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
-        rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
-        in_coordinates=record%in_coordinates /= 0, parts=int(record%parts), &
+    associate (record => run%record)
+      run%stops = reals(record%stops, record%segments)
+      run%adaptive = .not. record%h > 0
+      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates)
+      run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
+        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), parts=int(record%parts), &
         exponent=record%exponent, max_step=record%max_step)
-      if (problem%adaptive) then
+      if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
-        run%frame%blocks%action%atol = minval(atol)
-        problem%duration = abs(problem%stops(size(problem%stops)) - record%t0)
+        run%frame%blocks%action%atol = minval(run%tolerances%atol)
+        run%duration = abs(run%stops(size(run%stops)) - record%t0)
       end if
     end associate
   end subroutine set_tolerances
@@ -119,13 +89,12 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
-                      .or. associated(run%problem%events))
+      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0
       allocate (run%busy(lanes), run%asks(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)
-        call reserve_trajectory(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
+        call reserve_trajectory(run%problem_t, within, logical(record%keep_last), run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
@@ -138,12 +107,12 @@ contains
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
 
-    run%problem%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
-                                 [2_int64, run%record%limited])
-    if (run%record%curves == 0) return
-    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
-                     [7, int(run%record%curves)])
-    run%events%inputs = run%field%inputs
+    run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+                         [2_int64, run%record%limited])
+    run%field%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
+    if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
+                                                run%field%data%inputs, [7, int(run%record%curves)])
+    run%events%data = run%field%data
   end subroutine set_inputs
 
   ! Sets the inertia of each member.
@@ -173,31 +142,28 @@ contains
                      [run%events%count])
     run%events%width = int(run%record%event_width)
     run%events%vectorized = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
-    run%events%member_data = run%record%data
-    run%events%stride = run%record%data_stride
     run%events%callback = run%python
-    run%problem%events => run%events
   end subroutine set_events
 
-  ! Sets a function along the solution: one in Python, or some in C whose table is given.
-  subroutine set_observer(run, count, functions, table_address, function, data, stride, observer)
+  ! Sets a function along the solution from the record at an address, if there is one.
+  subroutine set_observer(run, address, observer)
     type(run_t), intent(in) :: run
-    integer, intent(in) :: count
-    integer(int64), intent(in) :: functions, stride
-    integer(c_intptr_t), intent(in) :: table_address, function, data
+    integer(c_intptr_t), intent(in) :: address
     type(observer_t), intent(inout) :: observer
+    type(observer_record_t), pointer :: record
 
-    observer%count = count
-    if (functions > 0) then
-      observer%functions%count = int(functions)
-      call c_f_pointer(transfer(table_address, c_null_ptr), observer%functions%table, [functions])
-      observer%functions%member_data = data
-      observer%functions%stride = int(stride, c_intptr_t)
-      observer%functions%inputs = run%field%inputs
+    if (address == 0) return
+    call c_f_pointer(transfer(address, c_null_ptr), record)
+    observer%count = int(record%count)
+    observer%field%data = member_data_t(record%data, int(record%stride, c_intptr_t))
+    if (record%functions > 0) then
+      observer%functions%count = int(record%functions)
+      call c_f_pointer(transfer(record%table, c_null_ptr), observer%functions%table, &
+                       [record%functions])
+      observer%functions%data = observer%field%data
+      observer%functions%data%inputs => run%field%data%inputs
     else
-      observer%field%rhs => field_at(function)
-      observer%field%data_address = data
-      observer%field%data_stride = int(stride, c_intptr_t)
+      observer%field%rhs => field_at(record%function)
     end if
   end subroutine set_observer
 
@@ -206,7 +172,8 @@ contains
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               m => run%frame%dimension * run%problem%scheme%columns)
+               m => run%frame%dimension * run%method%scheme%columns, &
+               observations => int(run%output%observer%count, int64))
       output%record => record
       output%outputs = int(record%outputs)
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
@@ -214,9 +181,8 @@ contains
                                           [n, record%members, record%outputs])
       if (record%observed /= 0) &
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [record%observations, record%members, record%outputs])
-      allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points /= 0) &
-                             + record%observations, 0), &
+                         [observations, record%members, record%outputs])
+      allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points) + observations, 0), &
                 output%interpolants(5 + 2 * n + m, 0), output%events(3 + 2 * n, 0))
     end associate
   end subroutine set_output

@@ -8,18 +8,14 @@ module run_m
   use blocks_m, only: body_t
   use callback_m, only: callback_t
   use derivatives_m, only: coefficients_of
-  use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use interpolant_m, only: scheme_t
   use kinds, only: wp
-  use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: output_t, store_point, store_step
   use shared_numbers
   use step_m, only: store_answers, times_of_request
   use trajectory_m, only: fail, problem_t, set_start, trajectory_t
-  use inputs_m, only: vector_field_t
   implicit none
   private
   public :: plan_t, run_t, drive, plan_at, run_at, store_lane, wake
@@ -28,19 +24,11 @@ module run_m
   type :: plan_t
     type(frame_t) :: frame
     type(method_t) :: method
-    type(scheme_t) :: scheme
   end type plan_t
 
-  type :: run_t
-    type(problem_t) :: problem
-    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
+  type, extends(problem_t) :: run_t
     type(body_t), allocatable :: bodies(:, :)          ! (bodies, members) where they differ
     type(callback_t) :: python
-    type(events_t) :: events
-    type(inner_points_t) :: inner
-    type(observer_t) :: step_function        ! s of step_size_m
-    type(vector_field_t) :: field
-    type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
     logical, allocatable :: asks(:)          ! (lanes) whether it waits for coefficients or values
@@ -73,7 +61,7 @@ contains
   subroutine wake(run)
     type(run_t), intent(inout) :: run
 
-    run%busy = run%problem%goes_on .or. run%lanes%status /= terminal_event
+    run%busy = run%record%goes_on .or. run%lanes%status /= terminal_event
     run%asks = .false.
     run%next = size(run%lanes) + 1
     run%record%ended = count(.not. run%busy, kind=c_int64_t)
@@ -93,8 +81,8 @@ contains
     logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
 
     budget = run%record%budget
-    in_rounds = size(run%lanes) > 1 .and. .not. run%problem%common &
-               .and. (.not. associated(run%problem%field) .or. run%events%vectorized)
+    in_rounds = size(run%lanes) > 1 .and. .not. run%record%common &
+               .and. (run%record%vectorized .or. run%events%vectorized)
     share = (budget + size(share, kind=int64) - 1) / size(share, kind=int64)
     if (in_rounds) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
@@ -107,7 +95,7 @@ contains
       do i = 1, size(run%lanes)
         status = run%lanes(i)%status
         if (.not. run%asks(i)) then
-          if (.not. (run%problem%common .or. in_rounds)) share(i) = budget
+          if (.not. (run%record%common .or. in_rounds)) share(i) = budget
           budget = budget - share(i)
           status = advance_lane(run, i, share(i))
           budget = budget + share(i)
@@ -179,7 +167,7 @@ contains
       lane%counts = counters_t()
       lane%control%attempts = 0
       lane%outputs_done = 0
-      call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
+      call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then

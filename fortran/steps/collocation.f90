@@ -11,7 +11,8 @@ module collocation_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
+  use shared_numbers, only: differences_jacobian, jacobian_operation, raised, stages_not_solved, &
+       step_too_long
   implicit none
   private
   public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, &
@@ -172,7 +173,7 @@ contains
     logical :: failed
 
     x%counts%njev = x%counts%njev + 1
-    if (.not. x%problem%has_jacobian) then
+    if (x%problem%record%jacobian == differences_jacobian) then
       call displacements(x, x%newton%z(:, 1))
       x%newton%column = 1
       call request_column(x)

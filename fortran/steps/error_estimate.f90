@@ -137,7 +137,7 @@ contains
           cycle
         end if
         place = merge(2, 1, i == last)
-        if (allocated(x%added)) then
+        if (size(x%added) > 0) then
           call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
           call raise(errors(2, place), norm_of_u(x))

@@ -18,7 +18,8 @@ module loop_m
   use method_m, only: polynomial_kind
   use output_m, only: output_t
   use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
-                             prepare_inner, store_output
+                             prepare_inner, request_ends, request_node, store_begin, store_end, &
+                             store_node, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
@@ -26,7 +27,6 @@ module loop_m
   use requests_m, only: check_coefficients, retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
-  use within_step_m, only: request_ends, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: finished, needs_events, needs_field, needs_maximum, &
                             needs_minimum, paused
@@ -126,7 +126,7 @@ contains
   subroutine store_slope(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. associated(x%problem%field)) x%slope(:) = x%request%answer
+    if (x%problem%record%vectorized) x%slope(:) = x%request%answer
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return

@@ -86,10 +86,10 @@ contains
       if (.not. (last .or. mod(number, record%every) == 0)) return
       call add_row(output, output%steps, record%steps)
       if (output%status /= finished) return
-      associate (row => output%steps(:, record%steps), n => merge(size(y), 0, record%keeps_points /= 0))
+      associate (row => output%steps(:, record%steps), n => merge(size(y), 0, record%keeps_points))
         row(1) = t
         row(2:n + 1) = y(:n)
-        if (record%observations > 0) call observe(output, 1, t, y, row(n + 2:))
+        if (output%observer%count > 0) call observe(output, 1, t, y, row(n + 2:))
       end associate
     end associate
   end subroutine store_step

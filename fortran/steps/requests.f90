@@ -60,9 +60,9 @@ contains
     x%counts%nfev = x%counts%nfev + 1
     guarded = .true.
     if (present(y_is_used)) guarded = y_is_used .or. x%frame%forces > 0 .or. &
-      x%frame%derivatives .or. .not. associated(x%problem%field)
+      x%frame%derivatives .or. x%problem%record%vectorized
     if (guarded) call copy(size(y), y, x%request%y)
-    if (.not. associated(x%problem%field)) return
+    if (x%problem%record%vectorized) return
     x%problem%field%member = x%member
     if (x%frame%derivatives) then
       call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
@@ -152,7 +152,7 @@ contains
     x%status = finished
     if (x%interpolate_only .or. .not. x%problem%adaptive) then
       call fail(x, status, t)
-    else if (x%problem%common) then
+    else if (x%problem%record%common) then
       x%error = huge(1.0_wp)
       call share_step(x, 1.0_wp)
     else
@@ -190,7 +190,7 @@ contains
     x%error = merge(error, huge(error), error < huge(error))
     x%request%shared = x%error
     x%phase = phase_decide_step
-    if (x%problem%common) x%status = needs_maximum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine share_error
 
   ! Evaluates the function of an event at a fraction of the step, or those of all for event 0, or

@@ -13,17 +13,17 @@ module step_events_m
   use controller_m, only: smallest_size
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
+  use interpolant_m, only: evaluate_interpolant
   use kinds, only: wp
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recall, time_at
+  use requests_m, only: evaluate_events, recall, reject_accepted_step, time_at
   use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
-       raised, resting_contact, step_too_long_for_events
+       raised, resting_contact, step_too_long, step_too_long_for_events
   use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
-  use within_step_m, only: point_at
   implicit none
   private
-  public :: crosses, find_zeros, rotates_far, store_zeros
+  public :: crosses, find_zeros, point_at, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
@@ -59,6 +59,21 @@ contains
     call point_at(x, theta, y)
     call evaluate_events(x, event, theta, y, values)
   end subroutine values_at
+
+  ! Evaluates the solution at a fraction theta of the step.
+  subroutine point_at(x, theta, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(out) :: y(:)
+
+    if (.not. theta < 1) then
+      y = x%y(:, x%result)
+    else if (.not. theta > 0) then
+      y = x%y(:, 0)
+    else
+      call evaluate_interpolant(x%interpolant, theta, y)
+    end if
+  end subroutine point_at
 
   ! Finds a zero of an event between two points, as far as there are values.
   subroutine find_root(x, event, low, high, zero)
@@ -113,14 +128,19 @@ contains
     if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
   end function crosses
 
-  ! Finds the zeros of all events in a step, unless a function fails or values are requested: then
-  ! the trajectory is left as it was. If `detects` is true, the times of zeros aren't computed.
+  ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
+  ! requested: then the trajectory is left as it was. If `detects` is true, the times of zeros aren't
+  ! computed.
   subroutine find_zeros(x, detects)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     logical, intent(in) :: detects
     integer :: came_from(size(x%events))
     real(wp) :: after(size(x%events))
 
+    if (rotates_far(x)) then
+      call reject_accepted_step(x, step_too_long, x%t)
+      return
+    end if
     came_from = x%events%came_from
     after = x%events%after
     call seek_zeros(x, detects)
@@ -208,9 +228,11 @@ contains
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
 
-    rotates_far = x%problem%adaptive
-    if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common &
-                                       .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+      rotates_far = x%problem%adaptive
+      if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, &
+                                                      x%problem%record%common .and. endless)
+    end associate
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
@@ -527,7 +549,7 @@ contains
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events(of)%count = x%events(of)%count + 1
-          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%goes_on &
+          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
                      .or. x%events(of)%count < events%table(of)%limit)
           if (.not. happen(k)) cycle
           x%events(of)%time = t

@@ -45,16 +45,16 @@ contains
       end if
       return
     end if
-    if (associated(x%problem%events) .and. .not. x%events_known) then
+    if (x%problem%events%count > 0 .and. .not. x%events_known) then
       call evaluate_at_start(x, 8 * abs(x%events%residual))
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
-      if (.not. (x%problem%adaptive .or. associated(x%problem%step_function)) .and. &
+      if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. &
           (x%grid%stop /= stop &
            .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
-        call make_grid(x%t, stop, x%problem%h, x%grid)
+        call make_grid(x%t, stop, x%problem%record%h, x%grid)
         x%grid_done = 0
       end if
       x%h = sign(x%h, stop - x%t)
@@ -81,7 +81,7 @@ contains
     end if
     x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
     x%phase = phase_guess_shared
-    if (x%problem%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_minimum
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -115,7 +115,7 @@ contains
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     x%phase = phase_size_shared
-    if (x%problem%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_minimum
   end subroutine choose_first_size
 
   ! The time to the end of the segment
@@ -143,7 +143,7 @@ contains
     real(wp) :: rate
 
     longest_turn = x%tolerances%max_step
-    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%common &
+    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%record%common &
         .or. .not. x%slope_known .or. size(x%events) == 0) return
     rate = turning(x%frame, x%slope, .false.)
     if (rate * longest_turn > turn) longest_turn = turn / rate
@@ -155,7 +155,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (stop => x%problem%stops(x%segment))
-      if (associated(x%problem%step_function)) then
+      if (x%problem%step_function%count > 0) then
         call choose_reversibly(x, stop)
       else if (x%problem%adaptive) then
         call choose_adaptively(x, stop)
@@ -194,7 +194,7 @@ contains
     real(wp) :: longest
 
     associate (control => x%control, max_step => x%tolerances%max_step)
-      if (control%attempts >= x%problem%max_steps) then
+      if (control%attempts >= x%problem%record%max_steps) then
         call fail(x, too_many_steps, x%t)
         return
       end if
@@ -203,7 +203,7 @@ contains
       control%step_size = tried_size(control%step_size, x%t, stop, min(longest_turn(x), longest), &
                                      control%after_rejection)
       if (control%step_size < 0) then
-        if (.not. (x%problem%common .and. x%error <= 1)) then
+        if (.not. (x%problem%record%common .and. x%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
@@ -237,19 +237,19 @@ contains
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      offset = near * x%problem%h * values(0)
+      offset = near * x%problem%record%h * values(0)
       do i = -1, 1, 2
         if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
       end do
       if (x%status == raised) return
-      log_change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) &
+      log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
                    / (2 * offset)
       if (h_next > 0) then
-        density = x%problem%h / h_next - log_change
+        density = x%problem%record%h / h_next - log_change
       else
         density = 1 / values(0) - log_change / 2
       end if
-      if (density > 0) h_next = x%problem%h / density
+      if (density > 0) h_next = x%problem%record%h / density
       x%h = sign(h_next, stop - x%t)
       x%t_end = x%t + x%h
       if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)

@@ -6,7 +6,7 @@ module trajectory_m
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
   use heat_bath_m, only: bath_t
-  use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
+  use interpolant_m, only: interpolant_t, reserve_interpolant
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
@@ -14,37 +14,30 @@ module trajectory_m
   use newton_m, only: newton_t, reserve
   use phases_m
   use inputs_m, only: grid_t, vector_field_t
-  use iso_fortran_env, only: int64
-  use shared_numbers, only: counters_t, paused, proposed_for_point
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
+  use, intrinsic :: iso_fortran_env, only: int64, int8
+  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t, sparse_jacobian, &
+                            terminal_event
   implicit none
   private
-  public :: problem_t, state_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
-            forget_values, reserve_trajectory, set_start
+  public :: problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, fail, &
+            forget_step, forget_values, reserve_trajectory, set_start
 
   type :: problem_t
-    type(frame_t), pointer :: frame => null()
+    type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
+    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
     type(method_t), pointer :: method => null()
-    type(scheme_t), pointer :: scheme => null()        ! the interpolant's
-    logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
-    type(events_t), pointer :: events => null()
-    type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
+    type(events_t) :: events
+    type(vector_field_t) :: field
+    type(observer_t) :: step_function        ! how steps vary, see step_size_m
     logical :: adaptive = .false.
-    logical :: common = .false.              ! whether all trajectories take the same steps
-    logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
-    logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! for adaptive steps
-    integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
-    real(wp) :: first_step = 0.0_wp          ! zero to choose it
     ! points at output times within the step, of a method along polynomials
-    type(inner_points_t), pointer :: inner => null()
-    type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
+    type(inner_points_t) :: inner
     type(bath_t) :: bath                     ! for a splitting method
-    logical :: has_jacobian = .false.        ! whether Python evaluates it
-    logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
   end type problem_t
 
   ! The state of implicit_m
@@ -166,7 +159,8 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
-    ! coefficients at the nodes of the step before, of a Magnus method
+    ! coefficients at the nodes of the step before, of a Magnus method; of others no column, as in
+    ! arrays below that only some methods or callers need
     real(wp), allocatable :: f_before(:, :)
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
@@ -199,7 +193,7 @@ contains
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: k, n
+    integer :: columns, k, n
 
     x%problem => problem
     x%frame => problem%frame
@@ -207,43 +201,40 @@ contains
     x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin), &
-               has_registers => problem%method%kind == registers_kind)
+               m => problem%frame%dimension, &
+               has_registers => problem%method%kind == registers_kind, &
+               sparse => problem%record%jacobian == sparse_jacobian)
       x%result = merge(1, method%result, has_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), &
-                x%f(frame%dimension, merge(1, size(method%error, 1), has_registers)), &
-                x%request%y(frame%point_size), &
-                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%answer(frame%dimension), x%slope(frame%dimension), &
-                x%end_slope(frame%dimension), x%u(frame%dimension), &
-                x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
-                x%weight(size(method%flows%weight)), stat=memory)
-      if (memory == 0 .and. method%uses_last_nodes) allocate (x%f_before, mold=x%f, stat=memory)
-      if (memory == 0 .and. method%kind == algebra_kind .and. method%in_parts) &
-        allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
-      if (memory /= 0) return
-      if (method%kind == collocation_kind) then
-        call reserve(frame, method%transformation, .not. problem%jacobian_is_matrix, x%newton, memory)
-      else if (method%kind == implicit_kind) then
-        x%solver%fixed_point = .not. problem%jacobian_is_matrix
-        n = merge(size(x%f) / method%blocks, 0, problem%jacobian_is_matrix)
-        allocate (x%solver%value, mold=x%f, stat=memory)
-        if (memory == 0) allocate (x%solver%lu(n, n, method%blocks), &
-                                   x%solver%pivot(n, method%blocks), &
-                                   x%solver%factored_h(method%blocks), stat=memory)
-      end if
-      if (memory == 0 .and. frame%jointed .and. method%kind == splitting_kind) &
-        allocate (x%joints%impulse(frame%dimension, 2, paths), source=0.0_wp, stat=memory)
-      if (memory /= 0) return
+      columns = merge(1, size(method%error, 1), has_registers)
+      k = problem%events%count
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)
-      k = 0
-      if (associated(problem%events)) k = problem%events%count
-      allocate (x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
-                x%query(3 + frame%point_size + k, 0), stat=memory)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, columns), &
+                x%request%y(frame%point_size), &
+                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
+                x%request%answer(m), x%slope(m), x%end_slope(m), x%u(m), &
+                x%v(m, maxval([1, first(2:) - first(:paths)])), x%weight(size(method%flows%weight)), &
+                x%f_before(m, merge(columns, 0, method%uses_last_nodes)), &
+                x%added(m, merge(columns, 0, method%kind == algebra_kind .and. method%in_parts)), &
+                x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
+                                             method%kind == splitting_kind)), &
+                x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
+                x%query(3 + frame%point_size + k, 0), &
+                x%last_y(merge(frame%point_size, 0, keep_last)), &
+                x%last_slope(merge(m, 0, keep_last)), stat=memory)
       if (memory /= 0) return
-      if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
-      if (memory /= 0 .or. .not. keep_last) return
-      allocate (x%last_y(frame%point_size), x%last_slope(frame%dimension), stat=memory)
+      x%added = 0.0_wp
+      x%joints%impulse = 0.0_wp
+      if (method%kind == collocation_kind) then
+        call reserve(frame, method%transformation, sparse, x%newton, memory)
+      else if (method%kind == implicit_kind) then
+        x%solver%fixed_point = sparse
+        n = merge(0, size(x%f) / method%blocks, sparse)
+        allocate (x%solver%value(m, columns), x%solver%lu(n, n, method%blocks), &
+                  x%solver%pivot(n, method%blocks), x%solver%factored_h(method%blocks), stat=memory)
+      end if
+      if (memory == 0 .and. within) &
+        call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
   end subroutine reserve_trajectory
 
@@ -259,7 +250,7 @@ contains
     logical :: near                          ! whether the last step led nearly there
 
     same = x%t == t .and. all(x%y(:, 0) == y)
-    near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last_y) &
+    near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
            .and. x%t == t
     if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
     x%t = t
@@ -269,7 +260,7 @@ contains
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
-      x%control%step_size = x%problem%first_step
+      x%control%step_size = x%problem%record%first_step
     end if
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
@@ -296,7 +287,7 @@ contains
     logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
 
     x%h_before = 0.0_wp
-    if (allocated(x%joints%impulse)) x%joints%impulse = 0.0_wp
+    x%joints%impulse = 0.0_wp
     if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
     x%newton%moved = .false.
@@ -318,6 +309,58 @@ contains
     if (allocated(x%zeros)) deallocate (x%zeros)
     call forget_values(x)
   end subroutine continue_trajectory
+
+  ! Copies what a trajectory needs between steps to continue bit for bit, or restores it.
+  subroutine exchange_state(x, restores, bytes, used)
+    type(trajectory_t), target, intent(inout) :: x
+    logical, intent(in) :: restores
+    integer(int8), intent(inout) :: bytes(:) ! as many as are used, or none to count them
+    integer, intent(out) :: used
+    integer, parameter :: bytes_of_real = storage_size(1.0_wp) / 8
+    integer :: status
+
+    used = 0
+    call move(c_loc(x%state_t), storage_size(x%state_t) / 8)
+    call move(c_loc(x%newton%newton_state_t), storage_size(x%newton%newton_state_t) / 8)
+    call move(c_loc(x%events), storage_size(x%events) / 8 * size(x%events))
+    call move(c_loc(x%y), bytes_of_real * size(x%y, 1))
+    call move(c_loc(x%slope), bytes_of_real * size(x%slope))
+    call move(c_loc(x%f), bytes_of_real * size(x%f))
+    call move(c_loc(x%last_y), bytes_of_real * size(x%last_y))
+    call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
+    call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
+    call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
+    if (allocated(x%newton%last)) then
+      call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
+      call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
+    end if
+    if (allocated(x%solver%lu)) then
+      call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
+      call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
+      call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
+    end if
+    if (.not. restores) return
+    x%weighted_by = 0.0_wp
+    x%last%cut = .false.                     ! its interpolant isn't saved
+    status = x%status
+    call continue_trajectory(x)
+    if (status == terminal_event) x%status = status
+
+  contains
+
+    ! Copies some bytes, or restores them.
+    subroutine move(address, count)
+      type(c_ptr), intent(in) :: address
+      integer, intent(in) :: count
+      integer(int8), pointer, contiguous :: part(:)
+
+      call c_f_pointer(address, part, [count])
+      used = used + count
+      if (used > size(bytes)) return
+      if (restores) part = bytes(used - count + 1:used)
+      if (.not. restores) bytes(used - count + 1:used) = part
+    end subroutine move
+  end subroutine exchange_state
 
   ! Forgets the values of events that were requested, when what needs them is done.
   pure elemental subroutine forget_values(x)

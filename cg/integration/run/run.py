@@ -113,7 +113,7 @@ class Run:
             data=data, data_stride=stride, of_time=problem.of_time,
             event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
+            h=control.h or 0.0, rtol=rtol,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
@@ -185,19 +185,17 @@ class Run:
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_inputs()
-        if problem.observer is not None:
-            self.record.observations = problem.observer.count
         for function in (problem.observer, problem.step_function):
             if function is not None:
-                entries, self._buffers[function.name] = function.entries(self.rhs)
-                for name, value in entries.items():
-                    setattr(self.record, name, value)
+                record = self._buffers[function.name] = function.record(self.rhs)
+                setattr(self.record, function.entry, ctypes.addressof(record))
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
             self._share("bodies", problem.inertia.columns)
             self._share("body_constants", problem.inertia.numbers)
-        self._share("rtols", control.rtol.ravel())
-        self._share("atol", control.atol.ravel())
+        count = self.plan.dim if self.record.in_coordinates else self.plan.width
+        for name, tolerances in (("rtols", control.rtol), ("atol", control.atol)):
+            self._share(name, tolerances.ravel().repeat(count // tolerances.size))
         if problem.events is not None and self._functions:
             self._share("event_table", problem.events.rows)
 
@@ -290,8 +288,8 @@ class Run:
         self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
     ) -> None:
         """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
-        data = self.rhs.data_address
-        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data, stopped)
+        self.record.data = self.rhs.data_address
+        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, stopped)
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
