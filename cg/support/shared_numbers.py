@@ -39,8 +39,7 @@ class Stop(IntEnum):
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points
-    NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
-    NEEDS_MAXIMUM = 22  # largest error of them
+    NEEDS_MAXIMUM = 22  # largest error, or negative step size, of trajectories with common steps
 
 
 class FieldFlag(IntEnum):

@@ -90,7 +90,7 @@ contains
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
       within = record%dense .or. record%outputs > 0 .or. run%events%count > 0
-      allocate (run%busy(lanes), run%asks(lanes), source=.false., stat=memory)
+      allocate (run%busy(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)

@@ -11,8 +11,8 @@ module accepted_step_m
   use linear_action_m, only: move_polynomially
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, find_zeros, point_at, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_accepted_step, request, &
+  use step_events_m, only: crosses, find_zeros, store_zeros
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
        share_step, time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
@@ -21,7 +21,7 @@ module accepted_step_m
   use vectors_m, only: finite, nan
   implicit none
   private
-  public :: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, &
+  public :: complete_step, detect_events, examine_step, prepare_inner, &
             request_ends, request_interpolant, request_node, store_begin, store_end, store_node, &
             store_output
 
@@ -41,7 +41,7 @@ contains
 
     x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
-      call evaluate_events(x, 0, 1.0_wp, x%y(:, x%result), x%events%after)
+      call evaluate_events(x, 0, 1.0_wp, x%events%after)
       if (x%status /= finished) return
       call forget_values(x)
     end if
@@ -345,6 +345,8 @@ contains
     if (ended) then
       if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
       x%jumps_in_place = x%jumps_in_place + 1
+      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
+                           2 * abs(x%events%residual))
     end if
     x%t = t
     x%y(:, 0) = y
@@ -362,26 +364,15 @@ contains
     else if (x%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
     else
-      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
-                         2 * abs(x%events%residual))
       x%events_known = .false.
-      x%phase = phase_after_events
+      x%control%step_size = 0.0_wp
+      x%control%last_error = 1.0_wp
+      x%phase = phase_begin_segment
+      if (.not. any(x%events%count >= x%problem%events%table%limit)) return
+      x%status = terminal_event                      ! from which a stepper goes on
+      where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
     end if
   end subroutine begin_next_step
-
-  ! Prepares the functions of events for the step after one that an event ended.
-  subroutine begin_after_events(x)
-    type(trajectory_t), intent(inout) :: x
-
-    call evaluate_at_start(x, x%events%small)
-    if (x%status /= finished) return
-    x%control%step_size = 0.0_wp
-    x%control%last_error = 1.0_wp
-    x%phase = phase_begin_segment
-    if (.not. any(x%events%count >= x%problem%events%table%limit)) return
-    x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
-  end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.
   subroutine store_outputs(x, t, y, output)

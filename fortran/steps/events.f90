@@ -7,7 +7,7 @@ module events_m
   use callback_m, only: callback_t
   use inputs_m, only: evaluate, member_data_t, vector_field_t
   use kinds, only: wp
-  use shared_numbers, only: event_operation, event_record_t, jump_operation
+  use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
   private
   public :: events_t, observer_t
@@ -89,24 +89,24 @@ contains
   end subroutine event_jump
 
   ! Evaluates the functions at a point.
-  subroutine observe(self, member, t, y, values, failed)
+  subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
     integer, intent(in) :: member            ! from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: values(:)     ! (count)
-    logical, intent(out) :: failed
+    integer, intent(inout) :: status                   ! raised if one fails
     integer :: flag, i
+    logical :: failed
 
-    failed = .false.
     if (self%functions%count == 0) then
       self%field%member = member
       call evaluate(self%field, size(y), self%count, t, y, values, flag)
-      failed = flag /= 0
+      if (flag /= 0) status = raised
     end if
     do i = 1, self%functions%count
       call self%functions%value(member, i, t, y, values(i), failed)
-      if (failed) return
+      if (failed) status = raised
     end do
   end subroutine observe
 

@@ -5,7 +5,7 @@ module output_m
   use kinds, only: wp
   use interpolant_m, only: interpolant_t
   use events_m, only: observer_t
-  use shared_numbers, only: finished, out_of_memory, raised, record_t
+  use shared_numbers, only: finished, out_of_memory, record_t
   implicit none
   private
   public :: output_t, store_interpolant, store_event, store_point, store_step
@@ -57,21 +57,9 @@ contains
 
     if (associated(output%y)) output%y(:, member, number) = y
     if (associated(output%observed)) &
-      call observe(output, member, output%times(number), y, output%observed(:, member, number))
+      call output%observer%observe(member, output%times(number), y, &
+                                   output%observed(:, member, number), output%status)
   end subroutine store_point
-
-  ! Evaluates what is observed at a point.
-  subroutine observe(output, member, t, y, values)
-    type(output_t), intent(inout) :: output
-    integer, intent(in) :: member                      ! from 1
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(out) :: values(:)     ! (observations)
-    logical :: failed
-
-    call output%observer%observe(member, t, y, values, failed)
-    if (failed) output%status = raised
-  end subroutine observe
 
   ! Stores the end of a step.
   subroutine store_step(output, number, t, y, last)
@@ -89,7 +77,8 @@ contains
       associate (row => output%steps(:, record%steps), n => merge(size(y), 0, record%keeps_points))
         row(1) = t
         row(2:n + 1) = y(:n)
-        if (output%observer%count > 0) call observe(output, 1, t, y, row(n + 2:))
+        if (output%observer%count > 0) &
+          call output%observer%observe(1, t, y, row(n + 2:), output%status)
       end associate
     end associate
   end subroutine store_step

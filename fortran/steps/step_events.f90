@@ -13,17 +13,16 @@ module step_events_m
   use controller_m, only: smallest_size
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
-  use interpolant_m, only: evaluate_interpolant
   use kinds, only: wp
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recall, reject_accepted_step, time_at
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
   use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long, step_too_long_for_events
-  use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
+  use trajectory_m, only: event_state_t, fail, forget_values, trajectory_t, zero_t
   implicit none
   private
-  public :: crosses, find_zeros, point_at, store_zeros
+  public :: crosses, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
@@ -44,37 +43,6 @@ module step_events_m
 
 contains
 
-  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step; the
-  ! status tells whether there are values.
-  subroutine values_at(x, event, theta, values)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: event
-    real(wp), intent(in) :: theta
-    real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp) :: y(x%frame%point_size)
-    logical :: found
-
-    call recall(x, event, theta, values, found)
-    if (found) return
-    call point_at(x, theta, y)
-    call evaluate_events(x, event, theta, y, values)
-  end subroutine values_at
-
-  ! Evaluates the solution at a fraction theta of the step.
-  subroutine point_at(x, theta, y)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: theta
-    real(wp), contiguous, intent(out) :: y(:)
-
-    if (.not. theta < 1) then
-      y = x%y(:, x%result)
-    else if (.not. theta > 0) then
-      y = x%y(:, 0)
-    else
-      call evaluate_interpolant(x%interpolant, theta, y)
-    end if
-  end subroutine point_at
-
   ! Finds a zero of an event between two points, as far as there are values.
   subroutine find_root(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
@@ -92,7 +60,7 @@ contains
     part = 0.5_wp
     do i = 1, max_root_iterations
       new(1) = a(1) + part * (b(1) - a(1))
-      call values_at(x, event, new(1), new(2:))
+      call evaluate_events(x, event, new(1), new(2:))
       if (x%status /= finished) exit
       c = b
       if (new(2) * sign(1.0_wp, a(2)) > 0) then
@@ -134,19 +102,16 @@ contains
   subroutine find_zeros(x, detects)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     logical, intent(in) :: detects
-    integer :: came_from(size(x%events))
-    real(wp) :: after(size(x%events))
+    type(event_state_t) :: events(size(x%events))
 
     if (rotates_far(x)) then
       call reject_accepted_step(x, step_too_long, x%t)
       return
     end if
-    came_from = x%events%came_from
-    after = x%events%after
+    events = x%events
     call seek_zeros(x, detects)
     if (x%status == needs_events) then
-      x%events%came_from = came_from
-      x%events%after = after
+      x%events = events
       if (allocated(x%zeros)) deallocate (x%zeros)
     else
       call forget_values(x)
@@ -182,7 +147,7 @@ contains
     ! differences of these values, the other points aren't evaluated.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call values_at(x, 0, theta(k), values(:, k))
+        call evaluate_events(x, 0, theta(k), values(:, k))
         if (x%status == raised) return
       end do
       if (x%status == needs_events) return
@@ -302,7 +267,7 @@ contains
         exists = detects .and. min(nearest, minval(v)) < near
         extremum(2) = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
-        call values_at(x, event, at, extremum(2:))
+        call evaluate_events(x, event, at, extremum(2:))
         if (x%status /= finished) return
         exists = extremum(2) * sign(1.0_wp, values(1)) <= 0
         if (exists) return
@@ -407,7 +372,7 @@ contains
         point(1) = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
         if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < passes) exit
-        call values_at(x, event, point(1), point(2:))
+        call evaluate_events(x, event, point(1), point(2:))
         if (x%status /= finished) return
         if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
         if (point(2) * side > 0) then
@@ -493,7 +458,7 @@ contains
         if (ended) then
           until = zeros(k)%at
           x%events(pack(zeros%event, zeros%at < 2))%residual = 0.0_wp
-          call find_together(x, until, y, happen)
+          call find_together(x, until, happen)
           if (x%status /= finished) return
         end if
         call store_together(x, zeros(k)%at, y, happen, output, after)
@@ -506,10 +471,9 @@ contains
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(x, until, y, happen)
+  subroutine find_together(x, until, happen)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
     real(wp) :: value(1)
     integer :: k
@@ -520,7 +484,7 @@ contains
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + same_time_tolerance
         if (happen(k)) cycle
-        call evaluate_events(x, zeros(k)%event, until, y, value)
+        call evaluate_events(x, zeros(k)%event, until, value)
         if (x%status /= finished) return
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)

@@ -24,7 +24,7 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, largest_growth, needs_minimum, raised, size_failed, &
+  use shared_numbers, only: finished, largest_growth, needs_maximum, raised, size_failed, &
                             slope_not_finite, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
@@ -46,7 +46,7 @@ contains
       return
     end if
     if (x%problem%events%count > 0 .and. .not. x%events_known) then
-      call evaluate_at_start(x, 8 * abs(x%events%residual))
+      call evaluate_at_start(x)
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
@@ -79,9 +79,9 @@ contains
       call fail(x, slope_not_finite, x%t)
       return
     end if
-    x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
+    x%request%shared = -first_guess(x%control%norms(1), x%control%norms(2), span(x))
     x%phase = phase_guess_shared
-    if (x%problem%record%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -89,7 +89,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (moved => x%y(:, x%result))
-      x%control%guessed_size = limited(x, x%request%shared)
+      x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
@@ -105,17 +105,17 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: start_value(size(x%space%v)), curvature
 
-    x%request%shared = x%control%guessed_size
+    x%request%shared = -x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
       curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
                   / x%control%guessed_size
-      x%request%shared = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
+      x%request%shared = -limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     x%phase = phase_size_shared
-    if (x%problem%record%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine choose_first_size
 
   ! The time to the end of the segment
@@ -265,14 +265,12 @@ contains
     real(wp), intent(in) :: v(x%frame%dimension)
     real(wp), intent(out) :: value
     real(wp) :: y(x%frame%point_size), values(1)
-    logical :: failed
 
     y = x%y(:, 0)
     call apply_flows(x%frame, 1, v, y)
-    call x%problem%step_function%observe(x%member, x%t, y, values, failed)
+    call x%problem%step_function%observe(x%member, x%t, y, values, x%status)
     value = values(1)
-    if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))
-    if (.not. failed) return
+    if (x%status == finished .and. value > 0 .and. value <= huge(value)) return
     value = 1.0_wp
     call fail(x, raised, x%t, size_failed)
   end subroutine evaluate_size

@@ -20,8 +20,8 @@ module trajectory_m
                             terminal_event
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, fail, &
-            forget_step, forget_values, reserve_trajectory, set_start
+  public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
+            fail, forget_step, forget_values, reserve_trajectory, set_start
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
