@@ -228,7 +228,8 @@ def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
     problem, progress = _with_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    results = _integrate(problem, watch, _count_steps(problem))
+    _check_memory(problem)
+    results = _integrate(problem, watch)
     if watch is not None:
         watch.finish()
     solution = solution_of(problem, results)
@@ -237,14 +238,11 @@ def solve_one(problem: Problem, options: Options) -> Solution:
     return solution
 
 
-def _count_steps(problem: Problem) -> int:
-    """Return the number of equal steps, 0 for adaptive ones.
-
-    ValueError is raised if their output needs more memory than the machine has.
-    """
+def _check_memory(problem: Problem) -> None:
+    """Raise ValueError if the output of equal steps needs more memory than the machine has."""
     plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
-        return 0
+        return
     steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
     total, needed = steps * len(problem.points), 0
     if problem.every and problem.keeps_points:
@@ -256,7 +254,6 @@ def _count_steps(problem: Problem) -> int:
             f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
             f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
         )
-    return steps
 
 
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
@@ -274,7 +271,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
-    _count_steps(problem)
+    _check_memory(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -299,18 +296,16 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     return solution
 
 
-def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> MemberResults:
-    """Integrate members in this thread; ``steps`` is the number of one point's, 0 if unknown."""
+def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
+    """Integrate members in this thread."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
-    y, observed, capacity = None, None, 0
+    y, observed = None, None
     if times is not None:
         if problem.keeps_points:
             y = np.full((len(times), members, plan.width), math.nan)
         if problem.observer is not None:
             observed = np.full((len(times), members, problem.observer.count), math.nan)
-    elif steps and problem.events is None:
-        capacity = steps // problem.every + len(problem.stops) + 2
-    run = Run(problem, y=y, observed=observed, capacity=capacity)
+    run = Run(problem, y=y, observed=observed)
     texts: list[str] = []
     drive(run, None if watch is None else watch.update, texts.append)
     messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)

@@ -52,7 +52,7 @@ from cg.tables import made
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
-_FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # ints, which are faster
+_TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
 
 
 class Stepper:
@@ -193,9 +193,8 @@ class Stepper:
         """Start of the last step."""
         if not self._has_step:
             return None
-        state = self._run.state()
-        member = (self.direction * state["t"]).argmax()  # others may have stopped before
-        return float(state["last_t"][member])
+        member = (self.direction * self._run.reached).argmax()  # others may have stopped before
+        return float(self._run.last_start[member])
 
     @property
     def step_size(self) -> float | None:
@@ -249,7 +248,7 @@ class Stepper:
     @property
     def next_step(self) -> float | Array | None:
         """Absolute size that the next step tries."""
-        h, sizes = self._run.control.h, self._run.state()["next_step"]
+        h, sizes = self._run.control.h, self._run.next_step
         sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
         if self._many:
             return sizes
@@ -492,13 +491,12 @@ class Stepper:
         run, record = self._run, self._run.record
         # those of a member that hasn't stopped
         counters = run.counters[self._stopped.argmin() if self._many else 0]
-        steps, taken = counters.item(_STEPS), False
-        while not taken or counters.item(0) == _FULL:
-            record.budget = 0 if taken else run.members  # zero only to empty a buffer
+        steps = counters.item(_STEPS)
+        while counters.item(_STEPS) == steps:
+            record.budget = run.members
             run.call()
             if record.failed:
                 return self._fail()
-            taken = counters.item(_STEPS) != steps
         return None
 
     def _take_steps(self) -> str | None:
@@ -519,9 +517,9 @@ class Stepper:
         self.t, self._has_step = run.reached.item(0), True
         if self._many:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
-        elif table is not None and run.events_of_calls:
-            places, times, _ = run.events_of_calls[-1]
-            last = places[times == self.t, 1] - 1
+        elif table is not None:
+            rows = run.events_of_calls[-1]
+            last = rows[rows[:, 2] == self.t, 1].astype(int) - 1
             if len(last) and (stopped or table.rows["jumps"][last].any()):
                 self._cut_output = self._interpolate()
         if self.t == self.t_bound:
@@ -543,11 +541,12 @@ class Stepper:
         beyond = self.t + self.direction
         run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
         steps = run.last_interpolants()
-        begin = float(steps.t[0, 0])
+        begin = float(steps.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
             own = steps.of(member)
-            point = run.plan.points(nowhere if has_stopped else own.y[:1, 0], (1,))[0]
+            start = nowhere if has_stopped else own.rows[:1, 5 : 5 + run.plan.width]
+            point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
             outputs.append(DenseOutput(own, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 

@@ -39,9 +39,7 @@ class Stop(IntEnum):
     # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points
-    NEEDS_MINIMUM = 21  # smallest step size of trajectories with common steps
-    NEEDS_MAXIMUM = 22  # largest error of them
-    BUFFER_FULL = 23  # the caller must empty the output arrays
+    NEEDS_MAXIMUM = 22  # largest error, or negative step size, of trajectories with common steps
 
 
 class FieldFlag(IntEnum):
@@ -293,7 +291,7 @@ def fortran_module() -> str:
     lines = [
         "! Made from cg/support/shared_numbers.py",
         "module shared_numbers",
-        "  use, intrinsic :: iso_c_binding, only: c_double, c_int64_t, c_intptr_t",
+        "  use, intrinsic :: iso_c_binding, only: c_bool, c_double, c_int64_t, c_intptr_t",
         "  implicit none",
         "  public",
     ]

@@ -7,11 +7,11 @@ RECORD = {
     # all members
     "members": "integer",
     "lanes": "integer",  # members integrated at the same time
-    "common": "integer",  # whether all members take the same steps
-    "of_time": "integer",  # whether the right-hand side doesn't depend on the point
-    "keep_last": "integer",  # whether the interpolant of the last step may be requested
-    "goes_on": "integer",  # whether members may go on after terminal events
-    "unique_flows": "integer",  # whether small coefficients determine the end of their flow
+    "common": "flag",  # whether all members take the same steps
+    "of_time": "flag",  # whether the right-hand side doesn't depend on the point
+    "keep_last": "flag",  # whether the interpolant of the last step may be requested
+    "goes_on": "flag",  # whether members may go on after terminal events
+    "unique_flows": "flag",  # whether small coefficients determine the end of their flow
     "jacobian": "integer",  # a `JacobianKind`, of f
     "t0": "real",
     "segments": "integer",
@@ -21,7 +21,7 @@ RECORD = {
     # functions
     "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side
-    "vectorized": "integer",  # whether `function` takes many points, through the context
+    "vectorized": "flag",  # whether `function` takes many points, through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "curves": "integer",  # inputs of compiled functions
@@ -29,32 +29,21 @@ RECORD = {
     "event_functions": "integer",  # number of functions whose zeros are events
     "event_width": "integer",  # numbers of a point that events depend on
     "event_table": "address",  # `EVENT`
-    "observations": "integer",  # numbers that are evaluated at output times
-    "observers": "integer",  # functions in C for observations, 0 for one in Python
-    "observer_table": "address",  # `EVENT`
-    "observer": "address",  # the function in Python
-    "observer_data": "address",
-    "observer_stride": "integer",
+    "observer": "address",  # `OBSERVER`, of what is evaluated at output times, or 0
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",  # the smallest relative tolerance
-    "tolerance_count": "integer",  # length of `rtols` and `atol`
-    "rtols": "address",  # one, or one for each coordinate or entry
+    "rtols": "address",  # one for each coordinate or entry
     "atol": "address",
-    "in_coordinates": "integer",  # whether differences of points are in coordinates, not in entries
+    "in_coordinates": "flag",  # whether differences of points are in coordinates, not in entries
     "parts": "integer",  # numbers in an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
-    # how steps vary, as observers
-    "step_functions": "integer",
-    "step_function_table": "address",
-    "step_function": "address",
-    "step_function_data": "address",
-    "step_function_stride": "integer",
+    "step_function": "address",  # `OBSERVER`, of how steps vary, or 0
     # the heat bath of a splitting method, see fortran/steps/heat_bath.f90
-    "heated": "integer",  # whether there is one
+    "heated": "flag",  # whether there is one
     "friction": "real",
     "temperature": "real",
     "seed": "integer",
@@ -65,6 +54,7 @@ RECORD = {
     "body_constants": "address",
     # input of each call
     "budget": "integer",  # steps to try until the call returns
+    "state_size": "integer",  # output: bytes of the saved state of a member
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
@@ -74,7 +64,9 @@ RECORD = {
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member
-    "states": "address",  # its point (at first the initial one), its time, the time of a failure
+    # its point (at first the initial one), its time, the times of a failure and of the start of the
+    # last step, and the size that the next one tries
+    "states": "address",
     "counters": "address",  # `COUNTERS`
     # points at output times
     "outputs": "integer",
@@ -82,26 +74,13 @@ RECORD = {
     "y": "address",  # 0 to store no points
     "observed": "address",
     # ends of steps
-    "every": "integer",  # each step whose number is a multiple is stored, and the last one
-    "step_capacity": "integer",
+    "every": "integer",  # each step whose number is a multiple, and the last one; 0 for none
+    "keeps_points": "flag",  # whether their points are stored
+    "dense": "flag",  # whether the interpolants of all steps are stored
+    # numbers of rows that a call has stored, see fortran/steps/output.f90
     "steps": "integer",
-    "step_t": "address",
-    "step_y": "address",  # 0 to store no points
-    "step_observed": "address",
-    # interpolants
-    "dense": "integer",  # whether those of all steps are stored
-    "dense_capacity": "integer",
     "interpolants": "integer",
-    "dense_member": "address",
-    "dense_t": "address",  # (n, 4) start, size, end, 1 if it is on an algebra
-    "dense_y": "address",  # (n, 2, point) both ends of the step
-    "dense_field": "address",  # (n, columns, dimension) vectors of the interpolant
-    # events
-    "event_capacity": "integer",
     "events": "integer",
-    "event_of": "address",  # (n, 2) the member and the event, from 1
-    "event_t": "address",
-    "event_y": "address",  # (n, 2, point) before and after the jump
 }
 """What the compiled loop over steps reads and writes."""
 
@@ -137,6 +116,22 @@ METHOD = {
     "power": "integer",  # exponent of the quotient of two error estimates
     "factor": "real",  # factor of the second estimate in that quotient
     "blocks": "integer",  # groups of stages that an implicit method solves together
+    # interpolants, see scheme_t: sizes of the arrays, which are rows of those in Fortran
+    "further": "integer",
+    "derivatives": "integer",
+    "degree": "integer",
+    "nodes": "integer",
+    "result_stages": "integer",
+    "result_flows": "integer",
+    "final": "integer",
+    "output_series": "integer",
+    "theta": "address",
+    "rows": "address",
+    "basis": "address",
+    "node": "address",
+    "blend": "address",
+    "flow_c": "address",
+    "flow_weights": "address",
 }
 """A method as paths of flows."""
 
@@ -155,38 +150,6 @@ COUNTERS = {
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member in results, in the order of compiled code."""
 
-STATE = {
-    "t": "real",
-    "h": "real",  # of the step before, signed
-    "h_before": "real",  # of one whose coefficients the next step uses
-    "slope_known": "integer",  # whether the coefficients at the present point are kept
-    # step size control
-    "next_step": "real",  # size that the next step tries
-    "last_error": "real",
-    "after_rejection": "integer",
-    "suspicion": "integer",  # of a discontinuity
-    "attempts": "integer",  # steps, rejected ones included
-    # the last step, which output is computed of
-    "last_t": "real",
-    "last_h": "real",
-    # Newton's method of a collocation method
-    "newton_last_h": "real",
-    "newton_rate_factor": "real",
-    "newton_factored_h": "real",
-    "newton_has_jacobian": "integer",
-    "newton_fresh": "integer",
-    "newton_moved": "integer",
-    # equal steps
-    "grid_start": "real",
-    "grid_step": "real",
-    "grid_last": "real",
-    "grid_stop": "real",
-    "grid_steps": "integer",
-    "grid_done": "integer",
-    "events_known": "integer",  # whether the values of events at the present point are kept
-}
-"""What a trajectory needs between steps, besides counters, points, slopes and events."""
-
 EVENT = {
     "function": "address",  # in C, 0 for one in Python
     "data": "address",  # 0 for that of the member, -1 for none
@@ -197,6 +160,16 @@ EVENT = {
     "vectorized": "integer",  # whether the function takes many members at a time
 }
 """A function whose zeros are events."""
+
+OBSERVER = {
+    "count": "integer",  # numbers at a time
+    "functions": "integer",  # functions in C, 0 for one in Python
+    "table": "address",  # `EVENT`, of those in C
+    "function": "address",  # that in Python
+    "data": "address",
+    "stride": "integer",  # bytes from one member's data to the next
+}
+"""A function along the solution."""
 
 VARIATION = {
     # functions in C (0: use differences) and their data (0: use the data of the members)
@@ -236,14 +209,15 @@ RECORDS = {
     "record_t": RECORD,
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
-    "state_record_t": STATE,
     "event_record_t": EVENT,
+    "observer_record_t": OBSERVER,
     "variation_t": VARIATION,
 }
 """The records by the names of their Fortran types."""
 
 _KINDS: dict[str, tuple[Any, str]] = {
     "integer": (ctypes.c_int64, "integer(c_int64_t)"),
+    "flag": (ctypes.c_bool, "logical(c_bool)"),
     "real": (ctypes.c_double, "real(c_double)"),
     "address": (ctypes.c_void_p, "integer(c_intptr_t)"),
 }
@@ -263,6 +237,6 @@ def record_type(name: str, entries: dict[str, str]) -> list[str]:
     """Return the Fortran type of a record."""
     lines = [f"  type, bind(c) :: {name}"]
     for entry, kind in entries.items():
-        zero = "0.0_c_double" if kind == "real" else "0"
+        zero = {"real": "0.0_c_double", "flag": ".false."}.get(kind, "0")
         lines.append(f"    {_KINDS[kind][1]} :: {entry} = {zero}")
     return [*lines, f"  end type {name}"]

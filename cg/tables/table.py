@@ -205,8 +205,17 @@ class MethodTable:
             kind = StepKind.REGISTERS
         if self.is_polynomial:
             kind = StepKind.POLYNOMIAL
-        record = MethodRecord(kind=kind, kept_nodes=self.kept_nodes, **numbers, **addresses)
-        record.arrays = arrays
+        output = self.output
+        names = "theta", "rows", "basis", "node", "blend", "flow_c", "flow_weights"
+        kept = {name: np.ascontiguousarray(getattr(output, name)) for name in names}
+        record = MethodRecord(
+            kind=kind, kept_nodes=self.kept_nodes, final=output.final, output_series=output.series,
+            further=len(output.theta), derivatives=output.basis.shape[1], degree=len(output.basis),
+            nodes=len(output.node), result_stages=len(output.flow_c),
+            result_flows=len(output.flow_weights), **numbers, **addresses,
+            **{name: array.ctypes.data for name, array in kept.items()},
+        )  # fmt: skip
+        record.arrays = arrays | kept
         return record
 
     def as_dict(self) -> dict[str, Any]:

@@ -50,10 +50,10 @@ contains
     type(vector_field_t) :: field
 
     call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
-    field%data_address = data_address
-    field%data_stride = data_stride
+    field%data%address = data_address
+    field%data%stride = data_stride
     if (curves > 0) then
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
     end if
     flag = 0
     do done = 0, members - 1

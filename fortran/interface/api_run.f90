@@ -2,6 +2,8 @@
 ! Both stay in memory between calls, and the caller knows them by their addresses.
 module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_fortran_env, only: int8
+  use accepted_step_m, only: request_interpolant
   use callback_m, only: callback_t
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
@@ -10,13 +12,11 @@ module api_run_m
   use joints_m, only: make_linkage
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use method_m, only: make_method, polynomial_kind, reals, splitting_kind
-  use open_run_m, only: open_run, set_inputs, set_output
-  use run_m, only: drive, plan_at, plan_t, run_at, run_t, wake
-  use saved_state_m, only: load_state, save_state
+  use method_m, only: make_method, reals
+  use open_run_m, only: open_run, set_inputs
+  use run_m, only: drive, plan_at, plan_t, run_at, run_t, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
-  use trajectory_m, only: continue_trajectory, set_start
-  use within_step_m, only: request_interpolant
+  use trajectory_m, only: continue_trajectory, exchange_state, set_start
   implicit none
 
 contains
@@ -92,39 +92,6 @@ contains
     plan%frame%jointed = .true.
   end subroutine plan_share_joints
 
-  ! Sets the coefficients of the interpolants of a plan; see scheme_t.
-  subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, &
-                             row, degree, basis, at_stages, nodes, node, blend, used, used_c, &
-                             flows, result_weight) bind(c)
-    integer(c_intptr_t), intent(in) :: address
-    integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
-    logical(c_bool), intent(in) :: flat, at_stages
-    ! the last one is unused, since no array may be empty
-    real(wp), intent(in) :: theta(extra), row(derivatives, extra), basis(derivatives, degree)
-    real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
-    real(wp), intent(in) :: used_c(used), result_weight(used, flows)
-    type(plan_t), pointer :: plan
-
-    plan => plan_at(address)
-    associate (scheme => plan%scheme)
-      scheme%flat = flat
-      scheme%final = final
-      scheme%series = series
-      scheme%theta = theta(:extra - 1)
-      scheme%row = row
-      scheme%basis = basis
-      scheme%at_stages = at_stages
-      scheme%nodes = nodes
-      allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
-      scheme%node(:, :) = node
-      scheme%blend(:, :) = blend
-      scheme%c = used_c
-      scheme%weight = result_weight
-      scheme%columns = columns
-      if (plan%method%kind == splitting_kind) scheme%drift = plan%method%drift
-    end associate
-  end subroutine plan_set_scheme
-
   ! No less than the distances of points from the manifold; see distance_bound.
   subroutine plan_distance_bound(address, n, members, y, bound) bind(c)
     !f2py threadsafe
@@ -177,15 +144,26 @@ contains
     deallocate (run)
   end subroutine loop_close
 
-  ! Advances a run until all members have ended, the budget is used up, or a buffer of the record is
-  ! full.
+  ! Advances a run until all members have ended, or the budget is used up.
   subroutine loop_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
 
-    call set_output(run_at(address))
     call drive(run_at(address))
   end subroutine loop_drive
+
+  ! Copies the rows that the last call of loop_drive has stored of steps, interpolants or events.
+  subroutine loop_rows(address, what, n, used, rows) bind(c)
+    integer(c_intptr_t), intent(in) :: address
+    integer, intent(in) :: what, n, used               ! what: from 0, in this order
+    real(wp), intent(inout) :: rows(n, used)
+    type(run_t), pointer :: run
+
+    run => run_at(address)
+    if (what == 0) rows = run%output%steps(:, :used)
+    if (what == 1) rows = run%output%interpolants(:, :used)
+    if (what == 2) rows = run%output%events(:, :used)
+  end subroutine loop_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
   ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
@@ -197,7 +175,7 @@ contains
     integer :: i
 
     run => run_at(address)
-    run%problem%stops = reals(run%record%stops, run%record%segments)
+    run%stops = reals(run%record%stops, run%record%segments)
     call wake(run)
     do i = 1, size(run%lanes)
       if (.not. run%busy(i)) cycle
@@ -209,59 +187,50 @@ contains
     end do
   end subroutine loop_continue
 
-  ! Starts trajectories from other points or another time, with other data of the field.
-  subroutine loop_restart(address, n, members, t, y, first_step, data_address, stopped) bind(c)
+  ! Starts trajectories from other points or another time, with the data in the record.
+  subroutine loop_restart(address, n, members, t, y, first_step, stopped) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, members
     real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
-    integer(c_intptr_t), intent(in) :: data_address
     integer, intent(in) :: stopped(members)            ! 1 for those that a terminal event has ended
     type(run_t), pointer :: run
     integer :: i
 
     run => run_at(address)
-    run%field%data_address = data_address
-    run%events%member_data = data_address
     call set_inputs(run)
     do i = 1, members
       if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
       if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
+      call store_lane(run, i)
     end do
     call wake(run)
   end subroutine loop_restart
 
-  ! Reads or writes the states of all trajectories.
-  subroutine loop_state(address, write, n, m, columns, members, count, numbers, points, slopes) &
-      bind(c)
+  ! Copies the states of all trajectories, or restores them.
+  subroutine loop_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    logical(c_bool), intent(in) :: write
-    integer, intent(in) :: n, m, columns, members, count
-    real(wp), intent(inout) :: numbers(count, members)     ! see save_state
-    real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
+    logical(c_bool), intent(in) :: restores
+    integer, intent(in) :: count, members
+    integer(int8), intent(inout) :: bytes(count, members)  ! see exchange_state
     type(run_t), pointer :: run
-    integer :: i
+    integer :: i, used
 
     run => run_at(address)
     do i = 1, members
-      if (write) then
-        call load_state(run%lanes(i), run%counters(i), numbers(:, i), points(:, :, i), &
-                        slopes(:, :, i))
-        call refactor(run%lanes(i))
-      else
-        call save_state(run%lanes(i), numbers(:, i), points(:, :, i), slopes(:, :, i))
-      end if
+      call exchange_state(run%lanes(i), logical(restores), bytes(:, i), used)
+      if (.not. restores) cycle
+      call refactor(run%lanes(i))
+      call store_lane(run, i)
     end do
-    if (write) call wake(run)
+    if (restores) call wake(run)
   end subroutine loop_state
 
   ! Evaluates stored interpolants.
-  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
-                              fields, y) bind(c)
+  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context
     integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
-    real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
-    real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
+    real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
     type(frame_t), target :: frame
@@ -274,7 +243,7 @@ contains
     frame = plan%frame
     python%context = transfer(context, c_null_ptr)
     if (context /= 0) frame%callback => python
-    call reserve_interpolant(frame, plan%scheme, interpolant, memory)
+    call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
     if (memory /= 0) return
     last = -1
     i = 0
@@ -282,18 +251,18 @@ contains
       i = i + 1
       k = which(i) + 1
       if (k /= last) then
-        interpolant%known = plan%scheme%nodes
-        interpolant%h = t(2, k)
-        interpolant%on_algebra = t(4, k) > 0
-        interpolant%y0(:) = y_ends(:, 1, k)
-        interpolant%field(:, :) = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
+        interpolant%known = plan%method%scheme%nodes
+        interpolant%h = rows(3, k)
+        interpolant%on_algebra = rows(5, k) > 0
+        interpolant%y0(:) = rows(6:5 + n, k)
+        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
         last = k
       end if
       if (.not. theta(i) > 0) then
-        y(:, i) = y_ends(:, 1, k)
+        y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then
-        y(:, i) = y_ends(:, 2, k)
-      else if (plan%scheme%at_stages .and. plan%method%kind == polynomial_kind) then
+        y(:, i) = rows(6 + n:5 + 2 * n, k)
+      else if (plan%method%scheme%at_stages) then
         last_in_step = min(count, i + 31)
         last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                         .and. theta(i:last_in_step) < 1, .false.], .false., 1)

@@ -3,7 +3,7 @@
 module open_run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_intptr_t, &
                                          c_null_funptr, c_null_ptr
-  use, intrinsic :: iso_fortran_env, only: int64
+  use, intrinsic :: iso_fortran_env, only: int8, int64
   use events_m, only: observer_t
   use coordinates_m, only: tolerances_t
   use free_motion_m, only: make_bodies
@@ -11,10 +11,11 @@ module open_run_m
   use method_m, only: reals
   use run_m, only: plan_t, run_t
   use shared_numbers
-  use trajectory_m, only: reserve_trajectory
+  use trajectory_m, only: exchange_state, reserve_trajectory
+  use inputs_m, only: member_data_t
   implicit none
   private
-  public :: open_run, set_inputs, set_output
+  public :: open_run, set_inputs
 
 contains
 
@@ -28,20 +29,10 @@ contains
     call set_tolerances(run)
     if (run%record%body_numbers > 0) call set_bodies(run)
     if (run%record%event_functions > 0) call set_events(run)
+    call set_observer(run, run%record%observer, run%output%observer)
+    call set_observer(run, run%record%step_function, run%step_function)
+    call set_output(run)
     call set_lanes(run, memory)
-    if (memory /= 0) return
-    if (run%record%observations > 0) then
-      call set_observer(run, int(run%record%observations), run%record%observers, &
-                        run%record%observer_table, run%record%observer, run%record%observer_data, &
-                        run%record%observer_stride, run%observer)
-      run%output%observer => run%observer
-    end if
-    if (run%record%step_functions > 0 .or. run%record%step_function /= 0) then
-      call set_observer(run, 1, run%record%step_functions, run%record%step_function_table, &
-                        run%record%step_function, run%record%step_function_data, &
-                        run%record%step_function_stride, run%step_function)
-      run%problem%step_function => run%step_function
-    end if
   end subroutine open_run
 
   ! Sets the frame, the method and the right-hand side of a problem.
@@ -49,54 +40,34 @@ contains
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
 
-    associate (problem => run%problem, record => run%record, field => run%field)
+    associate (record => run%record)
       run%frame = plan%frame
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
-      run%frame%dropped => run%record%dropped
-      run%frame%dropped_at => run%record%dropped_at
-      call c_f_procpointer(transfer(record%function, c_null_funptr), field%rhs)
-      field%data_address = record%data
-      field%data_stride = record%data_stride
+      run%frame%dropped => record%dropped
+      run%frame%dropped_at => record%dropped_at
+      run%method => plan%method
+      call c_f_procpointer(transfer(record%function, c_null_funptr), run%field%rhs)
       call set_inputs(run)
-      problem%frame => run%frame
-      problem%inner => run%inner
-      if (record%vectorized == 0) problem%field => run%field
-      problem%method => plan%method
-      problem%scheme => plan%scheme
-      problem%common = record%common /= 0
-      problem%goes_on = record%goes_on /= 0
-      problem%of_time = record%of_time /= 0
-      problem%record => run%record
-      problem%unique_flows = record%unique_flows /= 0
-      problem%has_jacobian = record%jacobian /= differences_jacobian
-      problem%jacobian_is_matrix = record%jacobian /= sparse_jacobian
     end associate
   end subroutine set_problem
 
-  ! Sets the sizes of steps and their tolerances, of which those in the record may be fewer.
+  ! Sets the ends of segments and the tolerances.
   subroutine set_tolerances(run)
     type(run_t), intent(inout) :: run
-    real(wp), pointer, contiguous :: rtols(:), atol(:)
-    integer :: i, n
+    integer(int64) :: n
 
-    associate (problem => run%problem, record => run%record)
-      problem%stops = reals(record%stops, record%segments)
-      problem%adaptive = .not. record%h > 0
-      problem%h = record%h
-      problem%first_step = record%first_step
-      problem%max_steps = record%max_steps
-      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates /= 0)
-      call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerance_count)])
-      call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerance_count)])
-      problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
-        rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
-        in_coordinates=record%in_coordinates /= 0, parts=int(record%parts), &
+    associate (record => run%record)
+      run%stops = reals(record%stops, record%segments)
+      run%adaptive = .not. record%h > 0
+      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates)
+      run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
+        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), parts=int(record%parts), &
         exponent=record%exponent, max_step=record%max_step)
-      if (problem%adaptive) then
+      if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
-        run%frame%blocks%action%atol = minval(atol)
-        problem%duration = abs(problem%stops(size(problem%stops)) - record%t0)
+        run%frame%blocks%action%atol = minval(run%tolerances%atol)
+        run%duration = abs(run%stops(size(run%stops)) - record%t0)
       end if
     end associate
   end subroutine set_tolerances
@@ -107,24 +78,26 @@ contains
     integer, intent(out) :: memory           ! nonzero if there isn't enough
     logical :: within
     integer :: i, lanes, members
+    integer(int8) :: none(0)
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 4, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
-                      .or. associated(run%problem%events))
-      allocate (run%busy(lanes), run%asks(lanes), source=.false., stat=memory)
+      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0
+      allocate (run%busy(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)
-        call reserve_trajectory(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
+        call reserve_trajectory(run%problem_t, within, logical(record%keep_last), run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
+      call exchange_state(run%lanes(1), .false., none, i)
+      record%state_size = i
     end associate
   end subroutine set_lanes
 
@@ -132,12 +105,12 @@ contains
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
 
-    run%problem%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
-                                 [2_int64, run%record%limited])
-    if (run%record%curves == 0) return
-    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs, &
-                     [7, int(run%record%curves)])
-    run%events%inputs => run%field%inputs
+    run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+                         [2_int64, run%record%limited])
+    run%field%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
+    if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
+                                                run%field%data%inputs, [7, int(run%record%curves)])
+    run%events%data = run%field%data
   end subroutine set_inputs
 
   ! Sets the inertia of each member.
@@ -167,66 +140,48 @@ contains
                      [run%events%count])
     run%events%width = int(run%record%event_width)
     run%events%vectorized = any(run%events%table%vectorized /= 0) .and. run%record%lanes > 1
-    run%events%member_data = run%record%data
-    run%events%stride = run%record%data_stride
     run%events%callback = run%python
-    run%problem%events => run%events
   end subroutine set_events
 
-  ! Sets a function along the solution: one in Python, or some in C whose table is given.
-  subroutine set_observer(run, count, functions, table_address, function, data, stride, observer)
+  ! Sets a function along the solution from the record at an address, if there is one.
+  subroutine set_observer(run, address, observer)
     type(run_t), intent(in) :: run
-    integer, intent(in) :: count
-    integer(int64), intent(in) :: functions, stride
-    integer(c_intptr_t), intent(in) :: table_address, function, data
+    integer(c_intptr_t), intent(in) :: address
     type(observer_t), intent(inout) :: observer
+    type(observer_record_t), pointer :: record
 
-    observer%count = count
-    if (functions > 0) then
-      observer%functions%count = int(functions)
-      call c_f_pointer(transfer(table_address, c_null_ptr), observer%functions%table, [functions])
-      observer%functions%member_data = data
-      observer%functions%stride = int(stride, c_intptr_t)
-      observer%functions%inputs => run%field%inputs
+    if (address == 0) return
+    call c_f_pointer(transfer(address, c_null_ptr), record)
+    observer%count = int(record%count)
+    observer%field%data = member_data_t(record%data, int(record%stride, c_intptr_t))
+    if (record%functions > 0) then
+      observer%functions%count = int(record%functions)
+      call c_f_pointer(transfer(record%table, c_null_ptr), observer%functions%table, &
+                       [record%functions])
+      observer%functions%data = observer%field%data
+      observer%functions%data%inputs => run%field%data%inputs
     else
-      call c_f_procpointer(transfer(function, c_null_funptr), observer%field%rhs)
-      observer%field%data_address = data
-      observer%field%data_stride = int(stride, c_intptr_t)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), observer%field%rhs)
     end if
   end subroutine set_observer
 
-  ! Makes the views of the caller's output arrays, which may have changed.
+  ! Makes the views of the caller's output arrays, and rows of what is stored of steps.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               columns => int([run%frame%dimension, run%problem%scheme%columns], int64), &
-               outputs => run%record%outputs, members => run%record%members, &
-               observations => run%record%observations, steps => run%record%step_capacity, &
-               dense => run%record%dense_capacity, events => run%record%event_capacity)
-      output%outputs = int(outputs)
-      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
-      if (record%y /= 0) &
-        call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
+               m => run%frame%dimension * run%method%scheme%columns, &
+               observations => int(run%output%observer%count, int64))
+      output%record => record
+      output%outputs = int(record%outputs)
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
+      if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
+                                          [n, record%members, record%outputs])
       if (record%observed /= 0) &
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [observations, members, outputs])
-      output%record => record
-      call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
-      if (record%step_y /= 0) &
-        call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
-      if (record%step_observed /= 0) &
-        call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
-                         [observations, steps])
-      output%dense = record%dense /= 0
-      call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
-      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4_int64, dense])
-      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
-      call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
-                       [columns, dense])
-      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2_int64, events])
-      call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
-      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2_int64, events])
+                         [observations, record%members, record%outputs])
+      allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points) + observations, 0), &
+                output%interpolants(5 + 2 * n + m, 0), output%events(3 + 2 * n, 0))
     end associate
   end subroutine set_output
 

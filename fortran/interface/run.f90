@@ -8,46 +8,34 @@ module run_m
   use blocks_m, only: body_t
   use callback_m, only: callback_t
   use derivatives_m, only: coefficients_of
-  use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use interpolant_m, only: scheme_t
   use kinds, only: wp
-  use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: output_t, store_point, store_step
+  use requests_m, only: check_coefficients
   use shared_numbers
   use step_m, only: store_answers, times_of_request
   use trajectory_m, only: fail, problem_t, set_start, trajectory_t
-  use inputs_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, drive, plan_at, run_at, wake
+  public :: plan_t, run_t, drive, plan_at, run_at, store_lane, wake
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
     type(frame_t) :: frame
     type(method_t) :: method
-    type(scheme_t) :: scheme
   end type plan_t
 
-  type :: run_t
-    type(problem_t) :: problem
-    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
+  type, extends(problem_t) :: run_t
     type(body_t), allocatable :: bodies(:, :)          ! (bodies, members) where they differ
     type(callback_t) :: python
-    type(events_t) :: events
-    type(inner_points_t) :: inner
-    type(observer_t) :: observer, step_function    ! step_function: s of step_size_m
-    type(vector_field_t) :: field
-    type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    logical, allocatable :: asks(:)          ! (lanes) whether it waits for coefficients or values
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 4, members)
     type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
@@ -73,15 +61,14 @@ contains
   subroutine wake(run)
     type(run_t), intent(inout) :: run
 
-    run%busy = run%problem%goes_on .or. run%lanes%status /= terminal_event
-    run%asks = .false.
+    run%busy = run%record%goes_on .or. run%lanes%status /= terminal_event
     run%next = size(run%lanes) + 1
     run%record%ended = count(.not. run%busy, kind=c_int64_t)
     run%record%failed = 0
     run%record%raised = 0
   end subroutine wake
 
-  ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
+  ! Advances all lanes until all members have ended, or the budget is used up.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   ! Others of a vectorized function advance in rounds, whatever the budget is: it ends a call where
   ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
@@ -93,30 +80,27 @@ contains
     logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
 
     budget = run%record%budget
-    in_rounds = size(run%lanes) > 1 .and. .not. run%problem%common &
-               .and. (.not. associated(run%problem%field) .or. run%events%vectorized)
+    in_rounds = size(run%lanes) > 1 .and. .not. run%record%common &
+               .and. (run%record%vectorized .or. run%events%vectorized)
     share = (budget + size(share, kind=int64) - 1) / size(share, kind=int64)
     if (in_rounds) share = huge(share) / (2 * size(share, kind=int64))
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
-    run%output%failed = .false.
+    run%output%status = finished
     drive_all: do
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        status = run%lanes(i)%status
-        if (.not. run%asks(i)) then
-          if (.not. (run%problem%common .or. in_rounds)) share(i) = budget
-          budget = budget - share(i)
-          status = advance_lane(run, i, share(i))
-          budget = budget + share(i)
-        end if
-        run%asks(i) = status == needs_field .or. status == needs_events
+        if (any(run%lanes(i)%status == [needs_field, needs_events])) cycle
+        if (.not. (run%record%common .or. in_rounds)) share(i) = budget
+        budget = budget - share(i)
+        status = advance_lane(run, i, share(i))
+        budget = budget + share(i)
         select case (status)
-        case (needs_minimum, needs_maximum)
+        case (needs_maximum)
           waits = .true.
-        case (paused, buffer_full)
+        case (paused)
           stops = .true.
         case (raised)
           exit drive_all
@@ -124,9 +108,9 @@ contains
       end do
       if (in_rounds .and. (stops .or. budget <= 0)) then
         exit
-      else if (any(run%asks .and. run%lanes%status == needs_events)) then
+      else if (any(run%lanes%status == needs_events)) then
         call answer_events(run)
-      else if (any(run%asks)) then
+      else if (any(run%lanes%status == needs_field)) then
         call evaluate(run)
       else if (waits .and. .not. stops) then
         call exchange(run)
@@ -151,13 +135,12 @@ contains
         if (.not. run%busy(i)) call start_member(run, i)
         if (.not. run%busy(i)) return
         status = lane%status
-        if (status == needs_minimum .or. status == needs_maximum) return
+        if (status == needs_maximum) return
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
-        if (any(status == [needs_field, needs_events, needs_minimum, needs_maximum, paused, &
-                           buffer_full])) return
+        if (any(status == [needs_field, needs_events, needs_maximum, paused])) return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
@@ -179,7 +162,7 @@ contains
       lane%counts = counters_t()
       lane%control%attempts = 0
       lane%outputs_done = 0
-      call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
+      call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then
@@ -187,7 +170,8 @@ contains
           lane%outputs_done = 1
         end if
       end if
-      if (run%output%failed) call fail(lane, raised, run%record%t0, observer_failed)
+      if (run%output%status /= finished) &
+        call fail(lane, run%output%status, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate
@@ -200,7 +184,7 @@ contains
 
     associate (lane => run%lanes(i), n => run%frame%point_size)
       run%states(:n, lane%member) = lane%y(:, 0)
-      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
+      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at, lane%last%t, lane%control%step_size]
       run%counters(lane%member) = lane%counts
       run%counters(lane%member)%status = int(lane%status, c_int64_t)
       run%counters(lane%member)%flag = int(lane%request%flag, c_int64_t)
@@ -222,31 +206,24 @@ contains
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
 
-  ! Exchanges the minimum or maximum that trajectories with common steps wait for.
+  ! Exchanges the maximum that trajectories with common steps wait for.
   subroutine exchange(run)
     type(run_t), intent(inout) :: run
-    real(wp) :: shared
 
-    if (run%lanes(findloc(run%busy, .true., 1))%status == needs_minimum) then
-      shared = minval(run%lanes%request%shared, run%busy)
-    else
-      shared = maxval(run%lanes%request%shared, run%busy)
-    end if
-    run%lanes%request%shared = shared
+    run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
     where (run%busy) run%lanes%status = paused
   end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run)
-    type(run_t), intent(inout) :: run
+    type(run_t), target, intent(inout) :: run
     integer, allocatable :: requests(:)                ! these lanes
     integer, allocatable :: asked(:)                   ! for how many times each asks
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
     integer :: i, k, m, memory
 
-    requests = pack([(i, i=1, size(run%lanes))], run%asks)
-    run%asks = .false.
+    requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_field)
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     if (run%frame%derivatives) m = run%frame%point_size
@@ -279,6 +256,9 @@ contains
         else
           call store_answers(lane, m, asked(i), own)
         end if
+        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
+        if (lane%status == needs_field) &
+          call check_coefficients(lane, lane%request%y, lane%request%answer)
       end associate
       k = k + asked(i)
     end do
@@ -289,46 +269,52 @@ contains
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: waiting(:)                 ! lanes
-    integer, allocatable :: owner(:), place(:)         ! the lane of each point, and where it has it
-    real(wp), allocatable :: t(:), member(:), points(:), values(:)
-    integer :: event, i, j, k, memory, total
+    real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
+    real(wp), allocatable :: values(:)
+    integer :: event, i, j, memory, total
     logical :: failed
 
     associate (lanes => run%lanes, n => run%frame%point_size)
-      waiting = pack([(i, i=1, size(lanes))], run%asks .and. lanes%status == needs_events)
-      run%asks(waiting) = .false.
-      total = sum(lanes(waiting)%queries)
-      allocate (owner(total), place(total), t(total), member(total), points(n * total), &
-                values(total), stat=memory)
+      waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
+      lanes(waiting)%status = finished
+      total = sum(lanes(waiting)%queries - lanes(waiting)%answered)
+      allocate (query(3 + n + run%events%count, total), member(total), values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
-      do event = 1, run%events%count
-        k = 0
-        do i = 1, size(waiting)
-          associate (lane => lanes(waiting(i)))
-            do j = lane%answered + 1, lane%queries
-              if (all(nint(lane%query(1, j)) /= [0, event])) cycle
-              points(k * n + 1:(k + 1) * n) = lane%query(4:n + 3, j)
-              k = k + 1
-              owner(k) = waiting(i)
-              place(k) = j
-              t(k) = lane%query(3, j)
-              member(k) = real(lane%member - 1, wp)
-            end do
+      total = 0
+      do i = 1, size(waiting)
+        associate (lane => lanes(waiting(i)))
+          associate (count => lane%queries - lane%answered)
+            query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
+            member(total + 1:total + count) = real(lane%member - 1, wp)
+            total = total + count
           end associate
-        end do
-        if (k > 0 .and. run%events%table(event)%vectorized /= 0) then
-          call run%python%apply(events_operation, [real(event - 1, wp), t(:k), member(:k)], &
-                                points(:n * k), values(:k))
-        else
-          do j = 1, k
-            call run%events%value(nint(member(j)) + 1, event, t(j), points((j - 1) * n + 1:j * n), &
-                                  values(j), failed)
-          end do
-        end if
-        do j = 1, k
-          lanes(owner(j))%query(n + 3 + event, place(j)) = values(j)
-        end do
+        end associate
+      end do
+      do event = 1, run%events%count
+        associate (asks => pack([(j, j=1, total)], nint(query(1, :)) == 0 &
+                                .or. nint(query(1, :)) == event))
+          if (size(asks) > 0 .and. run%events%table(event)%vectorized /= 0) then
+            call run%python%apply(events_operation, [real(event - 1, wp), query(3, asks), &
+                                  member(asks)], [query(4:n + 3, asks)], values(:size(asks)))
+          else
+            do j = 1, size(asks)
+              call run%events%value(nint(member(asks(j))) + 1, event, query(3, asks(j)), &
+                                    query(4:n + 3, asks(j)), values(j), failed)
+            end do
+          end if
+          query(n + 3 + event, asks) = values(:size(asks))
+        end associate
+      end do
+      total = 0
+      do i = 1, size(waiting)
+        associate (lane => lanes(waiting(i)))
+          associate (count => lane%queries - lane%answered)
+            lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
+            total = total + count
+          end associate
+          lane%answered = lane%queries
+        end associate
       end do
     end associate
   end subroutine answer_events

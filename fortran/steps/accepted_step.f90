@@ -1,25 +1,28 @@
-! The output of an accepted step: events, points at output times, and its end.
+! The output of an accepted step: its interpolant, whose nodes are requested one after the other,
+! events, points at output times, and its end.
 ! Then the next step starts, at the end or after a jump.
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
-  use interpolant_m, only: flows_of_evaluation
+  use free_motion_m, only: add_constraint_forces
+  use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, &
+       next_node, reserve_interpolant
   use linear_action_m, only: move_polynomially
-  use method_m, only: polynomial_kind
+  use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, find_zeros, rotates_far, store_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events, reject_accepted_step, share_step, &
-       time_at
+  use step_events_m, only: crosses, find_zeros, store_zeros
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
+       share_step, time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
-  use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
   use shared_numbers
-  use vectors_m, only: nan
+  use vectors_m, only: finite, nan
   implicit none
   private
-  public :: begin_after_events, complete_step, detect_events, examine_step, prepare_inner, &
+  public :: complete_step, detect_events, examine_step, prepare_inner, &
+            request_ends, request_interpolant, request_node, store_begin, store_end, store_node, &
             store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
@@ -36,9 +39,9 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    x%seeks_events = size(x%events%before) > 0
+    x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
-      call evaluate_events(x, 0, 1.0_wp, x%y(:, x%result), x%events%after)
+      call evaluate_events(x, 0, 1.0_wp, x%events%after)
       if (x%status /= finished) return
       call forget_values(x)
     end if
@@ -59,7 +62,7 @@ contains
     type(trajectory_t), intent(in) :: x
     type(output_t), intent(in) :: output
 
-    has_output = output%dense
+    has_output = output%record%dense
     if (x%outputs_done < output%outputs) has_output = has_output .or. &
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
@@ -67,10 +70,10 @@ contains
   ! Whether each event may end a step whose interpolant may be requested
   pure function may_cut(x)
     type(trajectory_t), intent(in) :: x
-    logical :: may_cut(size(x%events%before))
+    logical :: may_cut(size(x%events))
 
     associate (events => x%problem%events)
-      may_cut = x%problem%goes_on .and. (events%table%jumps /= 0 .or. &
+      may_cut = x%problem%record%goes_on .and. (events%table%jumps /= 0 .or. &
                                      x%events%count + 1 >= events%table%limit)
     end associate
   end function may_cut
@@ -81,76 +84,226 @@ contains
   subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
-    logical :: cuts(size(x%events%before))
+    logical :: cuts(size(x%events))
 
-    if (rotates_far(x)) then
-      call reject_accepted_step(x, step_too_long, x%t)
-      return
-    end if
     call find_zeros(x, .true.)
-    if (.not. allocated(x%events%zeros)) return   ! values are requested, or it has failed
+    if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
     cuts = may_cut(x)
-    x%needs_interpolant = any(x%events%zeros%at < 1 .or. cuts(x%events%zeros%event) &
-                              .or. x%events%after(x%events%zeros%event) /= 0)
-    x%seeks_events = size(x%events%zeros) > 0
-    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
+    x%needs_interpolant = any(x%zeros%at < 1 .or. cuts(x%zeros%event) &
+                              .or. x%events(x%zeros%event)%after /= 0)
+    x%seeks_events = size(x%zeros) > 0
+    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Decides whether a step is stored. Trajectories with common steps do so together, where output or
-  ! events may have rejected it.
+  ! Finds the events of a step, and decides whether it is stored. Trajectories with common steps do
+  ! so together, where output or events may have rejected it.
   subroutine complete_step(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
+    if (x%seeks_events .and. .not. (x%interpolate_only .or. allocated(x%zeros))) then
+      call find_zeros(x, .false.)
+      if (x%status /= finished .or. .not. allocated(x%zeros)) return
+    end if
     x%phase = phase_store_output
     if (x%interpolate_only) return
-    if (x%seeks_events .and. .not. allocated(x%events%zeros)) then
-      if (rotates_far(x)) then
-        call reject_accepted_step(x, step_too_long, x%t)
+    if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
+        output%record%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
+  end subroutine complete_step
+
+  ! Requests the interpolant of the last step, and no further step.
+  subroutine request_interpolant(x)
+    type(trajectory_t), intent(inout) :: x
+    integer :: memory
+
+    x%interpolate_only = .true.
+    x%status = paused
+    x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
+    call reserve_interpolant(x%frame, x%method%scheme, x%interpolant, memory)
+    if (memory /= 0 .and. .not. x%last%cut) call fail(x, out_of_memory, x%t)
+  end subroutine request_interpolant
+
+  ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
+  ! known; then its interpolant starts.
+  subroutine request_ends(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (x%interpolate_only) then
+      if (.not. finite(size(x%last_slope), x%last_slope)) then
+        call request(x, x%last%t, x%last_y, phase_begin_received, x%request%answer)
+      else if (.not. x%slope_known) then
+        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
+      else
+        call interpolate(x)
+      end if
+    else if (.not. x%slope_known) then
+      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
+    else if (.not. x%end_known) then
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
+    else
+      call interpolate(x)
+    end if
+  end subroutine request_ends
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_begin(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (x%interpolate_only) then
+      x%last_slope(:) = x%request%answer
+    else
+      x%slope(:) = x%request%answer
+      x%slope_known = .true.
+    end if
+    call request_ends(x)
+  end subroutine store_begin
+
+  ! Stores the coefficients at the end of a step, and starts its interpolant.
+  subroutine store_end(x)
+    type(trajectory_t), intent(inout) :: x
+
+    if (x%interpolate_only) then
+      x%slope(:) = x%request%answer
+      x%slope_known = x%t == x%request%t
+    else
+      x%end_slope(:) = x%request%answer
+      x%end_known = .true.
+    end if
+    call interpolate(x)
+  end subroutine store_end
+
+  ! Starts the interpolant of the present step, or of the one before. If only events may need it,
+  ! they are sought first along what is known of it from the ends of the step.
+  subroutine interpolate(x)
+    type(trajectory_t), intent(inout) :: x
+    logical :: exists
+    integer :: status
+
+    associate (self => x%interpolant)
+      self%noisy = x%problem%record%heated
+      if (x%interpolate_only) then
+        self%t0 = x%last%t
+        self%h = x%last%h
+        self%y0(:) = x%last_y
+        self%y1(:) = x%y(:, 0)
+        self%field(:, 1) = x%last_slope
+        self%field(:, 2) = x%slope
+      else
+        self%t0 = x%t
+        self%h = x%t_end - x%t
+        self%y0(:) = x%y(:, 0)
+        self%y1(:) = x%y(:, x%result)
+        self%field(:, 1) = x%slope
+        self%field(:, 2) = x%end_slope
+      end if
+    end associate
+    if (size(x%joints%impulse) > 0) then            ! slopes are forces alone
+      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
+                                 status)
+      if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
+                                                         .true., x%interpolant%field(:, 2), status)
+      if (status /= finished) then
+        call fail(x, status, x%interpolant%t0)
         return
       end if
     end if
-    if (x%problem%adaptive .and. x%problem%common .and. (size(x%events%before) > 0 .or. &
-        output%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
-  end subroutine complete_step
+    x%interpolant%path = flows_of_step(x, x%interpolant%h)
+    call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
+    if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
+      call advance_interpolant(x, exists)
+    else
+      call make_cubic(exists, x%interpolant)
+      x%phase = phase_detect_events
+    end if
+  end subroutine interpolate
+
+  ! The flows of a step of a frame in Python; none of a method that doesn't keep what they combine
+  function flows_of_step(x, h) result(flows)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: h
+    real(wp), allocatable :: flows(:)
+    integer :: path
+
+    allocate (flows(0))
+    if (.not. any(x%frame%blocks%kind == callback_block) .or. &
+        x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
+    path = x%method%result
+    do while (path > 0)
+      associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
+        block
+          real(wp) :: v(size(x%f, 1), first:last)
+          call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, size(v, 1), &
+                             x%f, v)
+          flows = [reshape(v, [size(v)]), flows]
+        end block
+      end associate
+      path = x%method%origin(path)
+    end do
+  end function flows_of_step
+
+  ! Chooses the phase after a node of the interpolant.
+  subroutine advance_interpolant(x, exists)
+    type(trajectory_t), intent(inout) :: x
+    logical, intent(in) :: exists
+
+    x%counts%nexp = x%counts%nexp + int(x%interpolant%nexp, int64)
+    x%interpolant%nexp = 0
+    if (.not. exists) then
+      call reject_accepted_step(x, step_too_long, x%interpolant%t0)
+    else
+      x%phase = merge(phase_complete_step, phase_next_node, x%interpolant%complete)
+    end if
+  end subroutine advance_interpolant
+
+  ! Moves to the next node and requests the coefficients there.
+  subroutine request_node(x)
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: theta
+
+    call next_node(x%interpolant, theta)
+    x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
+    call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
+                 x%interpolant%y, phase_node_received, x%request%answer)
+  end subroutine request_node
+
+  ! Stores the coefficients at a node.
+  subroutine store_node(x)
+    type(trajectory_t), intent(inout) :: x
+    logical :: exists
+
+    call add_node(x%request%answer, x%interpolant, exists)
+    call advance_interpolant(x, exists)
+  end subroutine store_node
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
   subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
+    real(wp) :: until, y(x%frame%point_size)
+    logical :: ended
 
     if (x%interpolate_only) then
       call store_interpolant(output, x%member, x%t, x%interpolant)
       x%interpolate_only = .false.
       x%phase = phase_choose_step
-      x%status = paused
+      x%status = merge(paused, output%status, output%status == finished)
       return
     end if
+    ended = .false.
     if (x%seeks_events) then
-      call store_with_events(x, output)
+      call store_zeros(x, output, until, ended, y)
+      if (x%status /= finished) return
+      deallocate (x%zeros)
+    end if
+    if (ended) then
+      call store_until(x, time_at(x, until), y, ended, output)
     else
-      call store_until(x, x%t_end, x%y(:, x%result), .false., output)
+      call store_until(x, x%t_end, x%y(:, x%result), ended, output)
     end if
   end subroutine store_output
-
-  ! Locates the events of a step and stores its output up to the one that ends it. While there is
-  ! no room for them, the phase remains.
-  subroutine store_with_events(x, output)
-    type(trajectory_t), target, intent(inout) :: x
-    type(output_t), intent(inout) :: output
-    real(wp) :: until, y(x%frame%point_size)
-    logical :: ended
-
-    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
-    if (x%status == finished) call store_zeros(x, output, until, ended, y)
-    if (x%status /= finished) return
-    deallocate (x%events%zeros)
-    if (.not. ended) call point_at(x, until, y)
-    call store_until(x, time_at(x, until), y, ended, output)
-  end subroutine store_with_events
 
   ! Stores the output of a step up to time t, where the solution is y.
   subroutine store_until(x, t, y, ended, output)
@@ -161,19 +314,19 @@ contains
     type(output_t), intent(inout) :: output
 
     call store_outputs(x, t, y, output)
-    if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
+    if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
+    if (output%status == finished) call store_step(output, x%counts%steps, t, y, &
                         t == x%problem%stops(size(x%problem%stops)) .or. ended)
-    if (output%failed) then
-      call fail(x, raised, t, observer_failed)
+    if (output%status /= finished) then
+      call fail(x, output%status, t, observer_failed)
       return
     end if
-    if (allocated(x%last%y)) then
+    if (size(x%last_y) > 0) then
       x%last%t = x%t
       x%last%h = x%t_end - x%t
-      x%last%y(:) = x%y(:, 0)
-      x%last%slope(:) = x%slope
-      if (.not. x%slope_known) x%last%slope = nan
+      x%last_y(:) = x%y(:, 0)
+      x%last_slope(:) = x%slope
+      if (.not. x%slope_known) x%last_slope = nan
       x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)
@@ -190,8 +343,10 @@ contains
     ends = t == x%problem%stops(x%segment)
     jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
-      if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
-      x%events%jumps_in_place = x%events%jumps_in_place + 1
+      if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
+      x%jumps_in_place = x%jumps_in_place + 1
+      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
+                           2 * abs(x%events%residual))
     end if
     x%t = t
     x%y(:, 0) = y
@@ -201,33 +356,23 @@ contains
     if (jumps) call forget_step(x)
     if (ends) x%phase = phase_begin_segment
     if (.not. ended) then
-      x%events%before(:) = x%events%after
-    else if (any(x%events%count >= x%problem%events%table%limit) .and. .not. x%problem%goes_on) then
+      x%events%before = x%events%after
+    else if (any(x%events%count >= x%problem%events%table%limit) &
+             .and. .not. x%problem%record%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
-    else if (x%events%jumps_in_place > max_stuck) then
+    else if (x%jumps_in_place > max_stuck) then
       call fail(x, jumps_without_progress, t)
     else
-      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
-                         2 * abs(x%events%residual))
-      x%events%known = .false.
-      x%phase = phase_after_events
+      x%events_known = .false.
+      x%control%step_size = 0.0_wp
+      x%control%last_error = 1.0_wp
+      x%phase = phase_begin_segment
+      if (.not. any(x%events%count >= x%problem%events%table%limit)) return
+      x%status = terminal_event                      ! from which a stepper goes on
+      where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
     end if
   end subroutine begin_next_step
-
-  ! Prepares the functions of events for the step after one that an event ended.
-  subroutine begin_after_events(x)
-    type(trajectory_t), intent(inout) :: x
-
-    call evaluate_at_start(x, x%events%small)
-    if (x%status /= finished) return
-    x%control%step_size = 0.0_wp
-    x%control%last_error = 1.0_wp
-    x%phase = phase_begin_segment
-    if (.not. any(x%events%count >= x%problem%events%table%limit)) return
-    x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
-  end subroutine begin_after_events
 
   ! Stores the points at the output times up to t, where the solution is y.
   subroutine store_outputs(x, t, y, output)
@@ -252,7 +397,7 @@ contains
           end if
         end associate
         call store_point(output, x%member, x%outputs_done, point)
-        if (output%failed) return
+        if (output%status /= finished) return
       end do
     end associate
   end subroutine store_outputs

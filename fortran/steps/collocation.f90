@@ -20,8 +20,8 @@ module collocation_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
-  use shared_numbers, only: factor_operation, jacobian_operation, raised, solve_operation, &
-                            stages_not_solved, step_too_long
+  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, raised, &
+                            solve_operation, sparse_jacobian, stages_not_solved, step_too_long
   implicit none
   private
   public :: converges_fast, filtered, keep_step, refactor, request_collocation, store_collocation, &
@@ -126,7 +126,7 @@ contains
     x%newton%factored_h = h
     associate (newton => x%newton, n => size(x%newton%pivot), &
                gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
-      if (.not. x%problem%jacobian_is_matrix) then
+      if (x%problem%record%jacobian == sparse_jacobian) then
         answer = 1.0_wp
         call x%frame%callback%apply(factor_operation, [real(x%member - 1, wp), gamma, mu], &
                                     [0.0_wp], answer)
@@ -157,7 +157,7 @@ contains
     integer :: info
 
     associate (newton => x%newton, n => size(x%u))
-      if (.not. x%problem%jacobian_is_matrix) then
+      if (x%problem%record%jacobian == sparse_jacobian) then
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
         b = reshape(numbers, shape(b))
@@ -258,11 +258,11 @@ contains
         / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
       return
     end if
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
     correction_norm = 0.0_wp
     do i = 1, size(dz, 2)
-      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%control%v)
-      correction_norm = hypot(correction_norm, norm(x%tolerances, x%control%v, x%control%scale))
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%space%v)
+      correction_norm = hypot(correction_norm, norm(x%tolerances, x%space%v, x%space%scale))
     end do
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
@@ -289,7 +289,7 @@ contains
     logical :: failed
 
     x%counts%njev = x%counts%njev + 1
-    if (.not. x%problem%has_jacobian) then
+    if (x%problem%record%jacobian == differences_jacobian) then
       call displacements(x, x%newton%z(:, 1))
       x%newton%column = 1
       call request_column(x)
@@ -302,7 +302,7 @@ contains
       return
     end if
     x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
-    if (x%problem%jacobian_is_matrix) call add_brackets(x)
+    if (x%problem%record%jacobian /= sparse_jacobian) call add_brackets(x)
     call finish_jacobian(x)
   end subroutine request_jacobian
 

@@ -55,7 +55,7 @@ contains
     real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
     real(wp) :: parts(2), change
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%space%work, x%space%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
@@ -123,7 +123,7 @@ contains
         if (method%in_parts .and. method%third == 0 .and. method%kind == linear_kind) &
           part = 2 - mod(i, 2)
         rest = 0.0_wp
-        if (allocated(x%added)) then
+        if (size(x%added) > 0) then
           call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
           call raise(errors(2, place), norm_of_u(x))
@@ -135,8 +135,8 @@ contains
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
         if (.not. method%in_parts .or. method%third == 0) cycle
-        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%control%work))
-        if (i == last) call raise(errors(2, place), distance(x, method%third, x%control%work))
+        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%space%work))
+        if (i == last) call raise(errors(2, place), distance(x, method%third, x%space%work))
       end do
     end associate
   end subroutine find_differences
@@ -242,20 +242,20 @@ contains
     real(wp), intent(in), optional :: known(:)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%space%v)
     else
-      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
+      x%space%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(known)) x%control%v(:) = x%control%v - known(:size(x%control%v))
-    distance = norm(x%tolerances, x%control%v, x%control%scale)
+    if (present(known)) x%space%v(:) = x%space%v - known(:size(x%space%v))
+    distance = norm(x%tolerances, x%space%v, x%space%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
   real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%control%work)
-    norm_of_u = norm(x%tolerances, x%control%work, x%control%scale)
+    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%space%work)
+    norm_of_u = norm(x%tolerances, x%space%work, x%space%scale)
   end function norm_of_u
 
 end module error_estimate_m

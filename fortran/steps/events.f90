@@ -5,9 +5,9 @@ module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate, vector_field_t, write_inputs
+  use inputs_m, only: evaluate, member_data_t, vector_field_t
   use kinds, only: wp
-  use shared_numbers, only: event_operation, event_record_t, jump_operation
+  use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
   private
   public :: events_t, observer_t
@@ -17,9 +17,7 @@ module events_m
     type(event_record_t), pointer, contiguous :: table(:) => null()    ! (count)
     logical :: vectorized = .false.          ! whether they take several lanes, see requests_m
     type(callback_t) :: callback
-    integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
-    integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next
-    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! see write_inputs
+    type(member_data_t) :: data              ! where a function has no data of its own
   contains
     procedure :: value => event_value
     procedure :: jump => event_jump
@@ -55,18 +53,16 @@ contains
     logical, intent(out) :: flag                       ! whether the function failed
     procedure(event_i), pointer :: function
     type(c_funptr) :: pointer
-    integer(c_intptr_t) :: data, member_data
+    integer(c_intptr_t) :: data
     real(wp) :: answer(1)
 
     associate (row => self%table(event))
       if (row%function /= 0) then
         pointer = transfer(row%function, pointer)
         call c_f_procpointer(pointer, function)
-        data = row%data
-        member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
-        if (data == 0) data = member_data
-        if (data == -1) data = 0             ! a null pointer
-        if (associated(self%inputs)) call write_inputs(self%inputs, t, member, member_data)
+        data = self%data%at(t, member)
+        if (row%data /= 0) data = row%data
+        if (row%data == -1) data = 0         ! a null pointer
         g = function(t, y, transfer(data, c_null_ptr))
         if (row%period > 0) g = g - row%period * anint(g / row%period)
       else
@@ -93,24 +89,24 @@ contains
   end subroutine event_jump
 
   ! Evaluates the functions at a point.
-  subroutine observe(self, member, t, y, values, failed)
+  subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
     integer, intent(in) :: member            ! from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: values(:)     ! (count)
-    logical, intent(out) :: failed
+    integer, intent(inout) :: status                   ! raised if one fails
     integer :: flag, i
+    logical :: failed
 
-    failed = .false.
     if (self%functions%count == 0) then
       self%field%member = member
       call evaluate(self%field, size(y), self%count, t, y, values, flag)
-      failed = flag /= 0
+      if (flag /= 0) status = raised
     end if
     do i = 1, self%functions%count
       call self%functions%value(member, i, t, y, values(i), failed)
-      if (failed) return
+      if (failed) status = raised
     end do
   end subroutine observe
 

@@ -42,7 +42,7 @@ contains
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
-    path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
+    path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
     call follow_paths(x, path)
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
                  x%request%answer)
@@ -74,7 +74,7 @@ contains
 
     x%stage = x%solver%first
     x%paths = 0
-    if (x%method%blocks > 1 .and. .not. x%problem%of_time) &
+    if (x%method%blocks > 1 .and. .not. x%problem%record%of_time) &
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 

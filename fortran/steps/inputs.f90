@@ -11,14 +11,26 @@ module inputs_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_field, evaluate, grid_t, longest_step, make_grid, rhs_i, &
-            vector_field_t, write_inputs
+  public :: call_python_field, evaluate, grid_t, longest_step, make_grid, member_data_t, rhs_i, &
+            vector_field_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
     real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
     integer(int64) :: steps = 0
   end type grid_t
+
+  ! The data that functions in C get of a member
+  type :: member_data_t
+    integer(c_intptr_t) :: address = 0       ! of those of the first member, 0 for none
+    integer(c_intptr_t) :: stride = 0        ! bytes from one member's to the next
+    ! inputs, which are written into the data. Of each curve: powers, pieces, width, first place in
+    ! the data of a member, addresses of the starts of the pieces and of the coefficients (width,
+    ! pieces, powers), and the bytes from the coefficients of one member to those of the next
+    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! (7, curves)
+  contains
+    procedure :: at => data_at
+  end type member_data_t
 
   abstract interface
     function rhs_i(t, y, f, user_data) bind(c) result(code)
@@ -36,9 +48,7 @@ module inputs_m
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
     integer :: member = 1                    ! that the point belongs to
-    integer(c_intptr_t) :: data_address = 0  ! 0 for none
-    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
-    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! see write_inputs
+    type(member_data_t) :: data
   end type vector_field_t
 
 contains
@@ -74,25 +84,23 @@ contains
     unit = nearest(x, 1.0_wp) - x
   end function unit
 
-  ! Writes the values at a time into the data of a member.
-  subroutine write_inputs(table, t, member, data)
-    ! (7, curves) of each curve: powers, pieces, width, first place in the data of a member, addresses
-    ! of the starts of the pieces and of the coefficients (width, pieces, powers), and the bytes from
-    ! the coefficients of one member to those of the next
-    integer(c_int64_t), intent(in) :: table(:, :)
+  ! The address of the data of a member, into which inputs at a time have been written
+  integer(c_intptr_t) function data_at(self, t, member) result(data)
+    class(member_data_t), intent(in) :: self
     real(wp), intent(in) :: t
-    integer, intent(in) :: member
-    integer(c_intptr_t), intent(in) :: data  ! their address
+    integer, intent(in) :: member            ! from 1
     real(wp), pointer, contiguous :: starts(:), coefficients(:, :, :), values(:)
     real(wp) :: s
     integer(c_intptr_t) :: before
     integer :: i, k, piece
 
     before = int(member - 1, c_intptr_t)
-    do i = 1, size(table, 2)
-      associate (row => int(table(:4, i)), address => table(5:6, i))
+    data = self%address + before * self%stride
+    if (.not. associated(self%inputs)) return
+    do i = 1, size(self%inputs, 2)
+      associate (row => int(self%inputs(:4, i)), address => self%inputs(5:6, i))
         call c_f_pointer(transfer(address(1), c_null_ptr), starts, [row(2)])
-        call c_f_pointer(transfer(address(2) + before * table(7, i), c_null_ptr), &
+        call c_f_pointer(transfer(address(2) + before * self%inputs(7, i), c_null_ptr), &
                          coefficients, [row(3), row(2), row(1)])
         call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
         piece = last_before(starts, t)
@@ -103,7 +111,7 @@ contains
         end do
       end associate
     end do
-  end subroutine write_inputs
+  end function data_at
 
   ! The last of increasing times that isn't after t, the first one if all are
   pure integer function last_before(times, t) result(low)
@@ -153,12 +161,9 @@ contains
     real(wp), intent(in) :: t, y(n)
     real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag                   ! nonzero stops the integration
-    integer(c_intptr_t) :: data
 
     f = nan
-    data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
-    if (associated(self%inputs)) call write_inputs(self%inputs, t, self%member, data)
-    flag = self%rhs(t, y, f, transfer(data, c_null_ptr))
+    flag = self%rhs(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
   end subroutine evaluate
 
 end module inputs_m

@@ -39,33 +39,13 @@ module interpolant_m
   use free_motion_m, only: make_tangential, move_by_impulses, without_opening
   use kinds, only: wp
   use linear_action_m, only: inner_points_t, move_polynomially
+  use method_m, only: scheme_t
   use shared_numbers, only: nearby_operation, nearest_operation
   use vectors_m, only: combine
   implicit none
   private
   public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, &
-            flows_of_evaluation, interpolant_t, make_cubic, next_node, reserve_interpolant, &
-            scheme_t
-
-  ! The coefficients of the interpolants of a method
-  type :: scheme_t
-    integer :: columns = 0                   ! number of those of `field`; 0: not yet known
-    logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
-    ! on a Lie algebra
-    logical :: flat = .false.                ! whether the stages of a flat method are used
-    integer :: final = 0                     ! the derivative at the end
-    integer :: series = 0                    ! order up to which dexp^-1 is needed
-    real(wp), allocatable :: theta(:)        ! (extra) further nodes
-    real(wp), allocatable :: row(:, :)       ! (derivatives, extra) what leads there
-    real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
-    ! elsewhere
-    integer :: nodes = 2
-    real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
-    real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
-    real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
-    real(wp), allocatable :: weight(:, :)    ! (stages, flows)
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, after the kicks of a splitting method
-  end type scheme_t
+            flows_of_evaluation, interpolant_t, make_cubic, next_node, reserve_interpolant
 
   type :: interpolant_t
     type(frame_t), pointer :: frame => null()

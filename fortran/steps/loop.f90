@@ -3,33 +3,32 @@
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
-! of events at `query`; needs_minimum, needs_maximum: of a number over all trajectories with common
-! steps; buffer_full; paused) and is called again with the answer. The phase says where to continue.
+! of events at `query`; needs_maximum: of a number over all trajectories with common steps; paused)
+! and is called again when the answer has been stored. The phase says where to continue.
 ! Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               |'------------ rejected --------------'          v
 !        |                               '------------- [tried again] ------ [interpolant, events]
-!        '- [after events] <- store output <- complete step <-----------------------------'
+!        '------------------- store output <- complete step <-----------------------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use method_m, only: polynomial_kind
-  use output_m, only: has_room, output_t
-  use accepted_step_m, only: begin_after_events, complete_step, detect_events, examine_step, &
-                             prepare_inner, store_output
+  use output_m, only: output_t
+  use accepted_step_m, only: complete_step, detect_events, examine_step, &
+                             prepare_inner, request_ends, request_node, store_begin, store_end, &
+                             store_node, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
-  use requests_m, only: check_coefficients, retry_step
+  use requests_m, only: retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
-  use within_step_m, only: request_ends, request_node, store_begin, store_end, store_node
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, needs_events, needs_field, needs_maximum, &
-                            needs_minimum, paused
+  use shared_numbers, only: finished, needs_maximum, paused
   implicit none
   private
   public :: resume
@@ -42,15 +41,7 @@ contains
     type(output_t), intent(inout) :: output
     integer(int64), intent(inout) :: budget            ! steps to try until the next pause
 
-    select case (x%status)
-    case (needs_field)
-      call check_coefficients(x, x%request%y, x%request%answer)
-    case (needs_minimum, needs_maximum, paused, buffer_full)
-      x%status = finished
-    case (needs_events)
-      x%status = finished
-      x%answered = x%queries
-    end select
+    if (any(x%status == [needs_maximum, paused])) x%status = finished
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
     end do
@@ -72,12 +63,10 @@ contains
     case (phase_curvature_received)
       call choose_first_size(x)
     case (phase_size_shared)
-      x%control%step_size = x%request%shared
+      x%control%step_size = -x%request%shared
       x%phase = phase_choose_step
     case (phase_choose_step)
-      if (.not. has_room(output)) then
-        x%status = buffer_full
-      else if (budget <= 0) then
+      if (budget <= 0) then
         x%status = paused
       else
         budget = budget - 1
@@ -119,8 +108,6 @@ contains
       if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
     case (phase_store_output)
       call store_output(x, output)
-    case (phase_after_events)
-      call begin_after_events(x)
     end select
   end subroutine advance
 
@@ -128,7 +115,7 @@ contains
   subroutine store_slope(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. associated(x%problem%field)) x%slope(:) = x%request%answer
+    if (x%problem%record%vectorized) x%slope(:) = x%request%answer
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return

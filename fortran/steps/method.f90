@@ -8,7 +8,7 @@ module method_m
        method_record_t, polynomial_kind, registers_kind, splitting_kind
   implicit none
   private
-  public :: method_t, make_method, reals
+  public :: method_t, make_method, reals, scheme_t
   ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
   ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
   public :: algebra_kind, collocation_kind, implicit_kind, linear_kind, polynomial_kind, &
@@ -22,6 +22,26 @@ module method_m
     real(wp) :: integral(3, 3)     ! (power, stage) of the integrals of Lagrange's polynomials
     real(wp) :: gamma, mu(2)                 ! mu: real and imaginary part
   end type transformation_t
+
+  ! The coefficients of the interpolants of a method
+  type :: scheme_t
+    integer :: columns = 0                   ! number of those of `field` of interpolant_t
+    logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
+    ! on a Lie algebra
+    logical :: flat = .false.                ! whether the stages of a flat method are used
+    integer :: final = 0                     ! the derivative at the end
+    integer :: series = 0                    ! order up to which dexp^-1 is needed
+    real(wp), allocatable :: theta(:)        ! (extra) further nodes
+    real(wp), allocatable :: row(:, :)       ! (derivatives, extra) what leads there
+    real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
+    ! elsewhere
+    integer :: nodes = 2
+    real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
+    real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
+    real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
+    real(wp), allocatable :: weight(:, :)    ! (stages, flows)
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, after the kicks of a splitting method
+  end type scheme_t
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind
@@ -53,6 +73,7 @@ module method_m
     real(wp), allocatable :: error(:, :)     ! (columns, estimates)
     ! weights of both sides of brackets of fields, which are columns after those of the stages
     real(wp), allocatable :: bracket(:, :, :)  ! (columns, 2, brackets)
+    type(scheme_t) :: scheme
   end type method_t
 
 contains
@@ -106,7 +127,34 @@ contains
     do k = size(method%origin), 1, -1
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
+    call make_scheme(record, method%kind, method%scheme)
+    if (method%kind == splitting_kind) method%scheme%drift = method%drift
   end subroutine make_method
+
+  ! Makes the coefficients of interpolants from the record.
+  subroutine make_scheme(record, kind, scheme)
+    type(method_record_t), intent(in) :: record
+    integer, intent(in) :: kind
+    type(scheme_t), intent(out) :: scheme
+
+    associate (n => record%nodes, m => record%derivatives, stages => record%result_stages)
+      scheme%columns = int(max(record%degree, n + 1))
+      scheme%at_stages = kind == polynomial_kind
+      scheme%flat = any(kind == [algebra_kind, collocation_kind])
+      scheme%final = int(record%final)
+      scheme%series = int(record%output_series)
+      scheme%theta = reals(record%theta, record%further)
+      scheme%row = reshape(reals(record%rows, m * record%further), [m, record%further])
+      scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
+      scheme%nodes = int(n)
+      allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))
+      scheme%node(:, :) = transpose(reshape(reals(record%node, n * (n - 1)), [n - 1, n]))
+      scheme%blend(:, :) = transpose(reshape(reals(record%blend, (n + 2) * (n - 1)), [n - 1, n + 2]))
+      scheme%c = reals(record%flow_c, stages)
+      scheme%weight = reshape(reals(record%flow_weights, stages * record%result_flows), &
+                              [stages, record%result_flows])
+    end associate
+  end subroutine make_scheme
 
   ! The real numbers at an address
   function reals(address, count)

@@ -1,55 +1,53 @@
-! The output of trajectories: views of the caller's arrays, and how many entries are used. When an
-! array may not have room for another step, the trajectories pause and the caller empties it.
+! The output of trajectories: points at output times in the caller's arrays, and rows of numbers for
+! steps, interpolants and events, which the caller collects after each call.
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
   use interpolant_m, only: interpolant_t
   use events_m, only: observer_t
-  use shared_numbers, only: record_t
+  use shared_numbers, only: finished, out_of_memory, record_t
   implicit none
   private
-  public :: output_t, has_room, store_interpolant, store_event, store_point, store_step
+  public :: output_t, store_interpolant, store_event, store_point, store_step
 
   type :: output_t
-    type(record_t), pointer :: record => null()        ! capacities, and how much of them is used
+    type(record_t), pointer :: record => null()        ! what is stored, and numbers of rows
     ! points at output times
     integer :: outputs = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
     ! (point_size, members, outputs), (observations, members, outputs), null to store none
     real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
-    type(observer_t), pointer :: observer => null()
-    logical :: failed = .false.              ! whether the observer has failed
-    ! ends of steps, for a single trajectory
-    real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
-    ! (point_size, capacity), (observations, capacity)
-    real(wp), pointer, contiguous :: step_y(:, :) => null(), step_observed(:, :) => null()
-    ! interpolants of steps
-    logical :: dense = .false.               ! whether all are stored
-    integer(int64), pointer, contiguous :: dense_member(:) => null()
-    ! (4, capacity) start, size, end, 1 on an algebra
-    real(wp), pointer, contiguous :: dense_t(:, :) => null()
-    real(wp), pointer, contiguous :: dense_y(:, :, :) => null()        ! (point_size, 2, capacity)
-    ! (dimension, columns, capacity)
-    real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
-    ! events
-    integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
-    real(wp), pointer, contiguous :: event_t(:) => null()
-    real(wp), pointer, contiguous :: event_y(:, :, :) => null()        ! (point_size, 2, capacity)
+    type(observer_t) :: observer
+    integer :: status = finished             ! raised if the observer has failed, or out_of_memory
+    ! Rows are columns here. Time, point and observations at the end of a step, for a single
+    ! trajectory
+    real(wp), allocatable :: steps(:, :)
+    ! member; start, size and end of a step, 1 on an algebra; points at both ends; vectors
+    real(wp), allocatable :: interpolants(:, :)
+    ! member and event; time; points before and after
+    real(wp), allocatable :: events(:, :)
   end type output_t
 
 contains
 
-  ! Whether there is room for the output of one step of all trajectories
-  pure logical function has_room(output)
-    type(output_t), intent(in) :: output
+  ! Adds a row, which is yet to be written.
+  subroutine add_row(output, rows, used)
+    type(output_t), intent(inout) :: output
+    real(wp), allocatable, intent(inout) :: rows(:, :)
+    integer(int64), intent(inout) :: used
+    integer, parameter :: first_capacity = 64
+    real(wp), allocatable :: more(:, :)
+    integer :: memory
 
-    associate (record => output%record, lanes => output%record%lanes)
-      has_room = (record%step_capacity == 0 .or. record%steps < record%step_capacity) &
-                 .and. (.not. output%dense &
-                        .or. record%interpolants + lanes <= record%dense_capacity) &
-                 .and. record%events + record%event_functions * lanes <= record%event_capacity
-    end associate
-  end function has_room
+    if (used == size(rows, 2)) then
+      allocate (more(size(rows, 1), max(first_capacity, 2 * size(rows, 2))), stat=memory)
+      if (memory /= 0) output%status = out_of_memory
+      if (memory /= 0) return
+      more(:, :used) = rows
+      call move_alloc(more, rows)
+    end if
+    used = used + 1
+  end subroutine add_row
 
   ! Stores the point at an output time.
   subroutine store_point(output, member, number, y)
@@ -58,8 +56,9 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
 
     if (associated(output%y)) output%y(:, member, number) = y
-    if (associated(output%observed)) call output%observer%observe(member, output%times(number), y, &
-                                   output%observed(:, member, number), output%failed)
+    if (associated(output%observed)) &
+      call output%observer%observe(member, output%times(number), y, &
+                                   output%observed(:, member, number), output%status)
   end subroutine store_point
 
   ! Stores the end of a step.
@@ -70,50 +69,46 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case
 
-    if (output%record%step_capacity == 0) return
-    if (.not. (last .or. mod(number, output%record%every) == 0)) return
-    associate (k => output%record%steps)
-      k = k + 1
-      output%step_t(k) = t
-      if (associated(output%step_y)) output%step_y(:, k) = y
-      if (associated(output%step_observed)) &
-        call output%observer%observe(1, t, y, output%step_observed(:, k), output%failed)
+    associate (record => output%record)
+      if (record%every == 0) return
+      if (.not. (last .or. mod(number, record%every) == 0)) return
+      call add_row(output, output%steps, record%steps)
+      if (output%status /= finished) return
+      associate (row => output%steps(:, record%steps), n => merge(size(y), 0, record%keeps_points))
+        row(1) = t
+        row(2:n + 1) = y(:n)
+        if (output%observer%count > 0) &
+          call output%observer%observe(1, t, y, row(n + 2:), output%status)
+      end associate
     end associate
   end subroutine store_step
 
   ! Stores an interpolant.
-  pure subroutine store_interpolant(output, member, t_end, interpolant)
+  subroutine store_interpolant(output, member, t_end, interpolant)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member                      ! from 1
     ! end of its validity, before t0 + h after an event
     real(wp), intent(in) :: t_end
     type(interpolant_t), intent(in) :: interpolant
 
-    output%record%interpolants = output%record%interpolants + 1
-    associate (k => output%record%interpolants)
-      output%dense_member(k) = int(member, int64)
-      output%dense_t(:, k) = [interpolant%t0, interpolant%h, t_end, &
-                              merge(1.0_wp, 0.0_wp, interpolant%on_algebra)]
-      output%dense_y(:, 1, k) = interpolant%y0
-      output%dense_y(:, 2, k) = interpolant%y1
-      output%dense_field(:, :, k) = interpolant%field
-    end associate
+    call add_row(output, output%interpolants, output%record%interpolants)
+    if (output%status == finished) &
+      output%interpolants(:, output%record%interpolants) = &
+        [real(member, wp), interpolant%t0, interpolant%h, t_end, &
+         merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
+         interpolant%field]
   end subroutine store_interpolant
 
   ! Stores an event.
-  pure subroutine store_event(output, member, event, t, before, after)
+  subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: before(:), after(:)    ! (point_size)
 
-    output%record%events = output%record%events + 1
-    associate (k => output%record%events)
-      output%event_of(:, k) = int([member, event], int64)
-      output%event_t(k) = t
-      output%event_y(:, 1, k) = before
-      output%event_y(:, 2, k) = after
-    end associate
+    call add_row(output, output%events, output%record%events)
+    if (output%status == finished) output%events(:, output%record%events) = &
+      [real(member, wp), real(event, wp), t, before, after]
   end subroutine store_event
 
 end module output_m

@@ -55,7 +55,7 @@ contains
     integer :: middle                                  ! path in whose flow that of the step is
 
     middle = size(x%method%origin) - size(x%method%c) / 2
-    if (x%problem%record%heated == 0 .or. path /= middle) then
+    if (.not. x%problem%record%heated .or. path /= middle) then
       call move_part(x, path, 1.0_wp, 1.0_wp, y)
       return
     end if
@@ -191,7 +191,7 @@ contains
     integer :: i, begin, end
 
     do i = x%paths + 1, last
-      if (x%problem%of_time .and. .not. x%method%leads(i)) cycle
+      if (x%problem%record%of_time .and. .not. x%method%leads(i)) cycle
       begin = x%method%path_first(i)
       end = x%method%path_first(i + 1)
       call copy(x%frame%point_size, x%y(:, x%method%origin(i)), x%y(:, i))
@@ -267,10 +267,10 @@ contains
 
     associate (t => x%t + x%method%c(x%stage) * x%h)
       if (x%method%kind == registers_kind) then
-        path = merge(0, 1, x%problem%of_time)
+        path = merge(0, 1, x%problem%record%of_time)
         call request(x, t, x%y(:, path), phase_stage_received, x%request%answer)
       else
-        path = merge(0, x%method%stage_path(x%stage), x%problem%of_time)
+        path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
         call follow_paths(x, path)
         if (x%status /= finished) return
         call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
@@ -287,9 +287,9 @@ contains
       x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%answer
       call move_along_register(x)
     else
-      if (.not. associated(x%problem%field)) x%f(:, x%stage) = x%request%answer
+      if (x%problem%record%vectorized) x%f(:, x%stage) = x%request%answer
       if (x%stage == x%method%final_stage .or. &
-          (x%problem%of_time .and. x%method%c(x%stage) == 1)) then
+          (x%problem%record%of_time .and. x%method%c(x%stage) == 1)) then
         x%end_slope(:) = x%f(:, x%stage)
         x%end_known = .true.
       end if
@@ -297,9 +297,9 @@ contains
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
       if (x%path_of_u /= x%method%stage_path(x%stage)) &
         call combine_coordinates(x, x%method%stage_path(x%stage))
-      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage)
+      if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)
       call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
-      if (allocated(x%added)) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
+      if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
       if (.not. exists) then
         call reject_stage(x, step_too_long, x%t)
         return

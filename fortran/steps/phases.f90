@@ -12,7 +12,7 @@ module phases_m
                   phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
                   phase_column_received, phase_error_received, phase_detect_events, &
                   phase_begin_received, phase_complete_step, phase_step_shared, &
-                  phase_after_events, phase_ended
+                  phase_ended
   end enum
 
 end module phases_m

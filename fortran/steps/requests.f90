@@ -13,10 +13,11 @@ module requests_m
   use phases_m
   use trajectory_m, only: fail, forget_values, trajectory_t
   use inputs_m, only: evaluate
+  use interpolant_m, only: evaluate_interpolant
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, recall, reject_accepted_step, &
+  public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, reject_accepted_step, &
             reject_stage, request, retry_step, share_error, share_step, time_at, within_segment
 
 contains
@@ -57,7 +58,7 @@ contains
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
     call copy(size(y), y, x%request%y)
-    if (.not. associated(x%problem%field)) return
+    if (x%problem%record%vectorized) return
     x%problem%field%member = x%member
     if (x%frame%derivatives) then
       call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
@@ -145,7 +146,7 @@ contains
     x%status = finished
     if (x%interpolate_only .or. .not. x%problem%adaptive) then
       call fail(x, status, t)
-    else if (x%problem%common) then
+    else if (x%problem%record%common) then
       x%error = huge(1.0_wp)
       call share_step(x, 1.0_wp)
     else
@@ -162,7 +163,7 @@ contains
     x%control%after_rejection = .true.
     x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%tolerances%exponent)
     x%phase = phase_choose_step
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
   ! Lets trajectories with common steps decide together whether to try an accurate step again.
@@ -183,56 +184,61 @@ contains
     x%error = merge(error, huge(error), error < huge(error))
     x%request%shared = x%error
     x%phase = phase_decide_step
-    if (x%problem%common) x%status = needs_maximum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine share_error
 
   ! Evaluates the function of an event at a fraction of the step, or those of all for event 0, or
-  ! requests values; the trajectory fails if a function does.
-  subroutine evaluate_events(x, event, theta, y, values)
+  ! requests values that aren't known from a request. The trajectory fails if a function does.
+  subroutine evaluate_events(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: theta
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) the point there
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    logical :: failed, found
-    integer :: i
+    real(wp) :: y(x%frame%point_size)
+    logical :: failed
+    integer :: i, k
 
-    if (.not. x%problem%events%vectorized) then
-      do i = 1, size(values)
-        call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, &
-                                    values(i), failed)
-        if (failed) call fail(x, raised, time_at(x, theta))
-        if (failed) return
-      end do
-    else
-      call recall(x, event, theta, values, found)
-      if (found) return
+    k = 0
+    associate (query => x%query(:, :x%answered), before => 2 + size(y) + max(event, 1))
+      if (x%answered > 0) &
+        k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
+      if (k > 0) then
+        values = query(before + 1:before + size(values), k)
+        if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(3, k))
+        return
+      end if
+    end associate
+    call point_at(x, theta, y)
+    if (x%problem%events%vectorized) then
       if (x%queries == size(x%query, 2)) &            ! more capacity
         x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
       x%queries = x%queries + 1
       x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
       x%status = needs_events
+      return
     end if
+    do i = 1, size(values)
+      call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, values(i), &
+                                  failed)
+      if (failed) call fail(x, raised, time_at(x, theta))
+      if (failed) return
+    end do
   end subroutine evaluate_events
 
-  ! Finds the values of an event, or of all for event 0, that are known from a request; the
-  ! trajectory fails unless they are finite.
-  subroutine recall(x, event, theta, values, found)
+  ! Evaluates the solution at a fraction theta of the step.
+  subroutine point_at(x, theta, y)
     type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: event
     real(wp), intent(in) :: theta
-    real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    logical, intent(out) :: found
-    integer :: k
+    real(wp), contiguous, intent(out) :: y(:)
 
-    associate (query => x%query(:2, :x%answered), before => 2 + size(x%y, 1) + max(event, 1))
-      k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
-      found = k > 0
-      if (.not. found) return
-      values = x%query(before + 1:before + size(values), k)
-      if (.not. all(abs(values) <= huge(values))) call fail(x, raised, x%query(3, k))
-    end associate
-  end subroutine recall
+    if (.not. theta < 1) then
+      y = x%y(:, x%result)
+    else if (.not. theta > 0) then
+      y = x%y(:, 0)
+    else
+      call evaluate_interpolant(x%interpolant, theta, y)
+    end if
+  end subroutine point_at
 
   ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
   ! whose time rounds to it gets the next number, so that times increase.
@@ -247,23 +253,23 @@ contains
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.
-  subroutine evaluate_at_start(x, small)
+  subroutine evaluate_at_start(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
-    real(wp) :: values(size(small)), smallest
+    real(wp) :: values(size(x%events)), smallest
 
-    call evaluate_events(x, 0, 0.0_wp, x%y(:, 0), values)
+    call evaluate_events(x, 0, 0.0_wp, values)
     if (x%status /= finished) return
     call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
-    x%events%known = .true.
+    x%events_known = .true.
     x%events%before = values
-    where (x%events%came_from /= 0 .and. abs(values) <= max(small, smallest))
+    where (x%events%came_from /= 0 .and. abs(values) <= max(x%events%small, smallest))
       x%events%before = 0.0_wp
       x%events%residual = values
     elsewhere
       x%events%came_from = 0
     end where
+    x%events%small = 8 * abs(x%events%residual)
   end subroutine evaluate_at_start
 
 end module requests_m

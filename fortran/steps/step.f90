@@ -74,7 +74,7 @@ contains
     real(wp), allocatable :: times(:)
 
     times = [x%request%t]
-    if (x%problem%of_time .and. x%phase == phase_stage_received &
+    if (x%problem%record%of_time .and. x%phase == phase_stage_received &
         .and. all(x%method%kind /= [collocation_kind, implicit_kind])) &
       times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
   end function times_of_request
@@ -161,8 +161,8 @@ contains
       if (x%problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &
-          abs(x%h), x%request%shared, exponent, merge(1, newton%iteration, x%problem%common), &
-          x%problem%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
+          abs(x%h), x%request%shared, exponent, merge(1, newton%iteration, x%problem%record%common), &
+          x%problem%record%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
         error = suspected_error(x%request%shared, abs(x%h), x%t, &
                                 merge(0, control%suspicion, collocation))
         if (.not. error <= 1) then
@@ -194,7 +194,7 @@ contains
       end if
       if (collocation) call keep_step(x)
       ! other methods than RATTLE have moved along forces that keep joints closed up to their error
-      if (.not. allocated(x%joints%impulse)) call without_opening(x%frame, x%y(:, x%result))
+      if (size(x%joints%impulse) == 0) call without_opening(x%frame, x%y(:, x%result))
     end associate
   end subroutine accept_or_reject
 

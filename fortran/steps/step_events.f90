@@ -16,14 +16,13 @@ module step_events_m
   use kinds, only: wp
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, recall, time_at
-  use shared_numbers, only: buffer_full, callback_block, finished, needs_events, out_of_memory, &
-       raised, resting_contact, step_too_long_for_events
-  use trajectory_m, only: fail, forget_values, trajectory_t, zero_t
-  use within_step_m, only: point_at
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
+  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
+       raised, resting_contact, step_too_long, step_too_long_for_events
+  use trajectory_m, only: event_state_t, fail, forget_values, trajectory_t, zero_t
   implicit none
   private
-  public :: crosses, find_zeros, rotates_far, store_zeros
+  public :: crosses, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
@@ -44,22 +43,6 @@ module step_events_m
 
 contains
 
-  ! Evaluates the function of an event, or those of all for event 0, at a fraction of the step; the
-  ! status tells whether there are values.
-  subroutine values_at(x, event, theta, values)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: event
-    real(wp), intent(in) :: theta
-    real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp) :: y(x%frame%point_size)
-    logical :: found
-
-    call recall(x, event, theta, values, found)
-    if (found) return
-    call point_at(x, theta, y)
-    call evaluate_events(x, event, theta, y, values)
-  end subroutine values_at
-
   ! Finds a zero of an event between two points, as far as there are values.
   subroutine find_root(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
@@ -77,7 +60,7 @@ contains
     part = 0.5_wp
     do i = 1, max_root_iterations
       new(1) = a(1) + part * (b(1) - a(1))
-      call values_at(x, event, new(1), new(2:))
+      call evaluate_events(x, event, new(1), new(2:))
       if (x%status /= finished) exit
       c = b
       if (new(2) * sign(1.0_wp, a(2)) > 0) then
@@ -113,21 +96,23 @@ contains
     if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
   end function crosses
 
-  ! Finds the zeros of all events in a step, unless a function fails or values are requested: then
-  ! the trajectory is left as it was. If `detects` is true, the times of zeros aren't computed.
+  ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
+  ! requested: then the trajectory is left as it was. If `detects` is true, the times of zeros aren't
+  ! computed.
   subroutine find_zeros(x, detects)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     logical, intent(in) :: detects
-    integer :: came_from(size(x%events%came_from))
-    real(wp) :: after(size(x%events%after))
+    type(event_state_t) :: events(size(x%events))
 
-    came_from = x%events%came_from
-    after = x%events%after
+    if (rotates_far(x)) then
+      call reject_accepted_step(x, step_too_long, x%t)
+      return
+    end if
+    events = x%events
     call seek_zeros(x, detects)
     if (x%status == needs_events) then
-      x%events%came_from = came_from
-      x%events%after = after
-      if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+      x%events = events
+      if (allocated(x%zeros)) deallocate (x%zeros)
     else
       call forget_values(x)
     end if
@@ -147,7 +132,7 @@ contains
       call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n), stat=memory)
+    allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
       return
@@ -157,12 +142,12 @@ contains
     end do
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    x%events%zeros = [zero_t ::]
+    x%zeros = [zero_t ::]
     ! First every second inner point, of four parts the middle. If no function can reach zero by the
     ! differences of these values, the other points aren't evaluated.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call values_at(x, 0, theta(k), values(:, k))
+        call evaluate_events(x, 0, theta(k), values(:, k))
         if (x%status == raised) return
       end do
       if (x%status == needs_events) return
@@ -175,7 +160,7 @@ contains
     waits = .false.
     do i = 1, size(values, 1)
       own(:) = values(i, :)
-      if (x%events%came_from(i) /= 0) call find_after_event(x, i, detects, theta, own)
+      if (x%events(i)%came_from /= 0) call find_after_event(x, i, detects, theta, own)
       if (x%status == finished) call find_zeros_of(x, i, detects, theta, own)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
@@ -208,9 +193,11 @@ contains
   pure logical function rotates_far(x)
     type(trajectory_t), intent(in) :: x
 
-    rotates_far = x%problem%adaptive
-    if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, x%problem%common &
-                                       .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+      rotates_far = x%problem%adaptive
+      if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, &
+                                                      x%problem%record%common .and. endless)
+    end associate
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
@@ -280,7 +267,7 @@ contains
         exists = detects .and. min(nearest, minval(v)) < near
         extremum(2) = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
-        call values_at(x, event, at, extremum(2:))
+        call evaluate_events(x, event, at, extremum(2:))
         if (x%status /= finished) return
         exists = extremum(2) * sign(1.0_wp, values(1)) <= 0
         if (exists) return
@@ -338,7 +325,7 @@ contains
     end associate
     zero = high(1)
     if (high(2) /= 0 .and. .not. detects) call find_root(x, event, low, high, zero)
-    x%events%zeros = [x%events%zeros, zero_t(max(zero, tiny(zero)), event, &
+    x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
 
@@ -364,33 +351,33 @@ contains
     real(wp) :: elapsed, point(2)
     integer :: first, k, last
 
-    associate (state => x%events, n => ubound(theta, 1), &
-               side => real(x%events%came_from(event), wp))
+    associate (state => x%events(event), n => ubound(theta, 1), &
+               side => real(x%events(event)%came_from, wp))
       do k = 1, n
         if (abs(values(k)) > rounding_at(x, event, theta(k), values(n))) exit
         values(k) = 0.0_wp
       end do
-      state%after(event) = values(n)
+      state%after = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
-        if (values(n) /= 0) state%came_from(event) = 0
+        if (values(n) /= 0) state%came_from = 0
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
       at = theta(last:first:-1)
       near = values(last:first:-1)
       rounding = [(rounding_at(x, event, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((x%t - state%time(event)) / x%h)
+      elapsed = abs((x%t - state%time) / x%h)
       do k = 1, halvings
         point(1) = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
         if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < passes) exit
-        call values_at(x, event, point(1), point(2:))
+        call evaluate_events(x, event, point(1), point(2:))
         if (x%status /= finished) return
         if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
         if (point(2) * side > 0) then
           if (first == 1) call add_zero(x, event, detects, point, [theta(1), values(1)])
-          state%came_from(event) = 0
+          state%came_from = 0
           return
         end if
         at = [at, point(1)]
@@ -400,7 +387,7 @@ contains
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
         if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
-          state%came_from(event) = 0
+          state%came_from = 0
           return
         end if
       end associate
@@ -441,44 +428,41 @@ contains
 
     associate (n => x%problem%events%width)
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
-      rounding_at = max(8 * abs(x%events%residual(event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+      rounding_at = max(8 * abs(x%events(event)%residual), 32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 
   ! Stores zeros in the order of their times, up to the first one that ends the step. The status
-  ! tells whether a function has failed, or there is no room for an event.
+  ! tells whether a function has failed.
   subroutine store_zeros(x, output, until, ended, after)
     type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
-    logical :: happen(size(x%events%zeros))
+    logical :: happen(size(x%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
-    associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
+    associate (state => x%events, events => x%problem%events, zeros => x%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
                     (events%table(zeros%event)%jumps /= 0 .or. &
-                     state%count(zeros%event) + 1 >= events%table(zeros%event)%limit))
+                     state(zeros%event)%count + 1 >= events%table(zeros%event)%limit))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          x%events%residual(pack(zeros%event, zeros%at < 2)) = 0.0_wp
-          call find_together(x, until, y, happen)
+          x%events(pack(zeros%event, zeros%at < 2))%residual = 0.0_wp
+          call find_together(x, until, happen)
           if (x%status /= finished) return
         end if
-        if (output%record%events + count(happen, kind=int64) > output%record%event_capacity) &
-          x%status = buffer_full
-        if (x%status /= finished) return
         call store_together(x, zeros(k)%at, y, happen, output, after)
-        if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
+        if (ended) state(pack(zeros%event, happen))%came_from = pack(zeros%from, happen)
         if (x%status /= finished .or. ended) return
         zeros(k)%at = 2.0_wp
       end do
@@ -487,26 +471,25 @@ contains
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(x, until, y, happen)
+  subroutine find_together(x, until, happen)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
     real(wp) :: value(1)
     integer :: k
 
-    associate (zeros => x%events%zeros, t => time_at(x, until))
+    associate (zeros => x%zeros, t => time_at(x, until))
       do k = 1, size(happen)
         if (zeros(k)%at > until + decided_by_rounding) cycle
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + same_time_tolerance
         if (happen(k)) cycle
-        call evaluate_events(x, zeros(k)%event, until, y, value)
+        call evaluate_events(x, zeros(k)%event, until, value)
         if (x%status /= finished) return
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         ! its zero is yet to come, and isn't another event
-        if (happen(k)) x%events%residual(zeros(k)%event) = value(1)
+        if (happen(k)) x%events(zeros(k)%event)%residual = value(1)
       end do
     end associate
     call forget_values(x)
@@ -526,14 +509,14 @@ contains
     integer :: i, k
 
     after = y
-    associate (events => x%problem%events, zeros => x%events%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
-          if (happen(k)) x%events%count(of) = x%events%count(of) + 1
-          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%goes_on &
-                     .or. x%events%count(of) < events%table(of)%limit)
+          if (happen(k)) x%events(of)%count = x%events(of)%count + 1
+          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
+                     .or. x%events(of)%count < events%table(of)%limit)
           if (.not. happen(k)) cycle
-          x%events%time(of) = t
+          x%events(of)%time = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
         end associate
       end do

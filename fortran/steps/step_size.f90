@@ -24,7 +24,7 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, largest_growth, needs_minimum, raised, size_failed, &
+  use shared_numbers, only: finished, largest_growth, needs_maximum, raised, size_failed, &
                             slope_not_finite, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
@@ -45,16 +45,16 @@ contains
       end if
       return
     end if
-    if (associated(x%problem%events) .and. .not. x%events%known) then
-      call evaluate_at_start(x, 8 * abs(x%events%residual))
+    if (x%problem%events%count > 0 .and. .not. x%events_known) then
+      call evaluate_at_start(x)
       if (x%status /= finished) return
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
-      if (.not. (x%problem%adaptive .or. associated(x%problem%step_function)) .and. &
+      if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. &
           (x%grid%stop /= stop &
            .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
-        call make_grid(x%t, stop, x%problem%h, x%grid)
+        call make_grid(x%t, stop, x%problem%record%h, x%grid)
         x%grid_done = 0
       end if
       x%h = sign(x%h, stop - x%t)
@@ -70,18 +70,18 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%control%v)
-    x%control%norms(1) = norm(x%tolerances, x%control%v, x%control%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%control%v)
-    x%control%norms(2) = norm(x%tolerances, x%control%v, x%control%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%space%v)
+    x%control%norms(1) = norm(x%tolerances, x%space%v, x%space%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%space%v)
+    x%control%norms(2) = norm(x%tolerances, x%space%v, x%space%scale)
     if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
       call fail(x, slope_not_finite, x%t)
       return
     end if
-    x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
+    x%request%shared = -first_guess(x%control%norms(1), x%control%norms(2), span(x))
     x%phase = phase_guess_shared
-    if (x%problem%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -89,7 +89,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (moved => x%y(:, x%result))
-      x%control%guessed_size = limited(x, x%request%shared)
+      x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
@@ -103,19 +103,19 @@ contains
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%control%v)), curvature
+    real(wp) :: start_value(size(x%space%v)), curvature
 
-    x%request%shared = x%control%guessed_size
+    x%request%shared = -x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%control%v)
-      curvature = norm(x%tolerances, x%control%v - start_value, x%control%scale) &
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
+      curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
                   / x%control%guessed_size
-      x%request%shared = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
+      x%request%shared = -limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     x%phase = phase_size_shared
-    if (x%problem%common) x%status = needs_minimum
+    if (x%problem%record%common) x%status = needs_maximum
   end subroutine choose_first_size
 
   ! The time to the end of the segment
@@ -143,8 +143,8 @@ contains
     real(wp) :: rate
 
     longest_turn = x%tolerances%max_step
-    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%common &
-        .or. .not. x%slope_known .or. size(x%events%before) == 0) return
+    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%record%common &
+        .or. .not. x%slope_known .or. size(x%events) == 0) return
     rate = turning(x%frame, x%slope, .false.)
     if (rate * longest_turn > turn) longest_turn = turn / rate
   end function longest_turn
@@ -155,7 +155,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (stop => x%problem%stops(x%segment))
-      if (associated(x%problem%step_function)) then
+      if (x%problem%step_function%count > 0) then
         call choose_reversibly(x, stop)
       else if (x%problem%adaptive) then
         call choose_adaptively(x, stop)
@@ -194,7 +194,7 @@ contains
     real(wp) :: longest
 
     associate (control => x%control, max_step => x%tolerances%max_step)
-      if (control%attempts >= x%problem%max_steps) then
+      if (control%attempts >= x%problem%record%max_steps) then
         call fail(x, too_many_steps, x%t)
         return
       end if
@@ -203,7 +203,7 @@ contains
       control%step_size = tried_size(control%step_size, x%t, stop, min(longest_turn(x), longest), &
                                      control%after_rejection)
       if (control%step_size < 0) then
-        if (.not. (x%problem%common .and. x%error <= 1)) then
+        if (.not. (x%problem%record%common .and. x%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
@@ -237,19 +237,19 @@ contains
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      offset = near * x%problem%h * values(0)
+      offset = near * x%problem%record%h * values(0)
       do i = -1, 1, 2
         if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
       end do
       if (x%status == raised) return
-      log_change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) &
+      log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
                    / (2 * offset)
       if (h_next > 0) then
-        density = x%problem%h / h_next - log_change
+        density = x%problem%record%h / h_next - log_change
       else
         density = 1 / values(0) - log_change / 2
       end if
-      if (density > 0) h_next = x%problem%h / density
+      if (density > 0) h_next = x%problem%record%h / density
       x%h = sign(h_next, stop - x%t)
       x%t_end = x%t + x%h
       if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
@@ -265,14 +265,12 @@ contains
     real(wp), intent(in) :: v(x%frame%dimension)
     real(wp), intent(out) :: value
     real(wp) :: y(x%frame%point_size), values(1)
-    logical :: failed
 
     y = x%y(:, 0)
     call apply_flows(x%frame, 1, v, y)
-    call x%problem%step_function%observe(x%member, x%t, y, values, failed)
+    call x%problem%step_function%observe(x%member, x%t, y, values, x%status)
     value = values(1)
-    if (.not. failed) failed = .not. (value > 0 .and. value <= huge(value))
-    if (.not. failed) return
+    if (x%status == finished .and. value > 0 .and. value <= huge(value)) return
     value = 1.0_wp
     call fail(x, raised, x%t, size_failed)
   end subroutine evaluate_size

@@ -5,56 +5,52 @@ module trajectory_m
   use coordinates_m, only: tolerances_t
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
+  use interpolant_m, only: interpolant_t, reserve_interpolant
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
        splitting_kind, method_t
   use phases_m
   use inputs_m, only: grid_t, vector_field_t
-  use iso_fortran_env, only: int64
-  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
+  use, intrinsic :: iso_fortran_env, only: int64, int8
+  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t, sparse_jacobian, &
+                            terminal_event
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, &
-            forget_values, reserve_trajectory, set_start
+  public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
+            fail, forget_step, forget_values, reserve_trajectory, set_start
 
   type :: problem_t
-    type(frame_t), pointer :: frame => null()
+    type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
+    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
     type(method_t), pointer :: method => null()
-    type(scheme_t), pointer :: scheme => null()        ! the interpolant's
-    logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
-    type(events_t), pointer :: events => null()
-    type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
+    type(events_t) :: events
+    type(vector_field_t) :: field
+    type(observer_t) :: step_function        ! how steps vary, see step_size_m
     logical :: adaptive = .false.
-    logical :: common = .false.              ! whether all trajectories take the same steps
-    logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
-    logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! for adaptive steps
-    integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
-    real(wp) :: first_step = 0.0_wp          ! zero to choose it
     ! points at output times within the step, of a method along polynomials
-    type(inner_points_t), pointer :: inner => null()
-    type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
-    type(record_t), pointer :: record => null()        ! of the run, with the heat bath
-    logical :: has_jacobian = .false.        ! whether Python evaluates it
-    logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
+    type(inner_points_t) :: inner
   end type problem_t
 
-  ! The state of collocation_m
-  type :: newton_t
+  ! What collocation_m keeps between steps, besides arrays
+  type :: newton_state_t
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
     logical :: moved = .false.               ! whether the point has been replaced after the last step
-    integer :: column = 0                    ! that of the Jacobian that is evaluated next
-    integer :: iteration = 0                 ! 0 before the first one of an attempt
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
-    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
     real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
+  end type newton_state_t
+
+  ! The state of collocation_m
+  type, extends(newton_state_t) :: newton_t
+    integer :: column = 0                    ! that of the Jacobian that is evaluated next
+    integer :: iteration = 0                 ! 0 before the first one of an attempt
+    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
     real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
     real(wp), allocatable :: z(:, :)         ! (dimension, 3)
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
@@ -99,8 +95,12 @@ module trajectory_m
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
     real(wp) :: norms(2) = 0.0_wp            ! those of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
-    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
+
+  ! Workspace for error norms
+  type :: space_t
+    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width)
+  end type space_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
@@ -108,27 +108,22 @@ module trajectory_m
     integer :: event = 0, from = 0           ! from: sign of the function before
   end type zero_t
 
-  ! The events of a trajectory
+  ! An event of a trajectory
   type :: event_state_t
-    logical :: known = .false.               ! whether the values at the start of the step are
-    real(wp), allocatable :: before(:), after(:)       ! (events) values at both ends of the step
-    integer(int64), allocatable :: count(:)  ! (events) how often each happened
-    real(wp), allocatable :: time(:)         ! (events) when each happened last
-    ! (events) the sign that the function had before an event at the start of the step, or just
-    ! before the start; 0 if there was no event
-    integer, allocatable :: came_from(:)
-    ! (events) the function at the point of that event, which is its rounding error there
-    real(wp), allocatable :: residual(:)
-    real(wp), allocatable :: small(:)        ! (events) values that count as zero after events
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
-    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
+    real(wp) :: before = 0.0_wp, after = 0.0_wp        ! values at both ends of the step
+    integer(int64) :: count = 0              ! how often it happened
+    real(wp) :: time = 0.0_wp                ! when it happened last
+    ! the sign that the function had before an event at the start of the step, or just before the
+    ! start; 0 if there was no event
+    integer :: came_from = 0
+    real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
+    real(wp) :: small = 0.0_wp               ! values that count as zero after events
   end type event_state_t
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
-    real(wp), allocatable :: y(:), slope(:)  ! at its start, if they are kept
   end type last_step_t
 
   ! The joints of a splitting method's frame
@@ -139,32 +134,42 @@ module trajectory_m
     real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
   end type joints_t
 
-  type :: trajectory_t
+  ! What a trajectory needs between steps, besides arrays
+  type :: state_t
+    integer :: status = paused               ! a Stop
+    real(wp) :: failed_at = 0.0_wp
+    type(counters_t) :: counts
+    ! the present point
+    real(wp) :: t = 0.0_wp
+    logical :: slope_known = .false.
+    type(grid_t) :: grid                     ! equal steps in the segment
+    integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
+    type(control_t) :: control
+    real(wp) :: h = 0.0_wp                   ! signed size of the step
+    real(wp) :: h_before = 0.0_wp            ! of the step of f_before, 0 where they aren't used
+    logical :: events_known = .false.        ! whether values at the start of the step are
+    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
+    type(last_step_t) :: last
+  end type state_t
+
+  type, extends(state_t) :: trajectory_t
     type(problem_t), pointer :: problem => null()
     type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
-    integer :: status = paused               ! a Stop
-    real(wp) :: failed_at = 0.0_wp
-    type(counters_t) :: counts
     type(request_t) :: request
-    ! the present point
-    real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
-    logical :: slope_known = .false.
     integer :: segment = 1
-    type(grid_t) :: grid                     ! equal steps in the segment
-    integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
-    type(control_t) :: control
+    type(space_t) :: space
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
     integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
-    real(wp) :: t_end = 0.0_wp, h = 0.0_wp   ! h: signed size
+    real(wp) :: t_end = 0.0_wp
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
@@ -173,10 +178,9 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
     real(wp), allocatable :: added(:, :)
-    ! coefficients at the nodes of the step before, of a Magnus method, and that step's size, zero
-    ! where they aren't to be used
+    ! coefficients at the nodes of the step before, of a Magnus method; of others no column, as in
+    ! arrays below that only some methods or callers need
     real(wp), allocatable :: f_before(:, :)
-    real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
@@ -190,12 +194,13 @@ module trajectory_m
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points of the step were prepared
-    type(event_state_t) :: events
+    type(event_state_t), allocatable :: events(:)
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
     ! (3 + point_size + events, capacity) an event or 0 for all, the fraction of the step, time and
     ! point, then the answer
     real(wp), allocatable :: query(:, :)
-    type(last_step_t) :: last
+    real(wp), allocatable :: last_y(:), last_slope(:)  ! at the start of the last step, if kept
   end type trajectory_t
 
 contains
@@ -207,7 +212,7 @@ contains
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: k, n
+    integer :: columns, k, n
 
     x%problem => problem
     x%frame => problem%frame
@@ -215,50 +220,43 @@ contains
     x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, &
                first => problem%method%path_first, paths => size(problem%method%origin), &
-               has_registers => problem%method%kind == registers_kind)
+               m => problem%frame%dimension, &
+               has_registers => problem%method%kind == registers_kind, &
+               sparse => problem%record%jacobian == sparse_jacobian)
       x%result = merge(1, method%result, has_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), &
-                x%f(frame%dimension, merge(1, size(method%error, 1), has_registers)), &
-                x%request%y(frame%point_size), &
-                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%answer(frame%dimension), x%slope(frame%dimension), &
-                x%end_slope(frame%dimension), x%u(frame%dimension), &
-                x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
-                x%weight(size(method%flows%weight)), stat=memory)
-      if (memory == 0 .and. method%uses_last_nodes) allocate (x%f_before, mold=x%f, stat=memory)
-      if (memory == 0 .and. method%kind == algebra_kind .and. method%in_parts) &
-        allocate (x%added(frame%dimension, size(method%c)), source=0.0_wp, stat=memory)
-      if (memory /= 0) return
-      if (method%kind == collocation_kind) then
-        n = merge(frame%dimension, 0, problem%jacobian_is_matrix)
-        allocate (x%newton%last(frame%dimension, 3), x%newton%z(frame%dimension, 3), &
-                  x%newton%jacobian(frame%dimension, n), x%newton%lu(n, n), &
-                  x%newton%complex_lu(n, n), x%newton%pivot(n), x%newton%complex_pivot(n), &
-                  stat=memory)
-      else if (method%kind == implicit_kind) then
-        x%solver%fixed_point = .not. problem%jacobian_is_matrix
-        n = merge(size(x%f) / method%blocks, 0, problem%jacobian_is_matrix)
-        allocate (x%solver%value, mold=x%f, stat=memory)
-        if (memory == 0) allocate (x%solver%lu(n, n, method%blocks), &
-                                   x%solver%pivot(n, method%blocks), &
-                                   x%solver%factored_h(method%blocks), stat=memory)
-      end if
-      if (memory == 0 .and. frame%jointed .and. method%kind == splitting_kind) &
-        allocate (x%joints%impulse(frame%dimension, 2, paths), source=0.0_wp, stat=memory)
-      if (memory /= 0) return
+      columns = merge(1, size(method%error, 1), has_registers)
+      k = problem%events%count
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)
-      k = 0
-      if (associated(problem%events)) k = problem%events%count
-      allocate (x%control%v(n), x%control%scale(n), x%control%work(n), x%events%before(k), &
-                x%events%after(k), x%events%count(k), x%events%time(k), x%events%residual(k), &
-                x%events%small(k), x%events%came_from(k), x%query(3 + frame%point_size + k, 0), &
-                stat=memory)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, columns), &
+                x%request%y(frame%point_size), &
+                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
+                x%request%answer(m), x%slope(m), x%end_slope(m), x%u(m), &
+                x%v(m, maxval([1, first(2:) - first(:paths)])), x%weight(size(method%flows%weight)), &
+                x%f_before(m, merge(columns, 0, method%uses_last_nodes)), &
+                x%added(m, merge(columns, 0, method%kind == algebra_kind .and. method%in_parts)), &
+                x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
+                                             method%kind == splitting_kind)), &
+                x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
+                x%query(3 + frame%point_size + k, 0), &
+                x%last_y(merge(frame%point_size, 0, keep_last)), &
+                x%last_slope(merge(m, 0, keep_last)), stat=memory)
       if (memory /= 0) return
-      x%events%came_from = 0
-      if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
-      if (memory /= 0 .or. .not. keep_last) return
-      allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
+      x%added = 0.0_wp
+      x%joints%impulse = 0.0_wp
+      if (method%kind == collocation_kind) then
+        n = merge(0, m, sparse)
+        allocate (x%newton%last(m, 3), x%newton%z(m, 3), x%newton%jacobian(m, n), &
+                  x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
+                  x%newton%complex_pivot(n), stat=memory)
+      else if (method%kind == implicit_kind) then
+        x%solver%fixed_point = sparse
+        n = merge(0, size(x%f) / method%blocks, sparse)
+        allocate (x%solver%value(m, columns), x%solver%lu(n, n, method%blocks), &
+                  x%solver%pivot(n, method%blocks), x%solver%factored_h(method%blocks), stat=memory)
+      end if
+      if (memory == 0 .and. within) &
+        call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
   end subroutine reserve_trajectory
 
@@ -274,9 +272,9 @@ contains
     logical :: near                          ! whether the last step led nearly there
 
     same = x%t == t .and. all(x%y(:, 0) == y)
-    near = first_step < 0 .and. first_step >= proposed_for_point .and. allocated(x%last%y) &
+    near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
            .and. x%t == t
-    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
+    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
     x%t = t
     x%y(:, 0) = y
     x%slope_known = .false.
@@ -284,18 +282,18 @@ contains
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
-      x%control%step_size = x%problem%first_step
+      x%control%step_size = x%problem%record%first_step
     end if
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
     x%control%suspicion = 0
-    x%events%jumps_in_place = 0
+    x%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
     x%weighted_by = 0.0_wp
     call forget_step(x, near)
     x%last%cut = .false.
-    x%events%known = .false.
+    x%events_known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
     call continue_trajectory(x)
@@ -311,7 +309,7 @@ contains
     logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
 
     x%h_before = 0.0_wp
-    if (allocated(x%joints%impulse)) x%joints%impulse = 0.0_wp
+    x%joints%impulse = 0.0_wp
     if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
     x%newton%moved = .false.
@@ -330,9 +328,61 @@ contains
     x%segment = 1
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
     call forget_values(x)
   end subroutine continue_trajectory
+
+  ! Copies what a trajectory needs between steps to continue bit for bit, or restores it.
+  subroutine exchange_state(x, restores, bytes, used)
+    type(trajectory_t), target, intent(inout) :: x
+    logical, intent(in) :: restores
+    integer(int8), intent(inout) :: bytes(:) ! as many as are used, or none to count them
+    integer, intent(out) :: used
+    integer, parameter :: bytes_of_real = storage_size(1.0_wp) / 8
+    integer :: status
+
+    used = 0
+    call move(c_loc(x%state_t), storage_size(x%state_t) / 8)
+    call move(c_loc(x%newton%newton_state_t), storage_size(x%newton%newton_state_t) / 8)
+    call move(c_loc(x%events), storage_size(x%events) / 8 * size(x%events))
+    call move(c_loc(x%y), bytes_of_real * size(x%y, 1))
+    call move(c_loc(x%slope), bytes_of_real * size(x%slope))
+    call move(c_loc(x%f), bytes_of_real * size(x%f))
+    call move(c_loc(x%last_y), bytes_of_real * size(x%last_y))
+    call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
+    call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
+    call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
+    if (allocated(x%newton%last)) then
+      call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
+      call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
+    end if
+    if (allocated(x%solver%lu)) then
+      call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
+      call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
+      call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
+    end if
+    if (.not. restores) return
+    x%weighted_by = 0.0_wp
+    x%last%cut = .false.                     ! its interpolant isn't saved
+    status = x%status
+    call continue_trajectory(x)
+    if (status == terminal_event) x%status = status
+
+  contains
+
+    ! Copies some bytes, or restores them.
+    subroutine move(address, count)
+      type(c_ptr), intent(in) :: address
+      integer, intent(in) :: count
+      integer(int8), pointer, contiguous :: part(:)
+
+      call c_f_pointer(address, part, [count])
+      used = used + count
+      if (used > size(bytes)) return
+      if (restores) part = bytes(used - count + 1:used)
+      if (.not. restores) bytes(used - count + 1:used) = part
+    end subroutine move
+  end subroutine exchange_state
 
   ! Forgets the values of events that were requested, when what needs them is done.
   pure elemental subroutine forget_values(x)

@@ -26,34 +26,31 @@ class Steps:
     """Steps with the interpolants by which compiled code evaluates the solution within them."""
 
     plan: Plan
-    member: NDArray[np.int64]  # the member of each step, increasing, shape (n,)
-    # start, signed size, end (an event may end a step before its full size), and 1 if the
-    # interpolant is in coordinates, shape (n, 4)
-    t: Array
-    y: Array  # points at both ends of the full step, as doubles, shape (n, 2, width)
-    field: Array  # the interpolants' vectors, shape (n, columns dim)
+    # A row for each: its member, from 1, increasing; start, signed size, end (an event may end a
+    # step before its full size), and 1 if the interpolant is in coordinates; points at both ends of
+    # the full step, as doubles; and the interpolant's vectors.
+    rows: Array
 
-    @classmethod
-    def none(cls, plan: Plan) -> Steps:
-        """Return no steps."""
-        shapes = (4,), (2, plan.width), (plan.columns * plan.dim,)
-        return cls(plan, np.empty(0, np.int64), *(np.empty((0, *shape)) for shape in shapes))
+    @property
+    def ends(self) -> Array:
+        """The times at which the steps end."""
+        return self.rows[:, 3]
 
     def of(self, member: int) -> Steps:
         """Return the steps of one member."""
-        rows = slice(*np.searchsorted(self.member, [member, member + 1]).tolist())
-        return Steps(self.plan, self.member[rows], self.t[rows], self.y[rows], self.field[rows])
+        rows = slice(*np.searchsorted(self.rows[:, 0], [member + 1, member + 2]).tolist())
+        return Steps(self.plan, self.rows[rows])
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
         plan = self.plan
-        theta = np.clip((t - self.t[which, 0]) / self.t[which, 1], 0.0, 1.0)
+        theta = np.clip((t - self.rows[which, 1]) / self.rows[which, 2], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
         if len(t) and plan.columns:
             plan.core.plan_interpolate(
                 plan.address, 0 if callbacks is None else id(callbacks), which, theta,
-                self.t.T, self.y.T, self.field.T, rows.T,
+                self.rows.T, rows.T,
             )  # fmt: skip
         return plan.points(rows, (len(t),))
 
@@ -112,7 +109,7 @@ class DenseOutput(ReadOnly):
         y0: Points,
         marks: tuple[Array, Points] | None = None,
     ) -> None:
-        self.ts = np.concatenate([[t0], steps.t[:, 2]])
+        self.ts = np.concatenate([[t0], steps.ends])
         self.ts.flags.writeable = False
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())

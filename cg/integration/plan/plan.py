@@ -71,7 +71,6 @@ class Plan:
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
         self._linkage = self._share_mechanics()
-        self._share_interpolant()
 
     def _open(self) -> int:
         """Open the plan in compiled code and return its address."""
@@ -107,26 +106,9 @@ class Plan:
         self.core.plan_share_joints(self.address, linkage.address)
         return linkage
 
-    def _share_interpolant(self) -> None:
-        """Share how points within steps are computed."""
-        table, output = self.step_table, self.step_table.output
-        padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty
-        self.core.plan_set_scheme(
-            self.address, output.columns, table.on_algebra, output.final, output.series,
-            np.append(output.theta, 0.0), padded.T, output.basis.T, table.is_polynomial,
-            np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
-            output.flow_weights.T,
-        )  # fmt: skip
-
     def __reduce__(self) -> tuple[Any, ...]:
         # a table is sent by its name, so that each process has one instance with its cached data
         return plan_of, (self.frame, self.table)
-
-    @property
-    def impulses(self) -> int:
-        """Number of vectors of impulses of joints that a step begins from."""
-        splits = self.table.kind is Kind.SPLITTING and self._linkage is not None
-        return 2 * len(self.step_table.arrays["origin"]) if splits else 0
 
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.

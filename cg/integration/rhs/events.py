@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -19,7 +20,7 @@ from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, rea
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.checks import check_choice, check_flag
-from cg.support.shared_records import EVENT, columns_of
+from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
 
 _UNLIMITED = 2**62  # the event never ends the integration
 
@@ -256,6 +257,12 @@ def _as_event(event: Any) -> Event:
     return filled(Event, {"function": event, **attributes})
 
 
+class ObserverRecord(ctypes.Structure):
+    """The record of an observer in compiled code."""
+
+    _fields_ = fields_of(OBSERVER)
+
+
 @dataclass(frozen=True, eq=False)
 class Observer:
     """What is evaluated at output times, after checking."""
@@ -266,14 +273,14 @@ class Observer:
     keeps_points: bool  # whether the points are stored as well
 
     name: ClassVar[str] = "observe"  # that of the argument
-    entry: ClassVar[str] = "observer"  # the start of its names in the record of a run
+    entry: ClassVar[str] = "observer"  # its name in the record of a run
 
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
         return read_finite(value, self.name, self.shape, t)
 
-    def entries(self, rhs: Rhs) -> tuple[dict[str, int], Any]:
-        """Return entries of the record of a run, and what has to stay alive with them."""
+    def record(self, rhs: Rhs) -> ObserverRecord:
+        """Return the record in compiled code, which keeps alive what it refers to."""
         kept: Any
         if isinstance(self.function, list):
             data, stride = 0, 0
@@ -286,14 +293,15 @@ class Observer:
             elif (numbers := rhs.given.parameters) is not None:
                 data, stride = numbers.ctypes.data, numbers.strides[0]
             kept = EventTable(self.function, self.frame).rows
-            entries = {"observers": len(kept), "observer_table": kept.ctypes.data}
-            entries |= {"observer_data": data, "observer_stride": stride}
+            function, functions, table = 0, len(kept), kept.ctypes.data
         else:
             rest = self.frame, self.shape, self.check
             kept = Contexts(self.function, rhs.given, rhs.given.members, *rest)
-            names = "observer", "observer_data", "observer_stride"
-            entries = dict(zip(names, kept.addresses(), strict=True))
-        return {name.replace("observer", self.entry): x for name, x in entries.items()}, kept
+            function, data, stride = kept.addresses()
+            functions, table = 0, 0
+        record = ObserverRecord(self.count, functions, table, function, data, stride)
+        record.kept = kept
+        return record
 
     @property
     def count(self) -> int:

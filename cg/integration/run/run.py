@@ -1,8 +1,8 @@
 """Runs: trajectories of any number of members, advanced by compiled code.
 
-Python allocates all output and passes its addresses in one record (`RECORD` of
-`cg.support.shared_records`). A call of compiled code returns when all members have ended, the
-budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
+Python passes numbers and addresses in one record (`RECORD` of `cg.support.shared_records`). A call
+of compiled code returns when all members have ended, or the budget of steps is used up; then Python
+collects what is stored of steps and calls again.
 """
 
 from __future__ import annotations
@@ -27,15 +27,12 @@ from cg.support.shared_records import (
     COUNTERS,
     COUNTS,
     RECORD,
-    STATE,
-    columns_of,
     fields_of,
 )
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
-_MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
 _FAILED = {int(FieldFlag.OBSERVER_FAILED): "observe", int(FieldFlag.SIZE_FAILED): "step_function"}
 
@@ -50,15 +47,14 @@ class Run:
     """Trajectories that start at the same time, and their output.
 
     Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
-    observed into ``observed``, shape ``(times, members, count)``. There is room for ``capacity``
-    steps if their number is known. With ``keep_last`` the interpolant of the last step may be
-    requested. By default one member at a time is integrated, or up to 1024 by a vectorized
-    function.
+    observed into ``observed``, shape ``(times, members, count)``. With ``keep_last`` the
+    interpolant of the last step may be requested. By default one member at a time is integrated, or
+    up to 1024 by a vectorized function.
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
     times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
-    when it failed; ``counts`` has the shape ``(members, 6)``, see `COUNTS`; ``kept`` is the number
-    of vectors of coefficients that a member keeps between steps.
+    when it failed; ``last_start`` and ``next_step`` the start of the last step, and the size that
+    the next one tries; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -69,7 +65,6 @@ class Run:
         *,
         y: Array | None = None,
         observed: Array | None = None,
-        capacity: int = 0,
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
@@ -86,23 +81,23 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.step_table.kept + plan.step_table.kept_nodes + plan.impulses
-        if not plan.step_table.explicit:
-            self.kept += self._choose_stage_solver()
+        solver_rows = 0 if plan.step_table.explicit else self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
-        self._dense: list[list[Array]] = []
-        self._steps: list[list[Array]] = []
-        self.events_of_calls: list[list[Array]] = []  # as compiled code counts them, from 1
+        # what calls have stored, at first nothing, in which members and events are counted from 1
+        ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
+        point = 1 + plan.width * problem.keeps_points
+        self._bounds = point, point + count  # where points and observations end
+        self._steps = [np.empty((0, point + count))]
+        self._dense = [np.empty((0, 5 + ends + plan.columns * plan.dim))]
+        self.events_of_calls = [np.empty((0, 3 + ends))]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
             if array is not None and len(array):
                 self.record.outputs = len(array)
                 self._share("times", np.array(problem.t_eval))
                 self._share(name, array)
-        self._capacity = capacity or _MIN_BUFFER
-        self._make_buffers(self._capacity)
         self._share_problem()
-        self._open()
+        self._open(solver_rows)
 
     def _make_record(self, keep_last: bool) -> Record:
         plan, problem, control = self.plan, self.problem, self.control
@@ -118,11 +113,11 @@ class Run:
             data=data, data_stride=stride, of_time=problem.of_time,
             event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
+            h=control.h or 0.0, rtol=rtol,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=max(problem.every, 1), dense=problem.dense, **heat,
+            every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense, **heat,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -139,13 +134,16 @@ class Run:
         blocks = plan.step_table.record.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
-    def _open(self) -> None:
-        """Open the run in compiled code, which allocates memory for the members in its lanes."""
+    def _open(self, solver_rows: int) -> None:
+        """Open the run in compiled code, which allocates memory for the members in its lanes.
+
+        ``solver_rows`` are as many as the solver of implicit stages keeps.
+        """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.step_table.kept + 4 * (self.kept - plan.step_table.kept)
+        rows = plan.step_table.kept + 4 * (plan.step_table.kept_nodes + solver_rows)
         rows += 2 * plan.columns if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
@@ -165,9 +163,10 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._share("states", np.empty((members, width + 2)))
+        states = self._share("states", np.empty((members, width + 4)))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
-        self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
+        self.end = states[:, :width]
+        self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
         self.counters, self.counts = rows, rows[:, 2:]
         self.status, self.flag = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
@@ -186,19 +185,17 @@ class Run:
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_inputs()
-        if problem.observer is not None:
-            self.record.observations = problem.observer.count
         for function in (problem.observer, problem.step_function):
             if function is not None:
-                entries, self._buffers[function.name] = function.entries(self.rhs)
-                for name, value in entries.items():
-                    setattr(self.record, name, value)
+                record = self._buffers[function.name] = function.record(self.rhs)
+                setattr(self.record, function.entry, ctypes.addressof(record))
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
             self._share("bodies", problem.inertia.columns)
             self._share("body_constants", problem.inertia.numbers)
-        self._share("rtols", control.rtol.ravel())
-        self._share("atol", control.atol.ravel())
+        count = self.plan.dim if self.record.in_coordinates else self.plan.width
+        for name, tolerances in (("rtols", control.rtol), ("atol", control.atol)):
+            self._share(name, tolerances.ravel().repeat(count // tolerances.size))
         if problem.events is not None and self._functions:
             self._share("event_table", problem.events.rows)
 
@@ -212,40 +209,6 @@ class Run:
     def share_limits(self, limits: Array) -> None:
         """Share how long steps may be where; compiled code reads it when it opens or restarts."""
         self.record.limited = len(self._share("limits", limits))
-
-    def _make_buffers(self, capacity: int) -> None:
-        """Share arrays for the output of some number of steps."""
-        problem, width = self.problem, self.plan.width
-        if problem.every:
-            self.record.step_capacity = capacity
-            self._step_names = ["step_t"]
-            stored = width if problem.keeps_points else 0
-            block = self._share("step_t", np.empty(capacity * (1 + stored)))
-            if stored:
-                self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
-                self.record.step_y = self.record.step_t + 8 * capacity
-                self._step_names.append("step_y")
-            if problem.observer is not None:
-                self._share("step_observed", np.empty((capacity, problem.observer.count)))
-                self._step_names.append("step_observed")
-        spare = min(capacity, _MAX_BUFFER)
-        if self._functions:
-            self.record.event_capacity = self._functions * self._lanes + spare
-            events = self.record.event_capacity
-            self._share("event_of", np.empty((events, 2), dtype=np.int64))
-            self._share("event_t", np.empty(events))
-            self._share("event_y", np.empty((events, 2, width)))
-        if problem.dense:
-            self.allocate_interpolants(self._lanes + spare)
-
-    def allocate_interpolants(self, capacity: int) -> None:
-        """Share arrays for some number of interpolants."""
-        plan = self.plan
-        self.record.dense_capacity = capacity
-        self._share("dense_member", np.empty(capacity, dtype=np.int64))
-        self._share("dense_t", np.empty((capacity, 4)))
-        self._share("dense_y", np.empty((capacity, 2, plan.width)))
-        self._share("dense_field", np.empty((capacity, plan.columns * plan.dim)))
 
     def call(self) -> None:
         """Call compiled code once and collect its output."""
@@ -267,20 +230,7 @@ class Run:
                 f"{name} must return {kind} numbers, got one that isn't {kind} at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
-        if record.steps:
-            self._collect(self._steps, record.steps, *self._step_names)
-        if record.interpolants:
-            names = ["dense_member", "dense_t", "dense_y", "dense_field"]
-            self._collect(self._dense, record.interpolants, *names)
-        if record.events:
-            self._collect(self.events_of_calls, record.events, "event_of", "event_t", "event_y")
-        if record.ended < self.members and (
-            record.steps == record.step_capacity > 0
-            or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
-            or record.events + self._functions * self._lanes > record.event_capacity
-        ):
-            self._capacity = min(4 * self._capacity, _MAX_BUFFER)
-            self._make_buffers(self._capacity)
+        self._collect()
 
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
@@ -300,51 +250,46 @@ class Run:
         if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
             error.add_note("points are read-only: y = y.copy() first")
 
-    def _collect(self, collected: list[list[Array]], count: int, *names: str) -> None:
-        """Collect the used parts of buffers, as copies if the buffers are used again."""
-        rows = [self._buffers[name][:count] for name in names]
-        goes_on = self.record.keep_last or self.record.ended < self.members
-        if goes_on or 2 * count < self._capacity:  # or little is used
-            rows = [array.copy() for array in rows]
-        collected.append(rows)
+    def _collect(self) -> None:
+        """Collect the rows that a call has stored."""
+        counts = self.record.steps, self.record.interpolants, self.record.events
+        collected = self._steps, self._dense, self.events_of_calls
+        for what, count in enumerate(counts):
+            if count:
+                rows = np.empty((count, collected[what][0].shape[1]))
+                self._core.loop_rows(self.address, what, rows.T)
+                collected[what].append(rows)
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
-        stored = dict(zip(self._step_names, _joined(self._steps), strict=True))
-        return stored["step_t"], stored.get("step_y"), stored.get("step_observed")
+        point, end = self._bounds
+        y = _joined(self._steps, 1, point) if point > 1 else None
+        observed = _joined(self._steps, point, end) if end > point else None
+        return _joined(self._steps, 0, 1)[:, 0], y, observed
 
     def interpolants(self) -> Steps:
         """Return the stored interpolants in the order of the members."""
-        if not self._dense:
-            return Steps.none(self.plan)
-        member, *arrays = _joined(self._dense)
-        if self.members > 1 and (np.diff(member) < 0).any():
-            order = np.argsort(member, kind="stable")
-            member, arrays = member[order], [array[order] for array in arrays]
-        return Steps(self.plan, member - 1, *arrays)
+        rows = _joined(self._dense)
+        if (np.diff(rows[:, 0]) < 0).any():
+            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        return Steps(self.plan, rows)
 
     def last_interpolants(self) -> Steps:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
-        self.allocate_interpolants(self.members)
         self._core.loop_continue(self.address, True)
         self.record.budget = 0
         try:
             self.call()
             return self.interpolants()
         finally:
-            self._dense.clear()
-            self.record.dense_capacity = 0
+            del self._dense[1:]
 
     def restart(
         self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
     ) -> None:
         """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
-        data = self.rhs.data_address
-        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, data, stopped)
-        if rows is not self.end:
-            self.end[...] = rows
-        self.reached[~stopped] = t
-        self.status[~stopped] = Stop.PAUSED
+        self.record.data = self.rhs.data_address
+        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, stopped)
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
@@ -353,12 +298,12 @@ class Run:
 
     def saved(self) -> dict[str, Any]:
         """Return what another run of the same problem needs to go on."""
+        states = np.empty((self._lanes, self.record.state_size), np.int8)
+        self._core.loop_state(self.address, False, states.T)
         jacobian = self.callbacks.jacobian
         kept = {} if jacobian is None else jacobian.kept
         return {
-            "states": self._buffers["states"].copy(),
-            "counters": self.counters.copy(),
-            "trajectories": self._trajectories(),
+            "states": states,
             "events": list(self.events_of_calls),
             "matrices": {member: matrix for member, (matrix, *_) in kept.items()},
         }
@@ -367,24 +312,8 @@ class Run:
         """Go on from what another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
-        self.counters[...] = saved["counters"]
-        self._core.loop_state(self.address, True, *(array.T for array in saved["trajectories"]))
+        self._core.loop_state(self.address, True, saved["states"].T)
         self.events_of_calls[:] = saved["events"]
-        self._buffers["states"][...] = saved["states"]
-
-    def state(self) -> NDArray[np.void]:
-        """Return the `STATE` of each trajectory."""
-        numbers = np.ascontiguousarray(self._trajectories()[0][:, : len(STATE)])
-        return numbers.view(columns_of(STATE))[:, 0]
-
-    def _trajectories(self) -> tuple[Array, Array, Array]:
-        """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
-        lanes = self._lanes
-        numbers = np.empty((lanes, len(STATE) + 5 * self._functions))
-        points = np.empty((lanes, 2, self.plan.width))
-        slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
-        self._core.loop_state(self.address, False, numbers.T, points.T, slopes.T)
-        return numbers, points, slopes
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
@@ -399,15 +328,11 @@ class Run:
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        if not self.events_of_calls:
-            empty = plan.points(np.empty((0, plan.width)), (0, 2))
-            return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        places, t, y = _joined(self.events_of_calls)
-        return places - 1, t, plan.points(y, (len(t), 2))
+        rows = _joined(self.events_of_calls)
+        places, points = rows[:, :2].astype(np.int64) - 1, np.ascontiguousarray(rows[:, 3:])
+        return places, rows[:, 2].copy(), plan.points(points, (len(rows), 2))
 
 
-def _joined(collected: list[list[Any]]) -> list[Any]:
-    """Return arrays that were collected in several calls."""
-    if len(collected) == 1:
-        return collected[0]
-    return [np.concatenate(arrays) for arrays in zip(*collected, strict=True)]
+def _joined(calls: list[Array], begin: int = 0, end: int | None = None) -> Array:
+    """Return columns of the rows of several calls."""
+    return np.concatenate([rows[:, begin:end] for rows in calls])
