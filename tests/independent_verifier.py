@@ -4,20 +4,22 @@ From the text of a method and of its certificate, with the trees of `cg.construc
 their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's
 box. Conditions of Lyndon words imply all others. Of conditions that a certificate leaves out it
 shows that they are below 1e-25 in the box, not that they follow.
-``python tests/independent_verifier.py FOLDER`` proves all that are there: methods in it,
-certificates in ``certificates`` below.
+``PYTHONPATH=. python tests/independent_verifier.py FOLDER`` proves all that are there: methods in
+it, certificates in ``certificates`` below.
 """
 
 import sys
 import tomllib
 from fractions import Fraction
-from math import factorial
 from pathlib import Path
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
+from cg.construction.points import Point, PointTree
 from cg.construction.trees import OrderedTree, forest
+from cg.support.quads import to_flint
+from research.impossibility.weights import exact_weights
 
 LARGEST = 1e-25  # residual of a condition that is left out
 
@@ -36,6 +38,8 @@ class Dual:
         return Dual(self.value + other.value, self.slope + other.slope)
 
     def __mul__(self, other):
+        if not isinstance(other, Dual):
+            return Dual(self.value * other, self.slope * other)
         slope = self.slope * other.value + other.slope * self.value
         return Dual(self.value * other.value, slope)
 
@@ -98,44 +102,17 @@ class Problem:
             duals[name] = Dual(ball, slope)
         return duals
 
-    def weights(self, x, conditions, zero, one):
+    def weights(self, x, conditions, number):
         """Return the weights of trees at results, for pairs (result, tree)."""
-        letters = {}  # by tree, at each point
-
-        def ends_of(word, points):
-            taken = {-1: [one] + [zero] * len(word)}  # by letters taken
-            for m in points:
-                parent = taken[self.points[m][0]]
-                row = list(parent)
-                for begin in range(len(word)):
-                    product = parent[begin]
-                    for end in range(begin + 1, len(word) + 1):
-                        product = product * letters[word[end - 1]][m]
-                        row[end] = row[end] + product / factorial(end - begin)
-                taken[m] = row
-            return taken
-
-        def add_letter(tree, phi):
-            letters[tree] = []
-            for _, terms in self.points:
-                total = zero
-                for stage, name, _ in terms:
-                    total = total + x[name] * phi[stage]
-                letters[tree].append(total)
-
-        def path(point):
-            return [] if point < 0 else [*path(self.points[point][0]), point]
-
-        inner = sorted({m for at in self.at for m in path(at)})
-        most = max(self.trees.nodes[tree - 1] for _, tree in conditions) - 1
-        for tree in range(1, self.trees.with_nodes(most).stop):
-            ends = ends_of(self.trees.children[tree - 1], inner)
-            add_letter(tree, [ends[at][-1] for at in self.at])
-        actual = []
-        for result, tree in conditions:
-            end = self.results[result]
-            actual.append(ends_of(self.trees.children[tree - 1], path(end))[end][-1])
-        return actual
+        points = tuple(Point(at, {k: x[n] for k, n, _ in terms}) for at, terms in self.points)
+        order = max(self.trees.nodes[tree - 1] for _, tree in conditions) - 1
+        actual = {}
+        for result, end in enumerate(self.results):
+            pairs = [pair for pair in conditions if pair[0] == result]
+            tree = PointTree(points, tuple(self.at), end)
+            weights = exact_weights(tree, order, [tree for _, tree in pairs], number)
+            actual |= zip(pairs, weights, strict=True)
+        return [actual[pair] for pair in conditions]
 
     def conditions(self, table):
         """Return results and trees of the conditions that are equations, and of those left out."""
@@ -156,9 +133,8 @@ class Problem:
 
     def residuals(self, radius, conditions):
         """Return residuals in the box, with their derivatives."""
-        size = len(self.free)
-        zero, one = Dual(arb(0), arb_mat(1, size)), Dual(arb(1), arb_mat(1, size))
-        weights = self.weights(self.duals(radius), conditions, zero, one)
+        one, duals = Dual(arb(1), arb_mat(1, len(self.free))), self.duals(radius)
+        weights = self.weights(duals, conditions, lambda x: x if isinstance(x, Dual) else one)
         targets = [arb(1) / self.trees.density[tree - 1] for _, tree in conditions]
         return [Dual(w.value - t, w.slope) for w, t in zip(weights, targets, strict=True)]
 
@@ -173,10 +149,8 @@ def verify(entry, certificate):
     radius = exact(certificate["radius"])
     ball = arb(fmpq(radius.numerator, radius.denominator))
     if radius == 0:
-        x = {n: fmpq(v.numerator, v.denominator) for n, v in problem.start.items()}
-        for (_, tree), w in zip(
-            expected, problem.weights(x, expected, fmpq(0), fmpq(1)), strict=True
-        ):
+        weights = problem.weights(problem.start, expected, to_flint)
+        for (_, tree), w in zip(expected, weights, strict=True):
             if problem.free or left_out or w * problem.trees.density[tree - 1] != 1:
                 raise NotProvedError("a condition is violated, or coefficients aren't fixed")
     else:

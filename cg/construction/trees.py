@@ -122,26 +122,29 @@ class Forest:
     """All ordered trees with at most `max_nodes` nodes, each with an integer index.
 
     Indices start at 1 (``τ``), as in the generated Fortran. Trees with fewer nodes come first;
-    among those with equally many, the one whose first child has the smaller index, and so on. All
-    attributes are indexed by ``tree index - 1``.
-
-    Order conditions are stated for words of trees. So a tree also stands for the word of its
-    children; without its first or last letter the word is that of a smaller tree. `first` and
-    `rest` are the indices of the first child and of the tree without it, `prefix` and `last` those
-    of the tree without its last child and of that child, 0 for ``τ``.
+    among those with equally many, the one whose first child has the smaller index, and so on. The
+    indices of `children` and all other attributes are those of the trees by ``tree index - 1``.
     """
 
     max_nodes: int
-    nodes: tuple[int, ...]
-    first: tuple[int, ...]
-    rest: tuple[int, ...]
-    prefix: tuple[int, ...]
-    last: tuple[int, ...]
     children: tuple[tuple[int, ...], ...]
-    density: tuple[int, ...]
 
     def __len__(self) -> int:
-        return len(self.nodes)
+        return len(self.children)
+
+    @cached_property
+    def nodes(self) -> tuple[int, ...]:
+        """Number of nodes of each tree."""
+        return tuple(n for n in range(1, self.max_nodes + 1) for _ in self.with_nodes(n))
+
+    @cached_property
+    def density(self) -> tuple[int, ...]:
+        """Density ``γ(t)`` of each tree."""
+        densities: list[int] = []
+        for word in self.children:
+            sums = accumulate(self.nodes[letter - 1] for letter in word)
+            densities.append(prod(sums) * prod(densities[letter - 1] for letter in word))
+        return tuple(densities)
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
@@ -208,31 +211,15 @@ def forest(max_nodes: int) -> Forest:
 
 @cache
 def _forest(max_nodes: int) -> Forest:
-    columns: tuple[list[int], ...] = ([1], [0], [0], [0], [0], [1])
-    nodes, first, rest, prefix, last, density = columns
     children: list[tuple[int, ...]] = [()]
-    index_of: dict[tuple[int, int], int] = {}
     start = [0, 1]  # start[n] is the first index with n nodes
     for n in range(2, max_nodes + 1):
-        start.append(len(nodes) + 1)
+        start.append(len(children) + 1)
         for size in range(1, n):
             heads = range(start[size], start[size + 1])
             tails = range(start[n - size], start[n - size + 1])
-            for head, tail in product(heads, tails):
-                word = (head, *children[tail - 1])
-                index_of[head, tail] = len(nodes) + 1
-                alone = len(word) == 1
-                before = 1 if alone else index_of[head, prefix[tail - 1]]
-                final = head if alone else last[tail - 1]
-                nodes.append(n)
-                first.append(head)
-                rest.append(tail)
-                prefix.append(before)
-                last.append(final)
-                children.append(word)
-                density.append(density[before - 1] * (n - 1) * density[final - 1])
-    fields = (nodes, first, rest, prefix, last, children, density)
-    return Forest(max_nodes, *map(tuple, fields))  # type: ignore[arg-type]
+            children += [(head, *children[tail - 1]) for head, tail in product(heads, tails)]
+    return Forest(max_nodes, tuple(children))
 
 
 RootedTree = tuple["RootedTree", ...]
@@ -296,8 +283,15 @@ def _data(name: str, values: Sequence[int]) -> Iterator[str]:
 
 
 def fortran_tables(trees: Forest) -> str:
-    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``."""
+    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``.
+
+    Order conditions are stated for words of trees. So a tree also stands for the word of its
+    children; without its first or last letter the word is that of a smaller tree.
+    """
     total = len(trees)
+    index_of = {word: index for index, word in enumerate(trees.children, 1)}
+    links = [(w[0], index_of[w[1:]], index_of[w[:-1]], w[-1]) for w in trees.children[1:]]
+    first, rest, prefix, last = ([0, *column] for column in zip(*links, strict=True))
     child_start = [1]
     for word in trees.children:
         child_start.append(child_start[-1] + len(word))
@@ -309,10 +303,10 @@ def fortran_tables(trees: Forest) -> str:
         ("node_count", "nodes of a tree", trees.nodes),
         ("child_start", "where a tree's children begin in child", child_start),
         ("child", "indices of the children, tree after tree", letters),
-        ("first", "index of the first child, 0 for the single node", trees.first),
-        ("rest", "index of the tree without its first child", trees.rest),
-        ("prefix", "index of the tree without its last child", trees.prefix),
-        ("last", "index of the last child", trees.last),
+        ("first", "index of the first child, 0 for the single node", first),
+        ("rest", "index of the tree without its first child", rest),
+        ("prefix", "index of the tree without its last child", prefix),
+        ("last", "index of the last child", last),
         ("condition", "the tree's index, 0 where its condition follows from lower ones", condition),
     ]
     lines = [

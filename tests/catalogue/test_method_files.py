@@ -15,7 +15,6 @@ from cg.construction.diagnosis import diagnose_file
 from cg.construction.points import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
-from cg.support.parsing import read_json
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
@@ -45,6 +44,7 @@ class TestFiles:
         ('{"a": 1' + "0" * 5000 + "}", "not a JSON file"),
         ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "not a JSON file"),
         ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
+        ('{"b": [1], "b": [2]}', "'b' is there twice"),
     ])  # fmt: skip
     def test_bad_json(self, text, message):
         refuses(MethodError, message, cg.construction.catalogue.loads, text)
@@ -200,11 +200,3 @@ def test_core_agrees_with_reference_steps(name):
         second = step_of(method.embedded)
         assert abs(second - as_rotation(entry["embedded"])).max() < tolerance
         assert abs(second - as_rotation(entry["result"])).max() > 100 * tolerance
-
-
-@pytest.mark.parametrize(("text", "message"), [
-    ("[1]", "an object was expected"), ('{"b": [1], "b": [2]}', "'b' is there twice"),
-])  # fmt: skip
-def test_json_is_one_object_with_each_key_once(text, message):
-    with pytest.raises(ValueError, match=message):
-        read_json(text, ValueError)

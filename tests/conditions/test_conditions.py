@@ -39,11 +39,6 @@ class TestCounts:
         counts = [conditions.count(q, independent=True) for q in range(1, 9)]
         assert counts == [1, 2, 5, 13, 38, 113, 358, 1158]
 
-    def test_unknowns_of_the_paper(self):
-        assert [conditions.unknowns(s) for s in (5, 9, 16)] == [15, 45, 136]
-        assert conditions.unknowns(3, Rows.DIAGONAL) == 9
-        assert conditions.unknowns(3, Rows.FULL) == 12
-
     @pytest.mark.parametrize(
         ("order", "rows", "nonzero"), [(4, 22, 13), (5, 64, 38), (6, 196, 113)]
     )

@@ -1,9 +1,7 @@
 """Order conditions of trees of points: exact, compiled, and in balls."""
 
-import math
 from fractions import Fraction
 from functools import partial
-from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from refusals import refuses
-from strategies import dyadics, point_trees, rationals, tableaux
+from strategies import point_trees, rationals, tableaux
 
 from cg import CommutatorFree, conditions
 from cg.construction.catalogue import methods
@@ -27,7 +25,6 @@ from cg.construction.conditions.exact import (
 from cg.construction.layouts import Layout
 from cg.construction.points import MethodError, Point, PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import doubles
-from cg.construction.trees import forest
 from research.impossibility.weights import exact_weights
 
 exactly = partial(conditions.residuals, arithmetic="exact")
@@ -54,39 +51,7 @@ def test_residuals_refuse_places_that_there_are_not(parent, stage, at, end, arit
             conditions.residuals(*arguments, arithmetic=arithmetic)
 
 
-def by_definition(tree, t):
-    """Return Φ(t) of the result by its definition: a sum over nondecreasing points of the path."""
-    trees = forest(6)
-
-    def at(point, t):
-        total = Fraction(0)
-        path, word = tree.path(point), trees.children[t - 1]
-        for chosen in combinations_with_replacement(range(len(path)), len(word)):
-            product = Fraction(1)
-            for child, k in zip(word, chosen, strict=True):
-                weights = tree.points[path[k]].weights.items()
-                product *= sum(
-                    (w * at(tree.stage_points[s], child) for s, w in weights), Fraction(0)
-                )
-            runs = [chosen.count(k) for k in set(chosen)]
-            total += product / math.prod(map(math.factorial, runs))
-        return total
-
-    return at(tree.result, t)
-
-
 class TestResiduals:
-    @settings(deadline=None, max_examples=30)
-    @given(point_trees(dyadics, most_points=4))
-    def test_exact_weights_equal_the_definition(self, tree):
-        residuals = exactly(tree, 3)
-        trees = forest(4)
-        expected = [
-            by_definition(tree, t) - Fraction(1, trees.density[t - 1])
-            for t in conditions.condition_trees(3)
-        ]
-        assert list(residuals) == expected
-
     @settings(deadline=None, max_examples=40)
     @given(tableaux(rationals))
     def test_tableau_equals_its_points(self, tableau):

@@ -129,11 +129,8 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
 def test_dropped_flows_leave_no_idle_stage():
     points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"}), (2, {3: 1})]
     method = cg.CommutatorFree(points, [-1, 0, 1, 2], 2)  # CF3, and a fourth stage at a leaf
-    candidate = Candidate(
-        ConditionSystem(3, method.layout), np.array([float(c.value) for c in method.coefficients])
-    )
-    layout = candidate.system.layout
-    assert set(layout.stage_of.tolist()) == set(range(layout.stages))
+    candidate = pack_method(method)
+    assert set(method.layout.stage_of.tolist()) == set(range(method.stages))
     assert Reduction(np.random.default_rng(0)).drop_flow(candidate) is None
 
 

@@ -15,7 +15,7 @@ import cg
 from cg import conditions
 from cg.construction.catalogue import dumps, methods
 from cg.construction.layouts import Layout, Rows
-from cg.construction.search.candidate import Candidate, to_method
+from cg.construction.search.candidate import Candidate, pack_method, to_method
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import polish, refine
@@ -93,17 +93,10 @@ def test_weights_that_are_zero_up_to_rounding_become_zero(name):
     assert "0.0000000000" not in dumps(again)
 
 
-def packed(name):
-    a, b = methods[name].exact
-    return [
-        entry for row, length in zip(a, range(len(b)), strict=True) for entry in row[:length]
-    ] + [*b]
-
-
 class TestRefine:
     @pytest.mark.parametrize("size", [1e-14, 1e-11, 1e-8, 1e-6])
     def test_refine_with_dependent_conditions(self, size):
-        near = np.array(packed("CG5a"), float)
+        near = pack_method(methods["CG5a"]).x
         near += size * np.random.default_rng(1).standard_normal(near.size)
         fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
         actual = refine(cg.support.quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
@@ -114,7 +107,7 @@ class TestRefine:
 
 class TestPolish:
     def test_polish_exceeds_binary128(self):
-        near = [Fraction(float(entry)) for entry in packed("CG4a")]
+        near = list(map(Fraction, pack_method(methods["CG4a"]).x))
         fit = polish(near, ConditionSystem.tableau(4, 5))
         assert fit.largest_residual < Fraction(1, 10**44)
         a, b = conditions.unpack(fit.x, 5)

@@ -80,14 +80,6 @@ def test_tables_agree_with_the_trees():
         word = ordered.children[index - 1]
         assert [ordered.tree(letter) for letter in word] == list(tree.children)
         assert all(letter < index for letter in word)
-        if index == 1:
-            links = (ordered.first[0], ordered.rest[0], ordered.prefix[0], ordered.last[0])
-            assert links == (0, 0, 0, 0)
-            continue
-        assert ordered.first[index - 1] == word[0]
-        assert ordered.last[index - 1] == word[-1]
-        assert ordered.children[ordered.rest[index - 1] - 1] == word[1:]
-        assert ordered.children[ordered.prefix[index - 1] - 1] == word[:-1]
 
 
 def test_lyndon_words():

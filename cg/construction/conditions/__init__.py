@@ -37,7 +37,7 @@ from cg.construction.conditions.exact import equations, exact_tree, result_tree,
 from cg.construction.layouts import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from cg.construction.points import PointTree, check_not_sums
 from cg.support.arrays import check_finite, real_array
-from cg.support.checks import check_flag
+from cg.support.checks import check_choice, check_flag
 
 __all__ = [
     "MAX_ORDER",
@@ -167,8 +167,7 @@ def residuals(
     >>> all(0 in ball for ball in residuals(cg.methods["CF4"], 4, arithmetic="balls"))
     True
     """
-    if not isinstance(arithmetic, str) or arithmetic not in ("double", "exact", "balls"):
-        raise ValueError(f"arithmetic must be double, exact or balls, got {arithmetic!r}")
+    check_choice("arithmetic", arithmetic, ("double", "exact", "balls"))
     if not getattr(a, "of_trees", True):
         raise TypeError(f"a has other conditions, see its method residuals: got {a!r}")
     tree = None
