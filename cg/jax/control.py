@@ -247,11 +247,10 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
 
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:
         """Return the tolerances at the larger of two points, all positive."""
-        sizes = rules_of(self.frame).measured_sizes
-        largest = jnp.maximum(sizes(x), sizes(y))
+        largest = rules_of(self.frame).extent(x, y)
         kind = largest.dtype
         scale = self.atol.astype(kind) + self.rtol.astype(kind) * largest
-        return jnp.maximum(scale, jnp.finfo(largest.dtype).tiny)
+        return jnp.maximum(scale, jnp.finfo(kind).tiny)
 
 
 def _spacing(t: JaxArray) -> JaxArray:
@@ -339,7 +338,7 @@ def error_estimate(
     sums = [of_vector(v) for v in h * fixed(stages.errors)]
     if not differences and not sums:
         return None
-    size = rules.extent(y0, y1)
+    size = 1.0 + rules.extent(y0, y1)  # the tolerances where rtol and atol are both 1
     parts = [[e.squared(size) for e in part] for part in _parts(table, differences, sums)]
     if before is None:
         error = _combined(table, parts)

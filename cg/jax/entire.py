@@ -6,7 +6,6 @@ Everything here is a function of :math:`q = |v|^2`, which is smooth where :math:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -20,33 +19,29 @@ JaxArray = Any
 _STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
 _STUMPFF_TERMS = 14  # the next term of the series is below rounding
 _POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
-_FACTOR_TERMS = [  # coefficients of the series in q of dexpinv_factor without these two poles
+_FACTOR_TERMS = tuple(  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
-]
+)
 _ARCTAN_NEAR = 0.04  # below it the series of arctan is summed
-_ARCTAN_SERIES = [1.0 / (2 * j + 1) for j in range(15)]
-
-
-def power_series(coefficients: Sequence[float], x: JaxArray) -> JaxArray:
-    """Return the polynomial with some coefficients, that of 1 first, by Horner's rule."""
-    return _polynomial(tuple(coefficients), x)
+_ARCTAN_SERIES = tuple(1.0 / (2 * j + 1) for j in range(15))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _polynomial(coefficients: tuple[float, ...], x: JaxArray) -> JaxArray:
+def power_series(coefficients: tuple[float, ...], x: JaxArray) -> JaxArray:
+    """Return the polynomial with some coefficients, that of 1 first, by Horner's rule."""
     total = jnp.full_like(x, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = coefficient + x * total
     return total
 
 
-@_polynomial.defjvp
-def _polynomial_jvp(coefficients: tuple[float, ...], primals: Any, tangents: Any) -> Any:
+@power_series.defjvp
+def _power_series_jvp(coefficients: tuple[float, ...], primals: Any, tangents: Any) -> Any:
     # That of Horner's rule would have twice the operations, and its transpose keeps each of them.
     (x,), (dx,) = primals, tangents
     slope = tuple(k * c for k, c in enumerate(coefficients))[1:]
-    return _polynomial(coefficients, x), _polynomial(slope or (0.0,), x) * dx
+    return power_series(coefficients, x), power_series(slope or (0.0,), x) * dx
 
 
 def stumpff(k: int, q: JaxArray) -> JaxArray:
@@ -72,9 +67,9 @@ def _stumpff_sum(weights: tuple[tuple[int, float], ...], q: JaxArray) -> JaxArra
     if weights == ((1, 1.0),):
         return _sinc(x)
     near, far = jnp.minimum(q, _STUMPFF_NEAR), jnp.maximum(q, _STUMPFF_NEAR)
-    terms = [
+    terms = tuple(
         sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_STUMPFF_TERMS + 1)
-    ]
+    )
     series = power_series(terms, -near)
     root = jnp.sqrt(far)
     functions = [jnp.cos(root), _sinc(root)]

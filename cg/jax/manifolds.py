@@ -151,8 +151,8 @@ def _expm1_quotient(a: JaxArray) -> JaxArray:
     """Return (exp(a) - 1) / a."""
     near = jnp.abs(a) < 1.0
     small, large = jnp.where(near, a, 0.0), jnp.where(near, 1.0, a)
-    series = power_series([1.0 / math.factorial(k) for k in range(1, _SERIES_TERMS + 1)], small)
-    return jnp.where(near, series, jnp.expm1(large) / large)
+    terms = tuple(1.0 / math.factorial(k) for k in range(1, _SERIES_TERMS + 1))
+    return jnp.where(near, power_series(terms, small), jnp.expm1(large) / large)
 
 
 def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearAction) -> Rules:

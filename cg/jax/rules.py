@@ -105,8 +105,8 @@ class Rules:
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
 
     def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
-        """Return the tolerances of steps between two points where rtol and atol are both 1."""
-        return 1.0 + jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
+        """Return the larger of the sizes at two points, those of a step between them."""
+        return jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
 
 
 def real_dtype(y: JaxArray) -> Any:

@@ -14,24 +14,16 @@ from cg.support.arrays import Array, vectors_of_one_length
 from cg.tables import HasTable
 
 
-def observed_order(
-    h: ArrayLike,
-    errors: ArrayLike,
-    *,
-    floor: float = 0.0,
-    h_range: tuple[float, float] = (0.0, np.inf),
-) -> float:
+def observed_order(h: ArrayLike, errors: ArrayLike, *, floor: float = 0.0) -> float:
     """Return the least-squares slope of log error against log step size.
 
-    Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
+    Errors at or below `floor` count as rounding errors.
     """
     steps, sizes = vectors_of_one_length("h", h, errors)
-    # the negated comparisons keep NaN, which is refused below
-    used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
+    used = ~(sizes <= floor)  # the negated comparison keeps NaN, which is refused below
     if used.sum() < 2:
         raise ValueError(
-            f"errors must leave two points above floor = {floor:g} with h in {h_range}, "
-            f"got h = {steps}, errors = {sizes}"
+            f"errors must leave two points above floor = {floor:g}, got errors = {sizes}"
         )
     steps, sizes = steps[used], sizes[used]
     for name, values in (("h", steps), ("errors", sizes)):

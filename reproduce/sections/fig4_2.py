@@ -61,10 +61,9 @@ def compute(context: Context) -> Data:
 
 
 def _slope(h: Sequence[float], error: Sequence[float]) -> tuple[float | None, int]:
-    used = sum(size <= _MAX_H and value > _FLOOR for size, value in zip(h, error, strict=True))
-    if used < 2:
-        return None, used
-    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)), used
+    pairs = zip(h, error, strict=True)
+    used = [(size, value) for size, value in pairs if size <= _MAX_H and value > _FLOOR]
+    return (observed_order(*zip(*used, strict=True)) if len(used) > 1 else None), len(used)
 
 
 def present(data: Data) -> Sequence[Block]:

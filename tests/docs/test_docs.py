@@ -79,20 +79,15 @@ def test_code_of_page_runs(page, capsys, monkeypatch):
             assert output in printed.out
 
 
-@pytest.fixture
-def in_c(tmp_path, monkeypatch):
-    """The program in C of the page on compiled right-hand sides, compiled as the page says."""
+def test_right_hand_sides_in_c(tmp_path, monkeypatch):
+    """The program in C of the page on compiled right-hand sides is compiled as the page says."""
     page = "docs/howto/compiled.md"
     (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
     (command,) = found(r"^    (cc [^\n]*)$", page)  # the only line that calls the compiler
     subprocess.run([*command.split(), *warnings], check=True)
-    return run("docs/howto/compiled.md")
-
-
-def test_right_hand_sides_in_c(in_c):
-    assert in_c["in_c"].success
+    assert run(page)["in_c"].success
 
 
 def test_right_hand_sides_in_numba():

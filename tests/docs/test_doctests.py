@@ -109,14 +109,6 @@ def examples_of(target):
     ]
 
 
-def without_example(objects):
-    return [
-        name
-        for name, actual in objects.items()
-        if not isinstance(actual, ModuleType | int) and not examples_of(actual)
-    ]
-
-
 def test_public_objects_include_known_names():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
@@ -125,7 +117,11 @@ def test_public_objects_include_known_names():
 
 
 def test_public_objects_have_examples():
-    assert without_example(public()) == []
+    assert [
+        name
+        for name, actual in public().items()
+        if not isinstance(actual, ModuleType | int) and not examples_of(actual)
+    ] == []
 
 
 def test_reference_lists_all_public_names():

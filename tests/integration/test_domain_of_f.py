@@ -83,6 +83,7 @@ def test_stepper():
     assert "f must return finite numbers" in stepper.advance(3.0)
     assert stepper.status == "failed"
     assert abs(stepper.t - 1) < 1e-14
+    refuses(RuntimeError, "has failed", stepper.step)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

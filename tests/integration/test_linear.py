@@ -98,10 +98,6 @@ def test_a_single_node_that_is_not_at_the_start(node):
 class TestStagesWithoutPoints:
     """Points of stages are not computed for coefficients that depend on time alone."""
 
-    @staticmethod
-    def a(t):
-        return [np.sin(3 * t), np.cos(t), t]
-
     @pytest.mark.parametrize("vectorized", [False, True])
     def test_munthe_kaas_methods_take_one_flow_per_step(self, vectorized):
         def a(t):

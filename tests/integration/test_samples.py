@@ -77,19 +77,6 @@ def test_causal_averages_use_no_later_interval():
     np.testing.assert_array_equal(first(t), second(t))
 
 
-@pytest.mark.parametrize("order", [3, 4])
-def test_orders_of_averages_of_a_smooth_curve(order):
-    errors = []
-    for n in (20, 40):
-        edges = np.linspace(0, 2, n + 1)
-        means = -np.diff(np.cos(3 * edges)) / 3 / np.diff(edges)
-        curve = Samples(edges, means, "averages")
-        t = 0.5 if order == 3 else 1.0  # at edges the derivative of a spline is more accurate
-        t += 0.0 if order == 4 else 0.3 / n
-        errors.append(abs(curve(t) - np.sin(3 * t)))
-    assert np.log2(errors[0] / errors[1]) > order - 0.3
-
-
 def test_values_of_members_and_of_one_number():
     values = RNG.standard_normal((3, 9))
     curve = Samples(TIMES, values, "linear", members=True)

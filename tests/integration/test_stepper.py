@@ -45,16 +45,6 @@ def test_a_step_that_ends_within_rounding_of_a_time_ends_there(options):
     assert len(set(counts[1:])) == 1
 
 
-def test_failures_are_messages():
-    stepper = cg.Stepper(lambda t, y: y**2, 0.0, [1.0], 2.0, frame=Euclidean(1))
-    message = None
-    while message is None:
-        message = stepper.step()
-    assert "step size fell below" in message
-    assert stepper.status == "failed"
-    refuses(RuntimeError, "has failed", stepper.step)
-
-
 @pytest.mark.parametrize("error", [KeyError, KeyboardInterrupt])
 @pytest.mark.parametrize("calls", [1, 9, 14, 23])
 @pytest.mark.parametrize("control", [{"method": "CF4", "h": 0.1}, {"method": "CF5(4)", **OPTIONS}])

@@ -16,68 +16,51 @@ CHAIN = LinearAction([-1j * np.diag([1.0, 0, -1]), -1j * (np.eye(3, k=1) + np.ey
 STARTS = {SU(2): np.eye(2) + 0j, UnitQuaternion(): np.eye(4)[3], CHAIN: np.eye(3)[0] + 0j}
 
 
-def drive(dim, xp=jnp):
-    a = lambda t, args: xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
-    return a
+def drive(dim):
+    return lambda t, xp: xp.stack([xp.cos((k + 1) * t) + 0.2 * k for k in range(dim)])
 
 
-def solve(frame, name, y0, *, args=1.0, t1=2.0, tol=None, h=None, **options):
-    if tol is not None:
-        options["stepsize_controller"] = cg.jax.controller(frame, tol, tol)
-    term = cg.jax.LinearTerm(drive(frame.dim), frame)
-    solver = cg.jax.Solver(name)
-    return diffrax.diffeqsolve(term, solver, 0.0, t1, h, jnp.asarray(y0), args, **options)
+def check_steps(frame, name, y0, a, t1, tol):
+    """Compare steps and the end with those of compiled code; return the end."""
+    linear = name.startswith("CFM")
+    term = cg.jax.LinearTerm if linear else cg.jax.FrameTerm
+    here = diffrax.diffeqsolve(
+        term(lambda t, *rest: a(t, jnp), frame), cg.jax.Solver(name), 0.0, t1, None,
+        jnp.asarray(y0), 1.0, stepsize_controller=cg.jax.controller(frame, tol, tol),
+    )  # fmt: skip
+    there = cg.solve_ivp(
+        lambda t, *y: a(t, np), (0, t1), y0, frame=frame, method=name, linear=linear, rtol=tol,
+        atol=tol,
+    )  # fmt: skip
+    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
+    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=2e-14)
+    return here.ys[-1]
 
 
 @pytest.mark.parametrize(("frame", "name"), [
     (SU(2), "CFM8(4)"), (UnitQuaternion(), "CFM6(4)b"), *slow((SU(2), "CFM6(4)"))
 ], ids=repr)  # fmt: skip
 def test_steps_are_those_of_compiled_code(frame, name):
-    a = drive(frame.dim, np)
-    here = solve(frame, name, STARTS[frame], tol=1e-7)
-    there = cg.solve_linear(
-        lambda t: a(t, 1.0), (0, 2), STARTS[frame], frame=frame, method=name, rtol=1e-7, atol=1e-7
-    )
-    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
-    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=2e-14)
+    check_steps(frame, name, STARTS[frame], drive(frame.dim), 2.0, 1e-7)
 
 
 @pytest.mark.parametrize("name", ["CFM8(4)", "RKMK8(5,3)"])
 def test_estimates_in_parts_are_those_of_compiled_code(name):
     """Along a polynomial that hardly turns its axis quadratures and commutators differ most."""
-    frame, y0 = UnitQuaternion(), np.eye(4)[3]
 
-    def a(t, xp=np):
+    def a(t, xp):
         size = 4.0 * (t - 0.6) * (t - 1.3) * (t - 2.2)
         return size * xp.array([0.8, -0.05, -1.4]) + t * xp.array([0.1, 0.3, 0.05])
 
-    linear = name == "CFM8(4)"
-    term = cg.jax.LinearTerm if linear else cg.jax.FrameTerm
-    field = (lambda t, args: a(t, jnp)) if linear else (lambda t, y, args: a(t, jnp))
-    here = diffrax.diffeqsolve(
-        term(field, frame), cg.jax.Solver(name), 0.0, 2.5, None, jnp.asarray(y0),
-        stepsize_controller=cg.jax.controller(frame, 1e-10, 1e-10),
-    )  # fmt: skip
-    there = cg.solve_ivp(
-        a if linear else lambda t, y: a(t), (0, 2.5), y0, frame=frame, method=name, linear=linear,
-        rtol=1e-10, atol=1e-10,
-    )  # fmt: skip
-    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
-    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=2e-14)
+    check_steps(UnitQuaternion(), name, np.eye(4)[3], a, 2.5, 1e-10)
 
 
 def test_first_steps_resolve_fast_coefficients():
     frame, y0, tol = UnitQuaternion(), np.eye(4)[3], 1e-4
-    a = lambda t, xp=np: 0.1 * xp.cos(84.5 * t + 6.0) * xp.array([1.0, 0.5, -0.5])
-    here = diffrax.diffeqsolve(
-        cg.jax.LinearTerm(lambda t, args: a(t, jnp), frame), cg.jax.Solver("CFM8(4)"), 0.0, 1.0,
-        None, jnp.asarray(y0), stepsize_controller=cg.jax.controller(frame, tol, tol),
-    )  # fmt: skip
-    there = cg.solve_linear(a, (0, 1), y0, frame=frame, method="CFM8(4)", rtol=tol, atol=tol)
-    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
-    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=5e-15)
+    a = lambda t, xp: 0.1 * xp.cos(84.5 * t + 6.0) * xp.array([1.0, 0.5, -0.5])
+    end = check_steps(frame, "CFM8(4)", y0, a, 1.0, tol)
     turned = 0.1 * (np.sin(90.5) - np.sin(6.0)) / 84.5 * np.array([1.0, 0.5, -0.5])
-    assert np.abs(here.ys[-1] - frame.flow(turned, y0)).max() < tol / 1000
+    assert np.abs(end - frame.flow(turned, y0)).max() < tol / 1000
 
 
 @pytest.mark.parametrize(("frame", "name", "bound"), [
@@ -85,10 +68,13 @@ def test_first_steps_resolve_fast_coefficients():
 ], ids=repr)  # fmt: skip
 def test_output_between_steps(frame, name, bound):
     """Also on a LinearAction, whose generators are dense in JAX."""
-    times, y0 = jnp.linspace(0.1, 1.9, 7), STARTS[frame]
-    here = solve(frame, name, y0, h=0.05, saveat=diffrax.SaveAt(ts=times))
+    times, y0, a = jnp.linspace(0.1, 1.9, 7), STARTS[frame], drive(frame.dim)
+    here = diffrax.diffeqsolve(
+        cg.jax.LinearTerm(lambda t, args: a(t, jnp), frame), cg.jax.Solver(name), 0.0, 2.0, 0.05,
+        jnp.asarray(y0), saveat=diffrax.SaveAt(ts=times),
+    )  # fmt: skip
     there = cg.solve_linear(
-        lambda t: drive(frame.dim, np)(t, 1.0), (0, 2), y0, frame=frame, rtol=1e-12, atol=1e-12,
+        lambda t: a(t, np), (0, 2), y0, frame=frame, rtol=1e-12, atol=1e-12,
         t_eval=np.asarray(times),
     )  # fmt: skip
     np.testing.assert_allclose(here.ys, there.y, rtol=0, atol=bound)

@@ -217,5 +217,3 @@ def test_functions_and_points_are_checked():
         cg.jax.divergence(lambda t, y, args: y[:2], Sphere(2))(0.0, north, None)
     with pytest.raises(ValueError, match="y must have shape"):
         cg.jax.divergence(lambda t, y, args: y, Sphere(2))(0.0, north[:2], None)
-    rate = cg.jax.divergence(lambda t, y, args: jnp.cross(y, north), Sphere(2))
-    assert rate(0.0, north, None) == -2.0

@@ -28,9 +28,6 @@ POINT = pack_method(CG3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
 
-OF_THE_ORDER = [*(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides)]
-
-
 def search(**changes):
     return cg.search(**{"order": 2, "stages": 2, "starts": 1, "seed": 0} | changes)
 
@@ -124,7 +121,7 @@ def test_method_names_must_be_strings(name):
 
 
 @pytest.mark.parametrize("function", [
-    *OF_THE_ORDER,
+    count, conditions.condition_trees, conditions.table_rows, conditions.right_sides,
     lambda order: conditions.residuals([[0]], [1], order),
     lambda order: exactly([[0]], [1], order),
     CG3.largest_residual,

@@ -52,20 +52,7 @@ def test_median_and_quartiles():
     refuses(ValueError, "must not be empty", median, [])
 
 
-def stop_after(number):
-    def progress(done, total):
-        if done >= number:
-            raise KeyboardInterrupt
-
-    return progress
-
-
 SMALL = replace(PLANS[4], starts=60, full_starts=70)
-
-
-def recorded(path):
-    """Numbers of the starts that a store has."""
-    return sorted(line["index"] for line in read_store(path) if "index" in line)
 
 
 def stores(folder):
@@ -73,10 +60,14 @@ def stores(folder):
 
 
 def test_interrupted_search_continues(tmp_path):
+    def stop(done, total):
+        if done >= 20:
+            raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        section.compute(SMALL, context(tmp_path, progress=stop_after(20)))
+        section.compute(SMALL, context(tmp_path, progress=stop))
     (path,) = stores(tmp_path)
-    stored = recorded(path)
+    stored = [line for line in read_store(path) if "index" in line]
     assert 20 <= len(stored) < 60
     seen = []
     resumed = section.compute(SMALL, context(tmp_path, progress=lambda *now: seen.append(now)))
