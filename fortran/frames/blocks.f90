@@ -200,30 +200,15 @@ contains
     integer, intent(in) :: begin, last, m
     real(wp), intent(in) :: weight(*), f(m, *)         ! weight: those of the flows times the step
     real(wp), intent(out) :: v(m, begin:last)
-    integer :: j
+    integer :: j, k
 
     do j = begin, last
-      associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        if (m == 6) then                     ! the most frequent size, which the compiler then knows
-          call combine_columns(6, terms, weight(k), flows%stage(k), f, v(1, j))
-        else
-          call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
-        end if
-      end associate
+      k = flows%first(j)
+      v(:, j) = weight(k) * f(:, flows%stage(k))
+      do k = flows%first(j) + 1, flows%first(j + 1) - 1
+        v(:, j) = v(:, j) + weight(k) * f(:, flows%stage(k))
+      end do
     end do
   end subroutine combine_flows
-
-  ! A weighted sum of at least one of the columns of a matrix
-  pure subroutine combine_columns(m, n, weight, column, k, sum)
-    integer, intent(in) :: m, n, column(n)
-    real(wp), intent(in) :: weight(n), k(m, *)
-    real(wp), intent(out) :: sum(m)
-    integer :: j
-
-    sum = weight(1) * k(1:m, column(1))
-    do j = 2, n
-      sum = sum + weight(j) * k(1:m, column(j))
-    end do
-  end subroutine combine_columns
 
 end module blocks_m

@@ -59,11 +59,7 @@ contains
           v(block%v1:block%v2) = logarithm(quaternion_quotient( &
             get_quaternion(block, x(p:last)), get_quaternion(block, y(p:last) - x(p:last)), &
             block%space))
-        case (so3_block)
-          v(block%v1:block%v2) = logarithm(quaternion_of(quotient(block, &
-            transpose(reshape(x(p:last), [3, 3])), &
-            transpose(reshape(y(p:last) - x(p:last), [3, 3])))))
-        case (se3_block)
+        case (so3_block, se3_block)
           call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
         case (sphere_block)
           v(block%v1:block%v2) = smallest_rotation(x(p:last), y(p:last))

@@ -108,19 +108,23 @@ contains
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, flows)
     real(wp), intent(inout) :: y(:)          ! (point_size)
+    type(linear_action_t) :: whole           ! of the matrix X alone
     real(wp), allocatable :: x(:)
     real(wp) :: norm
     integer :: j, part, parts
 
     do j = 1, size(v, 2)
-      if (.not. action%skew) then
-        call move_polynomially(action, v(:, j:j), 0.0_wp, y)
-        cycle
-      end if
       call combine(action, v(:, j), x, norm)
       if (.not. (norm / chebyshev_norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
         y = nan
         return
+      end if
+      if (.not. action%skew) then
+        whole = linear_action_t(n=action%n, generators=1, point_size=action%point_size, &
+                                kind=action%kind, parts=action%parts, row=action%first, value=x, &
+                                term_column=action%column, norm=[norm])
+        call move_polynomially(whole, reshape([1.0_wp], [1, 1]), 0.0_wp, y)
+        cycle
       end if
       parts = max(1, ceiling(norm / chebyshev_norm))
       x = x / real(parts, wp)
@@ -215,46 +219,48 @@ contains
   end subroutine apply_chebyshev
 
   ! Computes the product of a matrix with y.
-  subroutine multiply(action, first, column, x, y, product)
+  pure subroutine multiply(action, first, column, x, y, product)
     type(linear_action_t), intent(in) :: action
-    integer, contiguous, intent(in) :: first(:)        ! (n + 1) or more, where rows begin
-    integer, contiguous, intent(in) :: column(:)       ! (entries)
-    real(wp), contiguous, intent(in) :: x(:)           ! (parts, entries)
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), contiguous, intent(out) :: product(:)    ! (point_size)
+    integer, intent(in) :: first(*)          ! (n + 1) or more, where rows begin
+    integer, intent(in) :: column(*)         ! (entries)
+    real(wp), intent(in) :: x(*)             ! (parts, entries)
+    real(wp), intent(in) :: y(*)             ! (point_size)
+    real(wp), intent(inout) :: product(*)    ! (point_size)
+    real(wp) :: a, b
+    integer :: i, j, k
 
     select case (action%kind)
     case (real_entries)
-      call multiply_real(action%n, first, column, x, y, product)
+      do i = 1, action%n
+        a = 0.0_wp
+        do k = first(i), first(i + 1) - 1
+          a = a + x(k) * y(column(k))
+        end do
+        product(i) = a
+      end do
     case (imaginary_entries)
       call multiply_imaginary(action%n, first, column, x, y, product)
     case (complex_entries)
-      call multiply_complex(action%n, first, column, x, y, product)
+      do i = 1, action%n
+        a = 0.0_wp
+        b = 0.0_wp
+        do k = first(i), first(i + 1) - 1
+          j = 2 * column(k)
+          a = a + x(2 * k - 1) * y(j - 1) - x(2 * k) * y(j)
+          b = b + x(2 * k - 1) * y(j) + x(2 * k) * y(j - 1)
+        end do
+        product(2 * i - 1) = a
+        product(2 * i) = b
+      end do
     end select
   end subroutine multiply
 
-  ! Computes the product for real entries.
-  pure subroutine multiply_real(n, first, column, x, y, product)
-    integer, intent(in) :: n, first(n + 1), column(*)
-    real(wp), intent(in) :: x(*), y(n)
-    real(wp), intent(out) :: product(n)
-    real(wp) :: a
-    integer :: i, k
-
-    do i = 1, n
-      a = 0.0_wp
-      do k = first(i), first(i + 1) - 1
-        a = a + x(k) * y(column(k))
-      end do
-      product(i) = a
-    end do
-  end subroutine multiply_real
-
-  ! Computes the product for imaginary entries, of which the imaginary parts are stored.
+  ! Computes the product for imaginary entries, of which the imaginary parts are stored. Both parts of
+  ! a number are summed at once where their place in an array of two rows is known.
   pure subroutine multiply_imaginary(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(2, n)
-    real(wp), intent(out) :: product(2, n)
+    real(wp), intent(inout) :: product(2, n)
     real(wp) :: a, b
     integer :: i, k
 
@@ -269,26 +275,6 @@ contains
       product(2, i) = a
     end do
   end subroutine multiply_imaginary
-
-  ! Computes the product for complex entries.
-  pure subroutine multiply_complex(n, first, column, x, y, product)
-    integer, intent(in) :: n, first(n + 1), column(*)
-    real(wp), intent(in) :: x(2, *), y(2, n)
-    real(wp), intent(out) :: product(2, n)
-    real(wp) :: a, b
-    integer :: i, k
-
-    do i = 1, n
-      a = 0.0_wp
-      b = 0.0_wp
-      do k = first(i), first(i + 1) - 1
-        a = a + x(1, k) * y(1, column(k)) - x(2, k) * y(2, column(k))
-        b = b + x(1, k) * y(2, column(k)) + x(2, k) * y(1, column(k))
-      end do
-      product(1, i) = a
-      product(2, i) = b
-    end do
-  end subroutine multiply_complex
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
