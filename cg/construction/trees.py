@@ -295,6 +295,15 @@ def _data(name: str, values: Sequence[int]) -> Iterator[str]:
         yield " &\n".join(f"    {row}" for row in rows)
 
 
+def _cuts(trees: Forest, word: int) -> list[tuple[int, int]]:
+    """Return the words of the first 0, 1, … children of a tree, each with that of the others."""
+    heads, tails = [word], [word]
+    while heads[-1] > 1:
+        heads.append(trees.prefix[heads[-1] - 1])
+        tails.append(trees.rest[tails[-1] - 1])
+    return [*zip(reversed(heads), tails, strict=True)]
+
+
 def fortran_tables(trees: Forest) -> str:
     """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``."""
     total = len(trees)
@@ -302,6 +311,8 @@ def fortran_tables(trees: Forest) -> str:
     for word in trees.children:
         child_start.append(child_start[-1] + len(word))
     letters = [letter for word in trees.children for letter in word]
+    cuts = [cut for word in range(1, total + 1) for cut in _cuts(trees, word)]
+    split_start = [start + k for k, start in enumerate(child_start)]
     condition = [index if trees.is_independent(index) else 0 for index in range(1, total + 1)]
     tree_start = [trees.with_nodes(n).start for n in range(1, trees.max_nodes + 1)] + [total + 1]
     integers: list[tuple[str, str, Sequence[int]]] = [
@@ -311,8 +322,9 @@ def fortran_tables(trees: Forest) -> str:
         ("child", "indices of the children, tree after tree", letters),
         ("first", "index of the first child, 0 for the single node", trees.first),
         ("rest", "index of the tree without its first child", trees.rest),
-        ("prefix", "index of the tree without its last child", trees.prefix),
-        ("last", "index of the last child", trees.last),
+        ("split_start", "where a tree's cuts begin in head and tail", split_start),
+        ("head", "the words of the first 0, 1, ... children", [head for head, _ in cuts]),
+        ("tail", "the words of the others", [tail for _, tail in cuts]),
         ("condition", "the tree's index, 0 where its condition follows from lower ones", condition),
     ]
     lines = [

@@ -17,7 +17,7 @@
 ! by the momentum are differences of the exact motion, of order eight.
 module gyroscopic_m
   use algebra_m, only: bracket
-  use blocks_m, only: body_t, find_velocities
+  use blocks_m, only: body_t, find_velocities, velocities
   use frames_m, only: apply_flows, frame_t
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
@@ -101,33 +101,32 @@ contains
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
     real(wp), dimension(frame%dimension) :: u, xi, moved, term
     real(wp) :: fraction                     ! part of the motion in a piece
+    logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
     integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
     u = 0.0_wp
+    call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], momentum, u(:frame%forces))
+    u = time * u
+    pieces = 1
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
-        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) cycle
-        call find_velocities(frame%bodies(i), block%dimension, momentum(v:last), u(v:last))
-        u(v:last) = time * u(v:last)
+        turns(v:last) = frame%bodies(i)%turns
+        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) u(v:last) = 0.0_wp
+        pieces = max(pieces, ceiling(2 * norm2(u(v:last))))
       end associate
     end do
-    pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%v1:frame%blocks(i)%v2)), &
-                                         i = 1, size(frame%bodies))])))
     fraction = 1.0_wp / real(pieces, wp)
     u = fraction * u
+    moved = 0.0_wp
     do j = 1, size(x, 1)
       xi = 0.0_wp
       xi(:frame%forces) = x(j, :frame%forces)
-      moved = 0.0_wp                         ! J^-1 eta times a piece
-      do i = 1, size(frame%bodies)
-        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
-                   m => frame%forces)
-          if (body%turns) cycle
-          call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
-          moved(v:last) = time * fraction * moved(v:last)
-        end associate
-      end do
+      associate (own => moved(:frame%forces))          ! J^-1 eta times a piece
+        call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
+                        x(j, frame%forces + 1:), own)
+        own = merge(0.0_wp, time * fraction * own, turns)
+      end associate
       do piece = 1, pieces
         call bracket(frame, u, xi, term)
         term = term + moved

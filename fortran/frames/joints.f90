@@ -11,7 +11,7 @@
 ! on, so that chains cost time in proportion to their length if their joints follow each other.
 module joints_m
   use kinds, only: wp
-  use blocks_m, only: block_t, body_t, find_velocities
+  use blocks_m, only: block_t, body_t, velocities
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_space, between_axes, coincident_axes, &
@@ -289,22 +289,6 @@ contains
     c%scale = 1.0_wp
     c%least = 0.0_wp
   end subroutine reserve
-
-  ! Velocities of some bodies
-  pure subroutine velocities(blocks, bodies, span, momenta, omega)
-    type(block_t), intent(in) :: blocks(:)
-    type(body_t), intent(in) :: bodies(:)
-    integer, intent(in) :: span(2)                     ! the first and the last block
-    real(wp), intent(in) :: momenta(:)                 ! theirs
-    real(wp), intent(out) :: omega(:)
-    integer :: i
-
-    do i = span(1), span(2)
-      associate (v => blocks(i)%v1 - blocks(span(1))%v1, n => blocks(i)%dimension)
-        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
-      end associate
-    end do
-  end subroutine velocities
 
   ! Factors G J^-1 G^T, whose rows have been evaluated.
   pure subroutine factor_constraints(linkage, c)

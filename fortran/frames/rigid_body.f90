@@ -190,7 +190,9 @@ contains
     if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
     pieces = int(abs(u) / longest, int64) + 1
     half = u / (2 * real(pieces, wp))
-    call jacobi(half, motion%m, motion%complement, sn, cn, dn)
+    sn = small_sn(half, motion%m, motion%complement)
+    cn = sqrt(1 - sn**2)
+    dn = sqrt(1 - motion%m * sn**2)
     do i = 1, pieces
       if (.not. max(abs(motion%cn), abs(motion%dn)) > 0) then   ! at rest on the second axis
         integral = integral + 2 * half * real(pieces - i + 1, wp)
@@ -238,45 +240,24 @@ contains
                     / ((denominator + 2 * d * dn + (d**2 - c2 * y)) * (dn * sqrt(1 - y))))
   end function even_integral
 
-  ! Jacobi's functions of a small argument, by Landen's descending transformation
-  pure subroutine jacobi(u, m, complement, sn, cn, dn)
+  ! Jacobi's sn of a small argument, by Landen's descending transformation
+  pure recursive real(wp) function small_sn(u, m, complement) result(sn)
     real(wp), intent(in) :: u, m, complement
-    real(wp), intent(out) :: sn, cn, dn
     real(wp), parameter :: negligible = sqrt(epsilon(1.0_wp)) / 4   ! its square
-    real(wp) :: modulus(20), square, k, v, s
-    integer :: n
+    real(wp) :: k, modulus
 
     if (complement < epsilon(1.0_wp) / 4) then
       sn = tanh(u)
-      cn = 1 / cosh(u)
-      dn = cn
-      return
+    else if (m <= negligible) then
+      sn = sin(u)
+      sn = sn - m / 4 * (u - sn * cos(u)) * cos(u)
+    else
+      k = sqrt(complement)
+      modulus = m / (1 + k)**2
+      sn = small_sn(u * (1 + k) / 2, modulus**2, 4 * k / (1 + k)**2)
+      sn = (1 + modulus) * sn / (1 + modulus * sn**2)
     end if
-    square = m
-    k = sqrt(complement)
-    v = u
-    n = 0
-    do while (square > negligible)
-      n = n + 1
-      modulus(n) = square / (1 + k)**2
-      v = v * (1 + k) / 2
-      k = 2 * sqrt(k) / (1 + k)
-      square = modulus(n)**2
-    end do
-    sn = sin(v)
-    cn = cos(v)
-    s = square / 4 * (v - sn * cn)
-    dn = 1 - square / 2 * sn**2
-    v = sn
-    sn = sn - s * cn
-    cn = cn + s * v
-    do n = n, 1, -1
-      s = modulus(n) * sn**2
-      cn = cn * dn / (1 + s)
-      sn = (1 + modulus(n)) * sn / (1 + s)
-      dn = (1 - s) / (1 + s)
-    end do
-  end subroutine jacobi
+  end function small_sn
 
   ! The complete elliptic integral of the first kind, by the arithmetic-geometric mean
   pure real(wp) function quarter_period(complement)

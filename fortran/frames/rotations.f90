@@ -145,18 +145,15 @@ contains
   pure subroutine orthogonalise(m, y)
     integer, intent(in) :: m
     real(wp), intent(inout) :: y(m, 3)             ! its first three rows
-    real(wp) :: xx, yy, zz, xy, yz, zx, old(3, 3)
+    real(wp) :: old(3, 3), factor(3, 3)
+    integer :: i
 
     old = y(1:3, :)
-    xx = 1.5_wp - 0.5_wp * dot_product(old(:, 1), old(:, 1))
-    yy = 1.5_wp - 0.5_wp * dot_product(old(:, 2), old(:, 2))
-    zz = 1.5_wp - 0.5_wp * dot_product(old(:, 3), old(:, 3))
-    xy = -0.5_wp * dot_product(old(:, 1), old(:, 2))
-    yz = -0.5_wp * dot_product(old(:, 2), old(:, 3))
-    zx = -0.5_wp * dot_product(old(:, 3), old(:, 1))
-    y(1:3, 1) = xx * old(:, 1) + xy * old(:, 2) + zx * old(:, 3)
-    y(1:3, 2) = xy * old(:, 1) + yy * old(:, 2) + yz * old(:, 3)
-    y(1:3, 3) = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
+    factor = -0.5_wp * matmul(transpose(old), old)
+    do i = 1, 3
+      factor(i, i) = 1.5_wp + factor(i, i)
+    end do
+    y(1:3, :) = matmul(old, factor)
   end subroutine orthogonalise
 
   ! An upper bound of the distance of a matrix from the rotations, or from rigid motions
