@@ -246,12 +246,11 @@ contains
     if (attitude == 0) return
     associate (block => blocks(attitude), k => blocks(attitude)%p1)
       if (block%kind == so3_block) then
-        r(1, :) = y(k:k + 2)
-        r(2, :) = y(k + 3:k + 5)
-        r(3, :) = y(k + 6:k + 8)
+        r = reshape(y(k:k + 8), [3, 3])
       else
-        call rotate_matrix(get_quaternion(block, y(k:k + 3)), .false., r(1, :), r(2, :), r(3, :))
+        call rotate_matrix(get_quaternion(block, y(k:k + 3)), .false., r)
       end if
+      r = transpose(r)                       ! from rows
     end associate
   end subroutine place
 

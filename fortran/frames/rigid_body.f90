@@ -68,6 +68,7 @@ contains
     real(wp), intent(out) :: q(4)
     real(wp), parameter :: signs(3) = [1.0_wp, -1.0_wp, 1.0_wp]
     real(wp) :: length, before(3), n(3), after(3), angle
+    real(wp) :: about(2)                     ! the larger one: of the smallest moment, or the largest
     logical :: swapped, down
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
@@ -81,7 +82,8 @@ contains
     end if
     before = momentum / length
     n = matmul(before, top%axes) + matmul(before, top%digits)
-    swapped = turns_about_smallest(top, n)
+    about = [n(1)**2 * top%gap(1), n(3)**2 * top%gap(2)]
+    swapped = about(1) > about(2) .or. (about(1) == about(2) .and. top%gap(1) > top%gap(2))
     if (swapped) n = signs * n([3, 2, 1])    ! half a turn
     down = n(3) < 0
     if (down) n(2:3) = -n(2:3)
@@ -100,18 +102,6 @@ contains
     after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
     momentum = length * after
   end subroutine turn_freely
-
-  ! Whether the momentum goes around the axis of the smallest moment of inertia
-  pure logical function turns_about_smallest(top, n)
-    type(top_t), intent(in) :: top
-    real(wp), intent(in) :: n(3)
-    real(wp) :: about_largest, about_smallest
-
-    about_largest = n(3)**2 * top%gap(2)
-    about_smallest = n(1)**2 * top%gap(1)
-    turns_about_smallest = about_smallest > about_largest
-    if (about_smallest == about_largest) turns_about_smallest = top%gap(1) > top%gap(2)
-  end function turns_about_smallest
 
   ! Computes the direction of the momentum after a time, and the angle chi. The third component of n
   ! isn't negative.
