@@ -286,16 +286,19 @@ def fortran_tables(trees: Forest) -> str:
     """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``.
 
     Order conditions are stated for words of trees. So a tree also stands for the word of its
-    children; without its first or last letter the word is that of a smaller tree.
+    children, and parts of it are those of smaller trees.
     """
     total = len(trees)
     index_of = {word: index for index, word in enumerate(trees.children, 1)}
-    links = [(w[0], index_of[w[1:]], index_of[w[:-1]], w[-1]) for w in trees.children[1:]]
-    first, rest, prefix, last = ([0, *column] for column in zip(*links, strict=True))
+    first = [0, *(word[0] for word in trees.children[1:])]
+    rest = [0, *(index_of[word[1:]] for word in trees.children[1:])]
+    head = [index_of[word[:k]] for word in trees.children for k in range(len(word) + 1)]
+    tail = [index_of[word[k:]] for word in trees.children for k in range(len(word) + 1)]
     child_start = [1]
     for word in trees.children:
         child_start.append(child_start[-1] + len(word))
     letters = [letter for word in trees.children for letter in word]
+    split_start = [start + k for k, start in enumerate(child_start)]
     condition = [index if trees.is_independent(index) else 0 for index in range(1, total + 1)]
     tree_start = [trees.with_nodes(n).start for n in range(1, trees.max_nodes + 1)] + [total + 1]
     integers: list[tuple[str, str, Sequence[int]]] = [
@@ -305,8 +308,9 @@ def fortran_tables(trees: Forest) -> str:
         ("child", "indices of the children, tree after tree", letters),
         ("first", "index of the first child, 0 for the single node", first),
         ("rest", "index of the tree without its first child", rest),
-        ("prefix", "index of the tree without its last child", prefix),
-        ("last", "index of the last child", last),
+        ("split_start", "where a tree's cuts begin in head and tail", split_start),
+        ("head", "the words of the first 0, 1, ... children", head),
+        ("tail", "the words of the others", tail),
         ("condition", "the tree's index, 0 where its condition follows from lower ones", condition),
     ]
     lines = [

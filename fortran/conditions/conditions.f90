@@ -21,8 +21,9 @@ module conditions_m
   use kinds, only: wp
   use linalg_m, only: least_squares_t
   use shared_numbers, only: first_result, middle_abscissa, second_result
-  use tree_tables, only: child, child_start, density, node_count, prefix, tree_start
-  use weights_m, only: split_word, weights_t
+  use tree_tables, only: child, child_start, density, head, node_count, split_start, tail, &
+                         tree_start
+  use weights_m, only: weights_t
   implicit none
   private
   public :: order_conditions_t
@@ -57,8 +58,8 @@ contains
     whole(:, 1) = 1.0_wp
     do t = 2, weights%stage_trees
       change = e(1:n, t)
-      do i = weights%split_start(t), weights%split_start(t + 1) - 1
-        change = change + e(1:n, weights%head(i))*right(:, weights%tail(i))
+      do i = split_start(t) + 1, split_start(t + 1) - 2
+        change = change + e(1:n, head(i))*right(:, tail(i))
       end do
       do r = 1, size(start) - 1
         total = 0.0_wp
@@ -94,7 +95,7 @@ contains
     call later_points(weights, [1, n + 1], e, right, whole)
     do c = 1, size(trees)
       if (trees(c) == 0 .or. .not. mine(c)) cycle
-      call by_letter(weights%order, e, left, right, trees(c), n, z)
+      call by_letter(e, left, right, trees(c), n, z)
       do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
         u = child(child_start(trees(c)) + m - 1)
         do k = 1, weights%pattern%unknowns
@@ -154,7 +155,7 @@ contains
       do t = weights%stage_trees, 2, -1
         c0 = first_for(node_count(t))
         call to_origins(weights, whole, t, c0, adjoint)
-        call by_letter(weights%order, weights%e, weights%left, right, t, inner, z)
+        call by_letter(weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
           u = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
@@ -181,59 +182,38 @@ contains
       associate (origin => weights%pattern%origin(s))
         if (origin == 0) cycle
         adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
-        do i = weights%split_start(t), weights%split_start(t + 1) - 1
-          adjoint(c0:, weights%head(i), origin) = adjoint(c0:, weights%head(i), origin) &
-            + whole(s, weights%tail(i))*adjoint(c0:, t, s)
+        do i = split_start(t) + 1, split_start(t + 1) - 2
+          adjoint(c0:, head(i), origin) = adjoint(c0:, head(i), origin) &
+            + whole(s, tail(i))*adjoint(c0:, t, s)
         end do
       end associate
     end do
   end subroutine to_origins
 
-  ! A stage's weight with k nodes enters weights of results with more than k nodes, and assumptions
-  ! with at least k. All conditions before the first such one are skipped.
-  pure integer function first_condition(trees, owner, nodes) result(c0)
-    integer, intent(in) :: trees(:), owner(:)  ! (conditions)
-    integer, intent(in) :: nodes
-
-    do c0 = 1, size(trees)
-      if (trees(c0) >= tree_start(nodes + merge(0, 1, owner(c0) > 0))) exit
-    end do
-  end function first_condition
-
   ! Computes Z(p, m), the derivatives by the letter at each place m of a word, for the first
   ! `points` points.
-  subroutine by_letter(order, e, left, right, t, points, z)
-    integer, intent(in) :: order
+  subroutine by_letter(e, left, right, t, points, z)
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
     integer, intent(in) :: t, points                     ! t: the word
     real(wp), intent(inout), contiguous :: z(:, :)   ! (points, order), columns 1..children set
-    integer :: children, m, p, q, before, after, n, head(0:order), tail(0:order)
+    integer :: children, m, p, q, before, after, n, split
     real(wp) :: earlier(points)
 
     n = points
-    call split_word(t, children, head, tail)
+    split = split_start(t)
+    children = child_start(t + 1) - child_start(t)
     do m = 1, children
       z(:, m) = 0.0_wp
       do p = 0, m - 1
-        before = leading(tail(m - 1 - p), p)
-        earlier = left(1:n, head(m - 1 - p))*e(1:n, before)
+        before = head(split_start(tail(split + m - 1 - p)) + p)
+        earlier = left(1:n, head(split + m - 1 - p))*e(1:n, before)
         do q = 0, children - m
-          after = leading(tail(m), q)
-          z(:, m) = z(:, m) + share(p, q)*earlier*e(1:n, after)*right(1:n, tail(m + q))
+          after = head(split_start(tail(split + m)) + q)
+          z(:, m) = z(:, m) + share(p, q)*earlier*e(1:n, after)*right(1:n, tail(split + m + q))
         end do
       end do
     end do
   end subroutine by_letter
-
-  ! The word of the first k children.
-  pure integer function leading(word, k) result(cut)
-    integer, intent(in) :: word, k
-
-    cut = word
-    do while (child_start(cut + 1) - child_start(cut) > k)
-      cut = prefix(cut)
-    end do
-  end function leading
 
   ! p! q! / (p + q + 1)!: what a letter between p and q others has of their exponential.
   pure real(wp) function share(p, q)
@@ -301,13 +281,15 @@ contains
     real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: s, k, t, c0, unknowns
-    ! first condition that weights with so many nodes enter
+    ! first condition that weights with so many nodes enter: those of stages enter results with more
+    ! nodes, and assumptions with at least as many
     integer :: first_for(self%weights%order)
 
     call self%weights%evaluate(x)
     associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees, &
                owner => self%owner)
-      first_for = [(first_condition(trees, owner, s), s=1, weights%order)]
+      first_for = [(findloc([trees >= tree_start(s + merge(0, 1, owner > 0)), .true.], .true., 1), &
+                    s=1, weights%order)]
       unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
       allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)
       allocate (adjoint(size(trees), weights%stage_trees, pattern%inner), source=0.0_wp)

@@ -54,7 +54,7 @@ contains
     if (flag < 0 .or. .not. f <= huge(f)) return
     status = out_of_iterations
     if (f <= ftol) status = solved
-    call linearise(largest, flag)
+    call linearise()
     if (flag < 0) status = not_finite
     damping = max(first_damping*largest, min_damping)
     growth = 2.0_wp
@@ -65,7 +65,7 @@ contains
         exit
       end if
       iterations = iterations + 1
-      call factorise(gram, factor, damping)
+      call factorise()
       y = r
       call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
       step = -matmul(y, jac)
@@ -87,7 +87,7 @@ contains
         if (f <= ftol) then
           status = solved
         else
-          call linearise(largest, flag)
+          call linearise()
           if (flag < 0) status = no_descent
         end if
       else
@@ -99,10 +99,8 @@ contains
 
   contains
 
-    ! Computes the Jacobian and its Gram matrix.
-    subroutine linearise(largest, flag)
-      real(wp), intent(out) :: largest  ! diagonal entry of J J^T
-      integer, intent(out) :: flag
+    ! Computes the Jacobian, its Gram matrix, and the largest diagonal entry of this.
+    subroutine linearise()
       integer :: i
 
       flag = 0
@@ -127,23 +125,20 @@ contains
       acceleration = -matmul(second, jac)
       if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
     end subroutine add_acceleration
-  end subroutine minimise_norm
 
-  ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
-  subroutine factorise(gram, factor, damping)
-    real(wp), intent(in) :: gram(:, :)                    ! (conditions, conditions)
-    real(wp), intent(out), contiguous :: factor(:, :)     ! (conditions, conditions)
-    real(wp), intent(inout) :: damping
-    integer :: i, info
+    ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
+    subroutine factorise()
+      integer :: i
 
-    do
-      factor = gram
-      do i = 1, size(gram, 1)
-        factor(i, i) = factor(i, i) + damping
+      do
+        factor = gram
+        do i = 1, conditions
+          factor(i, i) = factor(i, i) + damping
+        end do
+        call dpotrf('L', conditions, factor, conditions, info)
+        if (info == 0) exit
+        damping = 4.0_wp*damping
       end do
-      call dpotrf('L', size(factor, 1), factor, size(factor, 1), info)
-      if (info == 0) exit
-      damping = 4.0_wp*damping
-    end do
-  end subroutine factorise
+    end subroutine factorise
+  end subroutine minimise_norm
 end module minimum_norm_m

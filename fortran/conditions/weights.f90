@@ -13,10 +13,10 @@
 ! a point.
 module weights_m
   use kinds, only: wp
-  use tree_tables, only: tree_start, child_start, first, rest, prefix
+  use tree_tables, only: child_start, first, head, rest, split_start, tail, tree_start
   implicit none
   private
-  public :: weights_t, split_word
+  public :: weights_t
 
   type :: pattern_t  ! the shape of a method; numbers 0 of points and segments mean the start
     integer :: stages = 0, points = 0, unknowns = 0, segments = 0
@@ -37,8 +37,6 @@ module weights_m
     type(pattern_t) :: pattern
     integer :: order = 0
     integer :: stage_trees = 0                ! trees with at most order nodes
-    integer, allocatable :: split_start(:)    ! (trees + 1) where a tree's proper splits begin
-    integer, allocatable :: head(:), tail(:)  ! a word cut in two, for each place to cut
     integer, allocatable :: result_path(:)    ! points on the way to the first result
     integer, allocatable :: second_path(:)    ! and to the second
     real(wp), allocatable :: x(:)             ! (unknowns)
@@ -123,49 +121,18 @@ contains
     end do
   end function path
 
-  ! head(i), tail(i): the words of the first i children, and of the others, 0 <= i <= children.
-  pure subroutine split_word(tree, children, head, tail)
-    integer, intent(in) :: tree
-    integer, intent(out) :: children, head(0:), tail(0:)   ! head, tail: (0:children) at least
-    integer :: i
-
-    children = child_start(tree + 1) - child_start(tree)
-    head(children) = tree
-    tail(0) = tree
-    do i = 1, children
-      tail(i) = rest(tail(i - 1))
-      head(children - i) = prefix(head(children - i + 1))
-    end do
-  end subroutine split_word
-
   ! Allocates the workspace for a method and an order.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: order, layout(:)              ! layout: see read_layout
-    integer :: t, children, cuts, trees, n, head(0:order), tail(0:order)
+    integer :: n
 
     call read_layout(layout, self%pattern)
     self%order = order
     self%result_path = path(self%pattern, self%pattern%results(1))
     self%second_path = path(self%pattern, self%pattern%results(2))
     self%stage_trees = tree_start(order + 1) - 1
-    trees = tree_start(order + 2) - 1
     n = self%pattern%points
-    allocate (self%split_start(trees + 1))
-    self%split_start(1:2) = 1
-    do t = 2, trees
-      children = child_start(t + 1) - child_start(t)
-      self%split_start(t + 1) = self%split_start(t) + children - 1
-    end do
-    cuts = self%split_start(trees + 1) - 1
-    allocate (self%head(cuts), self%tail(cuts))
-    do t = 2, trees
-      call split_word(t, children, head, tail)
-      associate (begin => self%split_start(t), last => self%split_start(t + 1) - 1)
-        self%head(begin:last) = head(1:children - 1)
-        self%tail(begin:last) = tail(1:children - 1)
-      end associate
-    end do
     allocate (self%chi(0:self%pattern%segments, self%stage_trees), self%e(n, self%stage_trees), &
               self%left(n, self%stage_trees), self%letter(n, self%stage_trees), source=0.0_wp)
     self%e(:, 1) = 1.0_wp
@@ -267,9 +234,7 @@ contains
     integer :: children
 
     children = child_start(t + 1) - child_start(t)
-    if (children == 1) then
-      e = self%letter(begin:last, first(t))
-    else if (iand(children, children - 1) == 0) then  ! a product is exact, too, and faster
+    if (iand(children, children - 1) == 0) then        ! a product is exact, too, and faster
       e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))*(1.0_wp/real(children, wp))
     else
       e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))/real(children, wp)
@@ -283,8 +248,8 @@ contains
     real(wp), intent(inout) :: change(begin:last)
     integer :: i
 
-    do i = self%split_start(t), self%split_start(t + 1) - 1
-      change = change + self%left(begin:last, self%head(i))*self%e(begin:last, self%tail(i))
+    do i = split_start(t) + 1, split_start(t + 1) - 2
+      change = change + self%left(begin:last, head(i))*self%e(begin:last, tail(i))
     end do
   end subroutine add_splits
 end module weights_m

@@ -8,7 +8,7 @@ module blocks_m
   implicit none
   private
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
-            find_velocities, flow_sequence_t
+            find_velocities, flow_sequence_t, velocities
 
   integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied without BLAS
 
@@ -193,6 +193,22 @@ contains
       end do
     end if
   end subroutine find_velocities
+
+  ! Velocities of some bodies
+  pure subroutine velocities(blocks, bodies, span, momenta, omega)
+    type(block_t), intent(in) :: blocks(:)
+    type(body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: span(2)                     ! the first and the last block
+    real(wp), intent(in) :: momenta(:)                 ! theirs
+    real(wp), intent(out) :: omega(:)
+    integer :: i
+
+    do i = span(1), span(2)
+      associate (v => blocks(i)%v1 - blocks(span(1))%v1, n => blocks(i)%dimension)
+        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
+      end associate
+    end do
+  end subroutine velocities
 
   ! Computes the coefficients of some flows from those of the fields.
   pure subroutine combine_flows(flows, weight, begin, last, m, f, v)

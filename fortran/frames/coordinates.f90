@@ -19,7 +19,7 @@ module coordinates_m
   use vectors_m, only: cross, nan
   implicit none
   private
-  public :: difference, norm, point_sizes, quaternion_quotient, remove_isotropy, scales, sizes, &
+  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, sizes, &
             tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)

@@ -3,7 +3,7 @@
 module derivatives_m
   use kinds, only: wp
   use blocks_m, only: as_complex, block_t
-  use coordinates_m, only: quaternion_quotient
+  use coordinates_m, only: quaternion_quotient, quotient
   use frames_m, only: frame_t
   use stiefel_m, only: isospectral_coefficients, stiefel_coefficients
   use orthogonal_m, only: orthogonal_coefficients
@@ -94,21 +94,13 @@ contains
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)
     real(wp), intent(out) :: v(3, 1 + block%k), dropped
-    real(wp) :: r(3, 3), s(3, 3), x(3, 3)      ! the transposes of R and R', and R^T R' or R' R^T
-    integer :: i, j
+    real(wp) :: r(3, 3), x(3, 3)               ! the transpose of R, and R^T R' or R' R^T
+    integer :: j
 
     r = y(1:3, 1:3)
-    s = slope(1:3, 1:3)
-    do j = 1, 3
-      if (block%space) then
-        x(:, j) = [(dot_product(s(:, i), r(:, j)), i=1, 3)]
-      else
-        x(:, j) = s(j, 1) * r(:, 1) + s(j, 2) * r(:, 2) + s(j, 3) * r(:, 3)
-      end if
-    end do
+    x = quotient(block, transpose(r), transpose(slope(1:3, 1:3)))
     v(:, 1) = [x(3, 2) - x(2, 3), x(1, 3) - x(3, 1), x(2, 1) - x(1, 2)] / 2
-    dropped = x(1, 1)**2 + x(2, 2)**2 + x(3, 3)**2 &
-              + ((x(3, 2) + x(2, 3))**2 + (x(1, 3) + x(3, 1))**2 + (x(2, 1) + x(1, 2))**2) / 2
+    dropped = sum((x + transpose(x))**2) / 4
     do j = 1, block%k
       if (block%space) then
         v(:, 1 + j) = slope(3 + j, 1:3) - cross(v(:, 1), y(3 + j, 1:3))

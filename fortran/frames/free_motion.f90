@@ -135,18 +135,18 @@ contains
       call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
-        associate (momentum => momenta(block%v1:block%v2))
+        associate (momentum => momenta(block%v1:block%v2), point => y(block%p1:block%p2))
           if (.not. allocated(body%gyroscopic)) then
             call move_body(frame, i, time, momentum, y)
           else if (block%kind == euclidean_block) then
-            call move_by_series(body, time, momentum, y(block%p1:block%p2))
+            call move_by_series(body, time, momentum, point)
           else
             momentum = momentum + rotor_momentum(body)
             parts = time * substeps(body)
             do k = 1, size(parts)
-              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+              call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
               call move_body(frame, i, parts(k), momentum, y)
-              call turn_with_rotor(frame, i, parts(k) / 2, momentum, y)
+              call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
             end do
             momentum = momentum - rotor_momentum(body)
           end if
@@ -242,8 +242,7 @@ contains
     real(wp), intent(inout) :: last          ! the opening before; huge at first
     real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
 
-    associate (now => opening(c, merge(c%scale, c%least, c%scale > 0)), &
-               near => opening(c, max(c%scale, c%least)))
+    associate (now => opening(c, c%scale), near => opening(c, max(c%scale, c%least)))
       is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
       last = now
     end associate

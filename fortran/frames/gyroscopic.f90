@@ -17,11 +17,11 @@
 ! by the momentum are differences of the exact motion, of order eight.
 module gyroscopic_m
   use algebra_m, only: bracket
-  use blocks_m, only: body_t, find_velocities
-  use frames_m, only: apply_flows, frame_t
+  use blocks_m, only: block_t, body_t, find_velocities, velocities
+  use frames_m, only: frame_t
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
-  use rotations_m, only: exponential, rotate_vector
+  use rotations_m, only: exponential, rotate_vector, turn_point
   use shared_numbers, only: euclidean_block
   use vectors_m, only: cross
   implicit none
@@ -51,22 +51,19 @@ contains
     if (.not. body%commutes) substeps = [half, 1 - 2 * sum(half), half(4:1:-1)]
   end function substeps
 
-  ! Follows the linear part of the energy of block i; the momentum is that of body and rotor.
-  subroutine turn_with_rotor(frame, i, time, momentum, y)
-    type(frame_t), intent(in) :: frame
-    integer, intent(in) :: i
+  ! Follows the linear part of the energy of a body; the momentum is that of body and rotor.
+  pure subroutine turn_with_rotor(block, body, time, momentum, point)
+    type(block_t), intent(in) :: block
+    type(body_t), intent(in) :: body
     real(wp), intent(in) :: time
-    real(wp), intent(inout) :: momentum(3), y(frame%point_size)
-    real(wp) :: v(frame%forces), q(4), sinc
+    real(wp), intent(inout) :: momentum(3), point(block%point_size)
+    real(wp) :: v(3), q(4), sinc
 
-    associate (own => v(frame%blocks(i)%v1:frame%blocks(i)%v2), body => frame%bodies(i))
-      call find_velocities(body, 3, rotor_momentum(body), own)
-      own = time * own
-      call exponential(own, q, sinc)
-      call rotate_vector(q, momentum)
-      own = -own
-      call apply_flows(frame, 1, v, y, i)
-    end associate
+    call find_velocities(body, 3, rotor_momentum(body), v)
+    call exponential(time * v, q, sinc)
+    call rotate_vector(q, momentum)
+    q(1:3) = -q(1:3)
+    call turn_point(block, q, point)
   end subroutine turn_with_rotor
 
   ! Moves a block of a vector space, by a series for each piece of the motion.
@@ -101,33 +98,32 @@ contains
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
     real(wp), dimension(frame%dimension) :: u, xi, moved, term
     real(wp) :: fraction                     ! part of the motion in a piece
+    logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
     integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
     u = 0.0_wp
+    call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], momentum, u(:frame%forces))
+    u = time * u
+    pieces = 1
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
-        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) cycle
-        call find_velocities(frame%bodies(i), block%dimension, momentum(v:last), u(v:last))
-        u(v:last) = time * u(v:last)
+        turns(v:last) = frame%bodies(i)%turns
+        if (frame%bodies(i)%turns .or. block%kind == euclidean_block) u(v:last) = 0.0_wp
+        pieces = max(pieces, ceiling(2 * norm2(u(v:last))))
       end associate
     end do
-    pieces = max(1, ceiling(2 * maxval([(norm2(u(frame%blocks(i)%v1:frame%blocks(i)%v2)), &
-                                         i = 1, size(frame%bodies))])))
     fraction = 1.0_wp / real(pieces, wp)
     u = fraction * u
+    moved = 0.0_wp
     do j = 1, size(x, 1)
       xi = 0.0_wp
       xi(:frame%forces) = x(j, :frame%forces)
-      moved = 0.0_wp                         ! J^-1 eta times a piece
-      do i = 1, size(frame%bodies)
-        associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
-                   m => frame%forces)
-          if (body%turns) cycle
-          call find_velocities(body, last - v + 1, x(j, m + v:m + last), moved(v:last))
-          moved(v:last) = time * fraction * moved(v:last)
-        end associate
-      end do
+      associate (own => moved(:frame%forces))          ! J^-1 eta times a piece
+        call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
+                        x(j, frame%forces + 1:), own)
+        own = merge(0.0_wp, time * fraction * own, turns)
+      end associate
       do piece = 1, pieces
         call bracket(frame, u, xi, term)
         term = term + moved

@@ -11,7 +11,7 @@
 ! on, so that chains cost time in proportion to their length if their joints follow each other.
 module joints_m
   use kinds, only: wp
-  use blocks_m, only: block_t, body_t, find_velocities
+  use blocks_m, only: block_t, body_t, velocities
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_space, between_axes, coincident_axes, &
@@ -246,12 +246,11 @@ contains
     if (attitude == 0) return
     associate (block => blocks(attitude), k => blocks(attitude)%p1)
       if (block%kind == so3_block) then
-        r(1, :) = y(k:k + 2)
-        r(2, :) = y(k + 3:k + 5)
-        r(3, :) = y(k + 6:k + 8)
+        r = reshape(y(k:k + 8), [3, 3])
       else
-        call rotate_matrix(get_quaternion(block, y(k:k + 3)), .false., r(1, :), r(2, :), r(3, :))
+        call rotate_matrix(get_quaternion(block, y(k:k + 3)), .false., r)
       end if
+      r = transpose(r)                       ! from rows
     end associate
   end subroutine place
 
@@ -289,22 +288,6 @@ contains
     c%scale = 1.0_wp
     c%least = 0.0_wp
   end subroutine reserve
-
-  ! Velocities of some bodies
-  pure subroutine velocities(blocks, bodies, span, momenta, omega)
-    type(block_t), intent(in) :: blocks(:)
-    type(body_t), intent(in) :: bodies(:)
-    integer, intent(in) :: span(2)                     ! the first and the last block
-    real(wp), intent(in) :: momenta(:)                 ! theirs
-    real(wp), intent(out) :: omega(:)
-    integer :: i
-
-    do i = span(1), span(2)
-      associate (v => blocks(i)%v1 - blocks(span(1))%v1, n => blocks(i)%dimension)
-        call find_velocities(bodies(i), n, momenta(v + 1:v + n), omega(v + 1:v + n))
-      end associate
-    end do
-  end subroutine velocities
 
   ! Factors G J^-1 G^T, whose rows have been evaluated.
   pure subroutine factor_constraints(linkage, c)

@@ -68,6 +68,7 @@ contains
     real(wp), intent(out) :: q(4)
     real(wp), parameter :: signs(3) = [1.0_wp, -1.0_wp, 1.0_wp]
     real(wp) :: length, before(3), n(3), after(3), angle
+    real(wp) :: about(2)                     ! the larger one: of the smallest moment, or the largest
     logical :: swapped, down
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
@@ -81,7 +82,8 @@ contains
     end if
     before = momentum / length
     n = matmul(before, top%axes) + matmul(before, top%digits)
-    swapped = turns_about_smallest(top, n)
+    about = [n(1)**2 * top%gap(1), n(3)**2 * top%gap(2)]
+    swapped = about(1) > about(2) .or. (about(1) == about(2) .and. top%gap(1) > top%gap(2))
     if (swapped) n = signs * n([3, 2, 1])    ! half a turn
     down = n(3) < 0
     if (down) n(2:3) = -n(2:3)
@@ -100,18 +102,6 @@ contains
     after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
     momentum = length * after
   end subroutine turn_freely
-
-  ! Whether the momentum goes around the axis of the smallest moment of inertia
-  pure logical function turns_about_smallest(top, n)
-    type(top_t), intent(in) :: top
-    real(wp), intent(in) :: n(3)
-    real(wp) :: about_largest, about_smallest
-
-    about_largest = n(3)**2 * top%gap(2)
-    about_smallest = n(1)**2 * top%gap(1)
-    turns_about_smallest = about_smallest > about_largest
-    if (about_smallest == about_largest) turns_about_smallest = top%gap(1) > top%gap(2)
-  end function turns_about_smallest
 
   ! Computes the direction of the momentum after a time, and the angle chi. The third component of n
   ! isn't negative.
@@ -190,7 +180,9 @@ contains
     if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
     pieces = int(abs(u) / longest, int64) + 1
     half = u / (2 * real(pieces, wp))
-    call jacobi(half, motion%m, motion%complement, sn, cn, dn)
+    sn = small_sn(half, motion%m, motion%complement)
+    cn = sqrt(1 - sn**2)
+    dn = sqrt(1 - motion%m * sn**2)
     do i = 1, pieces
       if (.not. max(abs(motion%cn), abs(motion%dn)) > 0) then   ! at rest on the second axis
         integral = integral + 2 * half * real(pieces - i + 1, wp)
@@ -238,45 +230,24 @@ contains
                     / ((denominator + 2 * d * dn + (d**2 - c2 * y)) * (dn * sqrt(1 - y))))
   end function even_integral
 
-  ! Jacobi's functions of a small argument, by Landen's descending transformation
-  pure subroutine jacobi(u, m, complement, sn, cn, dn)
+  ! Jacobi's sn of a small argument, by Landen's descending transformation
+  pure recursive real(wp) function small_sn(u, m, complement) result(sn)
     real(wp), intent(in) :: u, m, complement
-    real(wp), intent(out) :: sn, cn, dn
     real(wp), parameter :: negligible = sqrt(epsilon(1.0_wp)) / 4   ! its square
-    real(wp) :: modulus(20), square, k, v, s
-    integer :: n
+    real(wp) :: k, modulus
 
     if (complement < epsilon(1.0_wp) / 4) then
       sn = tanh(u)
-      cn = 1 / cosh(u)
-      dn = cn
-      return
+    else if (m <= negligible) then
+      sn = sin(u)
+      sn = sn - m / 4 * (u - sn * cos(u)) * cos(u)
+    else
+      k = sqrt(complement)
+      modulus = m / (1 + k)**2
+      sn = small_sn(u * (1 + k) / 2, modulus**2, 4 * k / (1 + k)**2)
+      sn = (1 + modulus) * sn / (1 + modulus * sn**2)
     end if
-    square = m
-    k = sqrt(complement)
-    v = u
-    n = 0
-    do while (square > negligible)
-      n = n + 1
-      modulus(n) = square / (1 + k)**2
-      v = v * (1 + k) / 2
-      k = 2 * sqrt(k) / (1 + k)
-      square = modulus(n)**2
-    end do
-    sn = sin(v)
-    cn = cos(v)
-    s = square / 4 * (v - sn * cn)
-    dn = 1 - square / 2 * sn**2
-    v = sn
-    sn = sn - s * cn
-    cn = cn + s * v
-    do n = n, 1, -1
-      s = modulus(n) * sn**2
-      cn = cn * dn / (1 + s)
-      sn = (1 + modulus(n)) * sn / (1 + s)
-      dn = (1 - s) / (1 + s)
-    end do
-  end subroutine jacobi
+  end function small_sn
 
   ! The complete elliptic integral of the first kind, by the arithmetic-geometric mean
   pure real(wp) function quarter_period(complement)

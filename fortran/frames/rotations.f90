@@ -52,7 +52,7 @@ contains
     side = merge(1.0_wp, -1.0_wp, block%space)
     select case (block%kind)
     case (so3_block)
-      call rotate_matrix(q, block%space, y(1:3), y(4:6), y(7:9))
+      call rotate_matrix(q, block%space, y)
     case (sphere_block)
       call rotate_vector(q, y)
     case (quaternion_block)
@@ -78,7 +78,7 @@ contains
     integer, intent(in) :: flows, m          ! m: coefficients of the frame
     real(wp), intent(in) :: all_v(m, *)      ! the first 3 + 3 k rows are used
     real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
-    real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
+    real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), r(3, 3), half, sinc, a, b
     integer :: i, j
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
@@ -114,7 +114,9 @@ contains
         end do
       end if
     end do
-    call rotate_matrix(q, block%space, y(1:3, 1), y(1:3, 2), y(1:3, 3))
+    r = y(1:3, :)
+    call rotate_matrix(q, block%space, r)
+    y(1:3, :) = r
   end subroutine move_rigid_body
 
   ! The quaternion (vector part, scalar part) of a point. For SU(2) it is the nearest one to the
@@ -145,18 +147,15 @@ contains
   pure subroutine orthogonalise(m, y)
     integer, intent(in) :: m
     real(wp), intent(inout) :: y(m, 3)             ! its first three rows
-    real(wp) :: xx, yy, zz, xy, yz, zx, old(3, 3)
+    real(wp) :: old(3, 3), factor(3, 3)
+    integer :: i
 
     old = y(1:3, :)
-    xx = 1.5_wp - 0.5_wp * dot_product(old(:, 1), old(:, 1))
-    yy = 1.5_wp - 0.5_wp * dot_product(old(:, 2), old(:, 2))
-    zz = 1.5_wp - 0.5_wp * dot_product(old(:, 3), old(:, 3))
-    xy = -0.5_wp * dot_product(old(:, 1), old(:, 2))
-    yz = -0.5_wp * dot_product(old(:, 2), old(:, 3))
-    zx = -0.5_wp * dot_product(old(:, 3), old(:, 1))
-    y(1:3, 1) = xx * old(:, 1) + xy * old(:, 2) + zx * old(:, 3)
-    y(1:3, 2) = xy * old(:, 1) + yy * old(:, 2) + yz * old(:, 3)
-    y(1:3, 3) = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
+    factor = -0.5_wp * matmul(transpose(old), old)
+    do i = 1, 3
+      factor(i, i) = 1.5_wp + factor(i, i)
+    end do
+    y(1:3, :) = matmul(old, factor)
   end subroutine orthogonalise
 
   ! An upper bound of the distance of a matrix from the rotations, or from rigid motions
@@ -232,35 +231,27 @@ contains
     u = u + q(4) * twice + cross(q(1:3), twice)
   end subroutine rotate_vector
 
-  ! Multiplies the matrix with rows x, y, z by the rotation of q, from the left or the right.
-  pure subroutine rotate_matrix(q, left, x, y, z)
+  ! Multiplies a matrix, which is stored by rows, by the rotation of q, from the left or the right.
+  pure subroutine rotate_matrix(q, left, y)
     real(wp), intent(in) :: q(4)
     logical, intent(in) :: left
-    real(wp), intent(inout) :: x(3), y(3), z(3)
-    real(wp) :: a(3), b(3), c(3)            ! rows of the rotation
-    real(wp) :: old(3, 3), twice(3)
+    real(wp), intent(inout) :: y(3, 3)       ! rows
+    real(wp) :: r(3, 3), twice(3)            ! r: rows of the rotation
 
     twice = 2 * q(1:3)
-    a(1) = 1 - (twice(2) * q(2) + twice(3) * q(3))
-    b(2) = 1 - (twice(1) * q(1) + twice(3) * q(3))
-    c(3) = 1 - (twice(1) * q(1) + twice(2) * q(2))
-    a(2) = twice(1) * q(2) - twice(3) * q(4)
-    b(1) = twice(1) * q(2) + twice(3) * q(4)
-    b(3) = twice(2) * q(3) - twice(1) * q(4)
-    c(2) = twice(2) * q(3) + twice(1) * q(4)
-    c(1) = twice(3) * q(1) - twice(2) * q(4)
-    a(3) = twice(3) * q(1) + twice(2) * q(4)
+    r(1, 1) = 1 - (twice(2) * q(2) + twice(3) * q(3))
+    r(2, 2) = 1 - (twice(1) * q(1) + twice(3) * q(3))
+    r(3, 3) = 1 - (twice(1) * q(1) + twice(2) * q(2))
+    r(2, 1) = twice(1) * q(2) - twice(3) * q(4)
+    r(1, 2) = twice(1) * q(2) + twice(3) * q(4)
+    r(3, 2) = twice(2) * q(3) - twice(1) * q(4)
+    r(2, 3) = twice(2) * q(3) + twice(1) * q(4)
+    r(1, 3) = twice(3) * q(1) - twice(2) * q(4)
+    r(3, 1) = twice(3) * q(1) + twice(2) * q(4)
     if (left) then
-      old(:, 1) = x
-      old(:, 2) = y
-      old(:, 3) = z
-      x = a(1) * old(:, 1) + a(2) * old(:, 2) + a(3) * old(:, 3)
-      y = b(1) * old(:, 1) + b(2) * old(:, 2) + b(3) * old(:, 3)
-      z = c(1) * old(:, 1) + c(2) * old(:, 2) + c(3) * old(:, 3)
+      y = matmul(y, r)
     else
-      x = x(1) * a + x(2) * b + x(3) * c
-      y = y(1) * a + y(2) * b + y(3) * c
-      z = z(1) * a + z(2) * b + z(3) * c
+      y = matmul(r, y)
     end if
   end subroutine rotate_matrix
 

@@ -59,7 +59,7 @@ def evaluation_bytes(order: int, layout: Layout, conditions: int, size: int = 8)
     """Bound the bytes of an evaluation: `weights_t`, conditions, and copies by f2py."""
     points, ends, inner = len(layout.parents), len(layout.code), _trees(order)
     numbers = inner * (3 * points + layout.segments + 1) + 8 * points + 3 * layout.size
-    integers = 2 * order * _trees(order + 1) + 8 * ends + 4 * conditions
+    integers = 8 * ends + 4 * conditions
     return size * (numbers + 3 * conditions) + 4 * integers
 
 
