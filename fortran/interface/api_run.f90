@@ -13,8 +13,7 @@ module api_run_m
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use method_m, only: make_method, reals
-  use open_run_m, only: open_run, set_inputs
-  use run_m, only: drive, plan_at, plan_t, run_at, run_t, store_lane, wake
+  use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, set_inputs, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
   implicit none

@@ -15,7 +15,7 @@ module accepted_step_m
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
        share_step, time_at
   use phases_m
-  use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
+  use trajectory_m, only: fail, forget_step, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: finite, nan
@@ -43,7 +43,6 @@ contains
     if (x%seeks_events) then
       call evaluate_events(x, 0, 1.0_wp, x%events%after)
       if (x%status /= finished) return
-      call forget_values(x)
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid_done = x%grid_done + 1
@@ -86,7 +85,7 @@ contains
     type(output_t), intent(in) :: output
     logical :: cuts(size(x%events))
 
-    call find_zeros(x, .true.)
+    call find_zeros(x)
     if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
     cuts = may_cut(x)
@@ -105,7 +104,7 @@ contains
     type(output_t), intent(in) :: output
 
     if (x%seeks_events .and. .not. (x%interpolate_only .or. allocated(x%zeros))) then
-      call find_zeros(x, .false.)
+      call find_zeros(x)
       if (x%status /= finished .or. .not. allocated(x%zeros)) return
     end if
     x%phase = phase_store_output

@@ -28,7 +28,7 @@ module loop_m
   use phases_m
   use trajectory_m, only: trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, needs_maximum, paused
+  use shared_numbers, only: finished, needs_events, needs_maximum, paused
   implicit none
   private
   public :: resume
@@ -44,6 +44,9 @@ contains
     if (any(x%status == [needs_maximum, paused])) x%status = finished
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
+      if (x%status == needs_events) exit
+      x%queries = 0                          ! values are for one phase, which is done
+      x%answered = 0
     end do
   end subroutine resume
 
