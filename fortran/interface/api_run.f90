@@ -236,7 +236,7 @@ contains
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
-    integer :: i, k, last, last_in_step, memory
+    integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
     frame = plan%frame
@@ -244,19 +244,15 @@ contains
     if (context /= 0) frame%callback => python
     call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
     if (memory /= 0) return
-    last = -1
+    interpolant%known = plan%method%scheme%nodes
     i = 0
     do while (i < count)
       i = i + 1
       k = which(i) + 1
-      if (k /= last) then
-        interpolant%known = plan%method%scheme%nodes
-        interpolant%h = rows(3, k)
-        interpolant%on_algebra = rows(5, k) > 0
-        interpolant%y0(:) = rows(6:5 + n, k)
-        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
-        last = k
-      end if
+      interpolant%h = rows(3, k)
+      interpolant%on_algebra = rows(5, k) > 0
+      interpolant%y0(:) = rows(6:5 + n, k)
+      interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
       if (.not. theta(i) > 0) then
         y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then

@@ -132,7 +132,7 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0
+      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0 .or. record%keep_last
       allocate (run%busy(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return

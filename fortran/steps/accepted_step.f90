@@ -7,7 +7,7 @@ module accepted_step_m
   use controller_m, only: smallest_size
   use free_motion_m, only: add_constraint_forces
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, &
-       next_node, reserve_interpolant
+       next_node
   use linear_action_m, only: move_polynomially
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
@@ -116,13 +116,10 @@ contains
   ! Requests the interpolant of the last step, and no further step.
   subroutine request_interpolant(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: memory
 
     x%interpolate_only = .true.
     x%status = paused
     x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
-    call reserve_interpolant(x%frame, x%method%scheme, x%interpolant, memory)
-    if (memory /= 0 .and. .not. x%last%cut) call fail(x, out_of_memory, x%t)
   end subroutine request_interpolant
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
@@ -224,20 +221,18 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: h
     real(wp), allocatable :: flows(:)
+    real(wp), allocatable :: v(:, :)         ! of all flows
     integer :: path
 
     allocate (flows(0))
     if (.not. any(x%frame%blocks%kind == callback_block) .or. &
         x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
+    allocate (v(size(x%f, 1), size(x%method%flows%first) - 1))
+    call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
     do while (path > 0)
       associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
-        block
-          real(wp) :: v(size(x%f, 1), first:last)
-          call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, size(v, 1), &
-                             x%f, v)
-          flows = [reshape(v, [size(v)]), flows]
-        end block
+        flows = [reshape(v(:, first:last), [size(v, 1) * (last - first + 1)]), flows]
       end associate
       path = x%method%origin(path)
     end do

@@ -494,15 +494,14 @@ contains
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
     logical :: jumps(size(happen)), failed
     real(wp) :: before(size(y))
-    integer :: i, k
+    integer :: k
 
     after = y
     associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
-          if (happen(k)) x%events(of)%count = x%events(of)%count + 1
           jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
-                     .or. x%events(of)%count < events%table(of)%limit)
+                     .or. x%events(of)%count + 1 < events%table(of)%limit)
           if (.not. happen(k)) cycle
           x%events(of)%time = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
@@ -514,12 +513,13 @@ contains
         call events%jump(x%member, zeros(k)%event, t, before, after, failed)
         if (failed) then
           call fail(x, raised, x%t_end)
-          where ([(any(happen .and. zeros%event == i, 1), i=1, events%count)]) &
-            x%events%count = x%events%count - 1
           return
         end if
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
+      associate (those => pack(zeros%event, happen))   ! one of each event
+        x%events(those)%count = x%events(those)%count + 1
+      end associate
     end associate
   end subroutine store_together
 
