@@ -13,8 +13,7 @@ module api_run_m
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use method_m, only: make_method, reals
-  use open_run_m, only: open_run, set_inputs
-  use run_m, only: drive, plan_at, plan_t, run_at, run_t, store_lane, wake
+  use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, set_inputs, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
   implicit none
@@ -237,7 +236,7 @@ contains
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
-    integer :: i, k, last, last_in_step, memory
+    integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
     frame = plan%frame
@@ -245,19 +244,15 @@ contains
     if (context /= 0) frame%callback => python
     call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
     if (memory /= 0) return
-    last = -1
+    interpolant%known = plan%method%scheme%nodes
     i = 0
     do while (i < count)
       i = i + 1
       k = which(i) + 1
-      if (k /= last) then
-        interpolant%known = plan%method%scheme%nodes
-        interpolant%h = rows(3, k)
-        interpolant%on_algebra = rows(5, k) > 0
-        interpolant%y0(:) = rows(6:5 + n, k)
-        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
-        last = k
-      end if
+      interpolant%h = rows(3, k)
+      interpolant%on_algebra = rows(5, k) > 0
+      interpolant%y0(:) = rows(6:5 + n, k)
+      interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
       if (.not. theta(i) > 0) then
         y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then

@@ -7,7 +7,7 @@ module accepted_step_m
   use controller_m, only: smallest_size
   use free_motion_m, only: add_constraint_forces
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, &
-       next_node, reserve_interpolant
+       next_node
   use linear_action_m, only: move_polynomially
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
@@ -15,7 +15,7 @@ module accepted_step_m
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
        share_step, time_at
   use phases_m
-  use trajectory_m, only: fail, forget_step, forget_values, trajectory_t
+  use trajectory_m, only: fail, forget_step, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: finite, nan
@@ -43,7 +43,6 @@ contains
     if (x%seeks_events) then
       call evaluate_events(x, 0, 1.0_wp, x%events%after)
       if (x%status /= finished) return
-      call forget_values(x)
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid_done = x%grid_done + 1
@@ -86,7 +85,7 @@ contains
     type(output_t), intent(in) :: output
     logical :: cuts(size(x%events))
 
-    call find_zeros(x, .true.)
+    call find_zeros(x)
     if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
     cuts = may_cut(x)
@@ -105,7 +104,7 @@ contains
     type(output_t), intent(in) :: output
 
     if (x%seeks_events .and. .not. (x%interpolate_only .or. allocated(x%zeros))) then
-      call find_zeros(x, .false.)
+      call find_zeros(x)
       if (x%status /= finished .or. .not. allocated(x%zeros)) return
     end if
     x%phase = phase_store_output
@@ -117,13 +116,10 @@ contains
   ! Requests the interpolant of the last step, and no further step.
   subroutine request_interpolant(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: memory
 
     x%interpolate_only = .true.
     x%status = paused
     x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
-    call reserve_interpolant(x%frame, x%method%scheme, x%interpolant, memory)
-    if (memory /= 0 .and. .not. x%last%cut) call fail(x, out_of_memory, x%t)
   end subroutine request_interpolant
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
@@ -225,20 +221,18 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: h
     real(wp), allocatable :: flows(:)
+    real(wp), allocatable :: v(:, :)         ! of all flows
     integer :: path
 
     allocate (flows(0))
     if (.not. any(x%frame%blocks%kind == callback_block) .or. &
         x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
+    allocate (v(size(x%f, 1), size(x%method%flows%first) - 1))
+    call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
     do while (path > 0)
       associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
-        block
-          real(wp) :: v(size(x%f, 1), first:last)
-          call combine_flows(x%method%flows, h * x%method%flows%weight, first, last, size(v, 1), &
-                             x%f, v)
-          flows = [reshape(v, [size(v)]), flows]
-        end block
+        flows = [reshape(v(:, first:last), [size(v, 1) * (last - first + 1)]), flows]
       end associate
       path = x%method%origin(path)
     end do

@@ -73,15 +73,13 @@ module interpolant_m
 
 contains
 
-  ! Allocates the memory of an interpolant once, and gives it its frame and scheme.
+  ! Allocates the memory of an interpolant, and gives it its frame and scheme.
   subroutine reserve_interpolant(frame, scheme, self, memory)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
     type(interpolant_t), intent(inout) :: self
     integer, intent(out) :: memory           ! nonzero if there isn't enough
 
-    memory = 0
-    if (allocated(self%y0)) return
     self%frame => frame
     self%scheme => scheme
     allocate (self%path(0), self%y0(frame%point_size), self%y1(frame%point_size), &

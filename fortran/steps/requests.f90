@@ -11,7 +11,7 @@ module requests_m
   use shared_numbers
   use method_m, only: splitting_kind
   use phases_m
-  use trajectory_m, only: fail, forget_values, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use inputs_m, only: evaluate
   use interpolant_m, only: evaluate_interpolant
   use vectors_m, only: copy, finite
@@ -259,7 +259,6 @@ contains
 
     call evaluate_events(x, 0, 0.0_wp, values)
     if (x%status /= finished) return
-    call forget_values(x)
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
     x%events_known = .true.
     x%events%before = values

@@ -19,7 +19,7 @@ module step_events_m
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
   use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
        raised, resting_contact, step_too_long, step_too_long_for_events
-  use trajectory_m, only: event_state_t, fail, forget_values, trajectory_t, zero_t
+  use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private
   public :: crosses, find_zeros, store_zeros
@@ -97,11 +97,10 @@ contains
   end function crosses
 
   ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
-  ! requested: then the trajectory is left as it was. If `detects` is true, the times of zeros aren't
-  ! computed.
-  subroutine find_zeros(x, detects)
+  ! requested: then the trajectory is left as it was. While the interpolant isn't complete, they are
+  ! only detected: their times aren't computed.
+  subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
-    logical, intent(in) :: detects
     type(event_state_t) :: events(size(x%events))
 
     if (rotates_far(x)) then
@@ -109,19 +108,16 @@ contains
       return
     end if
     events = x%events
-    call seek_zeros(x, detects)
+    call seek_zeros(x)
     if (x%status == needs_events) then
       x%events = events
       if (allocated(x%zeros)) deallocate (x%zeros)
-    else
-      call forget_values(x)
     end if
   end subroutine find_zeros
 
   ! Finds the zeros of all events in a step, as far as values are known.
-  subroutine seek_zeros(x, detects)
+  subroutine seek_zeros(x)
     type(trajectory_t), intent(inout) :: x
-    logical, intent(in) :: detects
     logical :: waits
     ! (0:parts), (events, 0:parts), (0:parts) values of one event
     real(wp), allocatable :: theta(:), values(:, :), own(:)
@@ -160,8 +156,8 @@ contains
     waits = .false.
     do i = 1, size(values, 1)
       own(:) = values(i, :)
-      if (x%events(i)%came_from /= 0) call find_after_event(x, i, detects, theta, own)
-      if (x%status == finished) call find_zeros_of(x, i, detects, theta, own)
+      if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, own)
+      if (x%status == finished) call find_zeros_of(x, i, theta, own)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
         x%status = finished
@@ -201,10 +197,9 @@ contains
   end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(x, event, detects, theta, values)
+  subroutine find_zeros_of(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    logical, intent(in) :: detects
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
     real(wp) :: extremum(2)
     integer :: k, last
@@ -212,16 +207,15 @@ contains
 
     last = 0                                           ! part with a pair of zeros
     do k = 1, ubound(theta, 1)
-      call add_zero(x, event, detects, [theta(k - 1), values(k - 1)], [theta(k), values(k)])
+      call add_zero(x, event, [theta(k - 1), values(k - 1)], [theta(k), values(k)])
       if (x%status /= finished .or. k == ubound(theta, 1)) return
-      call find_turning_point(x, event, detects, theta(k - 1:k + 1), values(k - 1:k + 1), &
-                              extremum, exists)
+      call find_turning_point(x, event, theta(k - 1:k + 1), values(k - 1:k + 1), extremum, exists)
       if (x%status /= finished) return
       if (.not. exists .or. (extremum(1) < theta(k) .and. last == k)) cycle
       last = merge(k, k + 1, extremum(1) < theta(k))
-      call add_zero(x, event, detects, [theta(last - 1), values(last - 1)], extremum)
+      call add_zero(x, event, [theta(last - 1), values(last - 1)], extremum)
       if (x%status == finished) &
-        call add_zero(x, event, detects, extremum, [theta(last), values(last)])
+        call add_zero(x, event, extremum, [theta(last), values(last)])
       if (x%status /= finished) return
     end do
   end subroutine find_zeros_of
@@ -231,10 +225,9 @@ contains
   ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
   ! middle is tried of an outer part at whose end the function does. So it is for detection along the
   ! cubic, which isn't accurate.
-  subroutine find_turning_point(x, event, detects, ends, values, extremum, exists)
+  subroutine find_turning_point(x, event, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    logical, intent(in) :: detects
     real(wp), intent(in) :: ends(3), values(3)
     real(wp), intent(out) :: extremum(2)                ! the point, and the function there
     logical, intent(out) :: exists
@@ -242,8 +235,9 @@ contains
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
     real(wp) :: theta(3), v(3), near, nearest
     integer :: edge, i
-    logical :: bends, lies_within
+    logical :: bends, detects, lies_within
 
+    detects = .not. x%interpolant%complete
     theta = ends
     v = abs(values)
     extremum = 0.0_wp
@@ -312,10 +306,9 @@ contains
 
   ! Adds the zero of an event between two points if there is one, any number in between if it is only
   ! detected.
-  subroutine add_zero(x, event, detects, low, high)
+  subroutine add_zero(x, event, low, high)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    logical, intent(in) :: detects
     real(wp), intent(in) :: low(2), high(2)            ! points, and the values there
     real(wp) :: zero
 
@@ -324,7 +317,7 @@ contains
                          events%table(event)%period)) return
     end associate
     zero = high(1)
-    if (high(2) /= 0 .and. .not. detects) call find_root(x, event, low, high, zero)
+    if (high(2) /= 0 .and. x%interpolant%complete) call find_root(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
@@ -336,19 +329,17 @@ contains
   ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
   ! start. The first values that are larger than rounding tell a line through zero, which passes,
   ! from a higher power of time. If the step is too small to tell, the next one decides.
-  subroutine find_after_event(x, event, detects, theta, values)
+  subroutine find_after_event(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    logical, intent(in) :: detects
     real(wp), contiguous, intent(in) :: theta(0:)
     real(wp), contiguous, intent(inout) :: values(0:)  ! there; first ones of rounding become zero
     integer, parameter :: halvings = 60
     ! A line has the power 1, a body that lies on the floor falls by the power 2. `passes` ends the
     ! search early, `rests` is halfway between them.
     real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
-    ! points ever nearer, the function there, and its rounding
-    real(wp), allocatable :: at(:), near(:), rounding(:)
-    real(wp) :: elapsed, point(2)
+    real(wp), allocatable :: near(:, :)      ! (3, points) ever nearer, the function, its rounding
+    real(wp) :: elapsed, point(3)
     integer :: first, k, last
 
     associate (state => x%events(event), n => ubound(theta, 1), &
@@ -364,27 +355,25 @@ contains
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
-      at = theta(last:first:-1)
-      near = values(last:first:-1)
-      rounding = [(rounding_at(x, event, at(k), values(n)), k=1, size(at))]
+      near = reshape([(theta(k), values(k), rounding_at(x, event, theta(k), values(n)), &
+                       k=last, first, -1)], [3, last - first + 1])
       elapsed = abs((x%t - state%time) / x%h)
       do k = 1, halvings
         point(1) = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
-        if (point(1) < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < passes) exit
-        call evaluate_events(x, event, point(1), point(2:))
+        if (point(1) < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
+        call evaluate_events(x, event, point(1), point(2:2))
         if (x%status /= finished) return
-        if (abs(point(2)) <= rounding_at(x, event, point(1), values(n))) exit
+        point(3) = rounding_at(x, event, point(1), values(n))
+        if (abs(point(2)) <= point(3)) exit
         if (point(2) * side > 0) then
-          if (first == 1) call add_zero(x, event, detects, point, [theta(1), values(1)])
+          if (first == 1) call add_zero(x, event, point(:2), [theta(1), values(1)])
           state%came_from = 0
           return
         end if
-        at = [at, point(1)]
-        near = [near, point(2)]
-        rounding = [rounding, rounding_at(x, event, point(1), values(n))]
+        near = reshape([near, point], [3, size(near, 2) + 1])
       end do
-      associate (power => power_of(elapsed, at, near, rounding, 1))
+      associate (power => power_of(elapsed, near, 1))
         if (power < 0) return
         if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
           state%came_from = 0
@@ -398,24 +387,24 @@ contains
   ! The power of time that a function grows with, by the last points and others so much later that
   ! rounding hardly matters: negative if there are none; or the largest of several powers, huge if
   ! there are too few.
-  pure real(wp) function power_of(elapsed, at, values, rounding, powers)
+  pure real(wp) function power_of(elapsed, near, powers)
     real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
-    real(wp), contiguous, intent(in) :: at(:), values(:), rounding(:)
+    real(wp), intent(in) :: near(:, :)       ! (3, points)
     integer, intent(in) :: powers
-    real(wp) :: times(size(at)), ratio
+    real(wp) :: times(size(near, 2)), ratio
     integer :: j, k
 
-    times = elapsed + at
+    times = elapsed + near(1, :)
     power_of = -1.0_wp
-    do k = size(at), size(at) - powers + 1, -1
+    do k = size(times), size(times) - powers + 1, -1
       ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
-      ratio = exp(rounding(k) / abs(4 * values(k)))
+      ratio = exp(near(3, k) / abs(4 * near(2, k)))
       j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
       if (j == 0) then
         power_of = merge(power_of, huge(power_of), powers == 1)
         return
       end if
-      power_of = max(power_of, log(values(j) / values(k)) / log(times(j) / times(k)))
+      power_of = max(power_of, log(near(2, j) / near(2, k)) / log(times(j) / times(k)))
     end do
   end function power_of
 
@@ -492,7 +481,6 @@ contains
         if (happen(k)) x%events(zeros(k)%event)%residual = value(1)
       end do
     end associate
-    call forget_values(x)
   end subroutine find_together
 
   ! Stores events that happen together. Those without a jump come first, at the point before all
@@ -506,15 +494,14 @@ contains
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
     logical :: jumps(size(happen)), failed
     real(wp) :: before(size(y))
-    integer :: i, k
+    integer :: k
 
     after = y
     associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
-          if (happen(k)) x%events(of)%count = x%events(of)%count + 1
           jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
-                     .or. x%events(of)%count < events%table(of)%limit)
+                     .or. x%events(of)%count + 1 < events%table(of)%limit)
           if (.not. happen(k)) cycle
           x%events(of)%time = t
           if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
@@ -526,12 +513,13 @@ contains
         call events%jump(x%member, zeros(k)%event, t, before, after, failed)
         if (failed) then
           call fail(x, raised, x%t_end)
-          where ([(any(happen .and. zeros%event == i, 1), i=1, events%count)]) &
-            x%events%count = x%events%count - 1
           return
         end if
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
+      associate (those => pack(zeros%event, happen))   ! one of each event
+        x%events(those)%count = x%events(those)%count + 1
+      end associate
     end associate
   end subroutine store_together
 

@@ -19,7 +19,7 @@ module trajectory_m
   implicit none
   private
   public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
-            fail, forget_step, forget_values, reserve_trajectory, set_start
+            fail, forget_step, reserve_trajectory, set_start
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
@@ -329,7 +329,8 @@ contains
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
     if (allocated(x%zeros)) deallocate (x%zeros)
-    call forget_values(x)
+    x%queries = 0
+    x%answered = 0
   end subroutine continue_trajectory
 
   ! Copies what a trajectory needs between steps to continue bit for bit, or restores it.
@@ -383,14 +384,6 @@ contains
       if (.not. restores) bytes(used - count + 1:used) = part
     end subroutine move
   end subroutine exchange_state
-
-  ! Forgets the values of events that were requested, when what needs them is done.
-  pure elemental subroutine forget_values(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%queries = 0
-    x%answered = 0
-  end subroutine forget_values
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t, flag)

@@ -140,8 +140,8 @@ class Run:
         ``solver_rows`` are as many as the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
-        within = problem.dense or record.outputs or self._functions
-        if (within or record.keep_last) and problem.in_coordinates:
+        within = problem.dense or record.outputs or self._functions or record.keep_last
+        if within and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
         rows = plan.step_table.kept + 4 * (plan.step_table.kept_nodes + solver_rows)
         rows += 2 * plan.columns if within else 0
