@@ -402,14 +402,6 @@ def test_pairs_whose_results_become_equal_are_left_out():
     assert replace(result, starts=(start,)).methods == ()
 
 
-def test_search_resumes_from_store(tmp_path):
-    path = tmp_path / "runs.jsonl"
-    options = FIVE | {"flows": 9, "maxfev": 40}
-    cg.search(**options, starts=4, store=path)
-    result = cg.search(**options, starts=6, store=path)
-    assert result == cg.search(**options, starts=6)
-
-
 @pytest.mark.parametrize("embedded", [False, True])
 @pytest.mark.parametrize(("stages", "flows"), [(1, 1), (2, 2), (4, 4), (6, 9), (7, 16)])
 def test_drawn_trees_are_valid_and_use_every_flow(stages, flows, embedded):
