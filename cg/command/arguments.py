@@ -13,7 +13,7 @@ from cg.command.main import message_of
 from cg.construction.catalogue import is_file, load, methods, similar_names
 from cg.construction.methods.method import Method
 from cg.construction.points import MethodError
-from cg.support.parsing import visible_lines
+from cg.support.parsing import visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -71,7 +71,7 @@ def as_json(data: Any) -> None:
 
 def say(text: str, *, err: bool = False) -> None:
     """Print lines of text with all other control characters escaped."""
-    click.echo(visible_lines(text), err=err)
+    click.echo("\n".join(map(visible, text.split("\n"))), err=err)
 
 
 def check_output(path: Path | None) -> None:

@@ -33,11 +33,6 @@ def visible(text: str) -> str:
     )
 
 
-def visible_lines(text: str) -> str:
-    """Return a text with all characters escaped that aren't printable, except line breaks."""
-    return "\n".join(map(visible, text.split("\n")))
-
-
 def quoted(text: str) -> str:
     """Return a text as a TOML string of printable characters."""
     escaped = json.dumps(text, ensure_ascii=False)

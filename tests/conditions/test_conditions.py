@@ -12,8 +12,8 @@ from slow_cases import slow
 from strategies import tableaux
 
 import cg
-from cg import _core_r128, conditions
-from cg.construction.conditions import condition_trees
+from cg import conditions
+from cg.construction.conditions import condition_trees, core_calls
 from cg.construction.layouts import Layout, Rows, rows_of
 from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree, forest, fortran_tables, main
@@ -23,8 +23,7 @@ from cg.support.quads import decode, encode
 def residuals_quad(layout, x, order, independent=False):
     """Return the residuals at packed weights, which are rounded to binary128 first."""
     trees = np.array(condition_trees(order, independent), dtype=np.intc)
-    bits = _core_r128.residuals(order, layout.code, encode(x).T, trees, np.zeros_like(trees))
-    return decode(np.ascontiguousarray(bits.T))
+    return decode(core_calls.residuals(order, layout, encode(x), trees))
 
 
 exactly = partial(conditions.residuals, arithmetic="exact")

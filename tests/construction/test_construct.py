@@ -98,11 +98,6 @@ class TestConstruct:
         with pytest.raises(ValueError, match=r"64 unknowns for 72 .* with structure MIDDLE"):
             cg.construct(order=6, stages=11, seed=0, structure=Structure.MIDDLE)
 
-    def test_result_does_not_depend_on_workers(self):
-        one, two = (cg.construct(order=4, stages=5, seed=3, workers=n) for n in (1, 2))
-        assert one.method == two.method
-        assert one.tries == two.tries
-
     def test_no_method_if_all_tries_fail(self):
         construction = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
         assert construction.method is None

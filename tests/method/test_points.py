@@ -180,16 +180,9 @@ def test_points_compare_by_value():
 
 
 class TestThirdWeights:
-    def make(self, third, **options):
-        pair = methods["CF6(5)"]
-        parents = [point.parent for point in pair.points]
-        given = {"result": pair.result, "embedded_result": pair.embedded_result} | options
-        points = zip(parents, pair.point_coefficients, strict=True)
-        return CommutatorFree(points, pair.stage_points, third=third, **given)
-
-    def test_error_weights(self, tmp_path):
+    def test_error_weights(self):
         third = ["1", *["0"] * 8]
-        pair = self.make(third)
+        pair = methods["CF6(5)"].with_coefficients(methods["CF6(5)"].coefficients, third=third)
         second, weights = pair.error_weights
         assert second == tuple(
             b - w for b, w in zip(pair.exact[1], pair.exact_embedded, strict=True)

@@ -7,10 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from coefficients import CLASSICAL
+from flint import fmpq_poly, fmpz_poly
 from kinds import FROZEN
 
 import cg
 from cg.construction.methods.estimate import stability_function, stability_limits
+from cg.support.quads import to_flint, to_fraction
 
 METHODS = [*map(cg.methods.get, ("LieEuler", "CG2", "CG3")), CLASSICAL]
 
@@ -75,21 +77,10 @@ def chain(polynomial):
 
 def chebyshev(stages, damping):
     """Return the damped polynomial T_s(w0 + w1 z) / T_s(w0) of first order, and its real limit."""
-    w0 = 1 + damping / stages**2
-    values, slopes = [Fraction(1), w0], [Fraction(0), Fraction(1)]
-    for _ in range(stages - 1):
-        slopes.append(2 * values[-1] + 2 * w0 * slopes[-1] - slopes[-2])
-        values.append(2 * w0 * values[-1] - values[-2])
-    w1 = values[-1] / slopes[-1]
-    before, last = [Fraction(1)], [w0, w1]
-    for _ in range(stages - 1):
-        higher = [2 * w0 * c for c in last] + [Fraction(0)]
-        for k, c in enumerate(last):
-            higher[k + 1] += 2 * w1 * c
-        for k, c in enumerate(before):
-            higher[k] -= c
-        before, last = last, higher
-    return [c / values[-1] for c in last], 2 * w0 / w1
+    t, w0 = fmpq_poly(fmpz_poly.chebyshev_t(stages)), to_flint(1 + damping / stages**2)
+    w1 = t(w0) / t.derivative()(w0)
+    polynomial = t(fmpq_poly([w0, w1])) / t(w0)
+    return list(map(to_fraction, polynomial.coeffs())), to_fraction(2 * w0 / w1)
 
 
 @pytest.mark.parametrize("stages", [2, 5, 9, 10, 25])

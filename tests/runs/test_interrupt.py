@@ -55,11 +55,10 @@ def fit_lmdif(stop_flag, quadruple=False):
     return _core_r128.fit_lmdif(ORDER, LAYOUT.code, bits, trees, zero, zero, FOREVER, stop_flag)
 
 
-def fit_lmdif_quad(stop_flag):
-    return fit_lmdif(stop_flag, quadruple=True)
-
-
-ENTRIES = {"fast": fit_fast, "lmdif": fit_lmdif, "lmdif in real(16)": fit_lmdif_quad}
+ENTRIES = {
+    "fast": fit_fast, "lmdif": fit_lmdif,
+    "lmdif in real(16)": lambda stop_flag: fit_lmdif(stop_flag, quadruple=True),
+}  # fmt: skip
 
 
 def run_all(work, items, workers):

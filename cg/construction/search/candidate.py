@@ -190,11 +190,11 @@ class Reduction:
 
     def walk(self, candidate: Candidate, size: float = 0.3) -> Candidate:
         """Return another point of the solution set, after a random step of length `size`."""
+        system, movable = candidate.system, candidate.system.movable
         for _ in range(6):
-            movable = candidate.system.movable
             x = candidate.x.copy()
             x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
-            moved = correct(Candidate(candidate.system, x), _fixed(candidate.system))
+            moved = correct(Candidate(system, x), fixed_entries(system.order, system.layout))
             if solved(moved) and moved.largest <= self.largest:
                 return moved
             size /= 2
@@ -238,18 +238,9 @@ class Reduction:
         return None
 
 
-def _removable(system: ConditionSystem) -> range:
-    """Return the stages that can be eliminated; a structure treats the first two differently."""
-    return range(0 if system.structure is Structure.GENERAL else 2, system.stages)
-
-
-def _fixed(system: ConditionSystem) -> list[int]:
-    return fixed_entries(system.order, system.layout)
-
-
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
     """Solve from a start, and again if f is at most `promising` after the first run."""
-    frozen = _fixed(candidate.system)
+    frozen = fixed_entries(candidate.system.order, candidate.system.layout)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
     if not 1e-26 < first.f <= promising:
@@ -260,7 +251,8 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
 def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
-    stages = _removable(system)
+    # a structure treats the first two differently
+    stages = range(0 if system.structure is Structure.GENERAL else 2, system.stages)
     for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
         if receiver is not None and receiver not in stages:
             continue
