@@ -1,6 +1,5 @@
 """Solvers, problems and the page of the benchmarks."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -8,13 +7,6 @@ import pytest
 import cg
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _importable():
-    sys.path.insert(0, str(ROOT))
-    yield
-    sys.path.remove(str(ROOT))
 
 
 @pytest.mark.parametrize("projected", [True, pytest.param(False, marks=pytest.mark.slow)])

@@ -1,6 +1,5 @@
 """Errors compared with error estimates: of coefficients, and on random families of problems."""
 
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from frame_examples import HEISENBERG
 
 import cg
+from benchmarks import estimates, page
 from cg.construction.methods.estimate import MAX_RATIO, break_ratio, estimate_ratio
 from cg.frames import SE3, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
@@ -21,15 +21,6 @@ SPIN = LinearAction([
     -0.5j * m
     for m in (np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]]), np.diag([1, -1]))
 ])  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def benchmarks():
-    sys.path.insert(0, str(ROOT))
-    import benchmarks.estimates as estimates
-
-    yield estimates
-    sys.path.remove(str(ROOT))
 
 
 class TestRatios:
@@ -76,32 +67,32 @@ class TestRatios:
 
 
 @pytest.fixture(scope="module")
-def families(benchmarks):
+def families():
     """Return a function of the number of problems of each family, which computes them once."""
-    return cache(lambda n: [(family, family.reference()) for family in benchmarks.families(n)])
+    return cache(lambda n: [(family, family.reference()) for family in estimates.families(n)])
 
 
 class TestFamilies:
     """Random problems for each kind of equation and each frame, all hundred in the slow test."""
 
-    def check(self, benchmarks, families, name, tolerances):
+    def check(self, families, name, tolerances):
         quotients = np.array([
             family.errors(family.solve(name, tolerance), exact) / tolerance
             for family, exact in families
             for tolerance in tolerances
         ])  # fmt: skip
         assert np.median(quotients) <= 0.3
-        assert quotients.max() <= benchmarks.LARGEST
+        assert quotients.max() <= estimates.LARGEST
         assert np.median(quotients) > 1e-4  # no needless accuracy
 
     @pytest.mark.parametrize("name", DEFAULTS)
-    def test_defaults(self, benchmarks, families, name):
-        self.check(benchmarks, families(40), name, (1e-3, 1e-7))
+    def test_defaults(self, families, name):
+        self.check(families(40), name, (1e-3, 1e-7))
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", DEFAULTS)
-    def test_all_tolerances(self, benchmarks, families, name):
-        self.check(benchmarks, families(100), name, benchmarks.TOLERANCES)
+    def test_all_tolerances(self, families, name):
+        self.check(families(100), name, estimates.TOLERANCES)
 
     def test_the_default_of_linear_equations(self, families):
         """On the families of time alone."""
@@ -190,9 +181,7 @@ class TestDiscontinuities:
 
 
 @pytest.fixture(scope="module")
-def measured(benchmarks):
-    from benchmarks import page
-
+def measured():
     return page.read(ROOT / "benchmarks" / "results.json")[0]["estimates"]
 
 
@@ -204,12 +193,11 @@ def test_defaults_follow_the_rule(measured):
 
 
 def test_measured_estimates_in_the_catalogue(measured, tmp_path):
-    from benchmarks.estimates import BEGIN, END, write_table
-
     text = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
-    page = tmp_path / "page.md"
-    page.write_text(f"{BEGIN}{END}", encoding="utf-8")
-    write_table(measured, page)
-    assert page.read_text(encoding="utf-8") in text
+    file = tmp_path / "page.md"
+    file.write_text(f"{estimates.BEGIN}{estimates.END}", encoding="utf-8")
+    estimates.write_table(measured, file)
+    table = file.read_text(encoding="utf-8")
+    assert table in text
     assert {method.name for method in PAIRS}.issuperset(measured.numbers)
-    assert all(f"| `{method.name}` | " in page.read_text(encoding="utf-8") for method in PAIRS)
+    assert all(f"| `{method.name}` | " in table for method in PAIRS)

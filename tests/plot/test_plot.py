@@ -191,10 +191,11 @@ class TestAttitude:
         np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)
 
 
-class TestPaths:
-    def path(self, y, draw=cg.plot.trajectory_on_sphere, line=0):
-        return np.array(draw(y).get_lines()[line].get_data_3d()).T
+def paths(y, draw=cg.plot.bloch):
+    return [np.transpose(line.get_data_3d()) for line in draw(y).lines]
 
+
+class TestPaths:
     @pytest.mark.parametrize("draw", [cg.plot.trajectory_on_sphere, cg.plot.bloch])
     @pytest.mark.parametrize("dense", [True, False])
     def test_quaternions_are_read_as_their_frame_says(self, draw, dense):
@@ -205,12 +206,12 @@ class TestPaths:
                 frame=frame, dense_output=dense,
             )  # fmt: skip
             expected = frame.as_rotation(run.y[[0, -1]]).apply([0.0, 0.0, 1.0])
-            assert np.abs(self.path(run, draw)[[0, -1]] - expected).max() < 1e-12
+            assert np.abs(paths(run, draw)[0][[0, -1]] - expected).max() < 1e-12
 
     def test_points_of_other_frames_are_no_rotations(self):
         sphere = cg.frames.Sphere(3)
         run = cg.solve_ivp(lambda t, y: [1.0, 0, 0, 0, 0, 0], (0, 1), [1.0, 0, 0, 0], frame=sphere)
-        refuses(ValueError, r"\(n, 4\) of rotations, got \(\d+, 4\) on Sphere", self.path, run)
+        refuses(ValueError, r"\(n, 4\) of rotations, got \(\d+, 4\) on Sphere", paths, run)
 
     def test_members_are_drawn_between_their_steps_and_up_to_their_ends(self):
         def f(t, y, p):
@@ -223,8 +224,7 @@ class TestPaths:
         )  # fmt: skip
         assert runs.status.tolist() == [0, -1]
         for draw in (cg.plot.trajectory_on_sphere, cg.plot.bloch):
-            for k in range(2):
-                path = self.path(runs, draw, k)
+            for k, path in enumerate(paths(runs, draw)):
                 exact = runs[k].sol(np.linspace(0, runs[k].t[-1], 300))
                 distances = np.linalg.norm(path[:, None] - exact, axis=-1)
                 assert distances.min(0).max() < 0.02
@@ -233,7 +233,7 @@ class TestPaths:
 
     def test_matrices_are_densities_or_unitary(self):
         densities = np.array([[[0.5, -0.5j], [0.5j, 0.5]]] * 3)
-        assert np.abs(self.path(densities, cg.plot.bloch)[0] - [0.0, 1.0, 0.0]).max() < 1e-12
+        assert np.abs(paths(densities)[0][0] - [0.0, 1.0, 0.0]).max() < 1e-12
         densities[2] *= 0.9
         refuses(ValueError, "got one of trace 0.9", cg.plot.bloch, densities)
 
@@ -274,7 +274,7 @@ VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
 ], ids=["states", "densities", "propagators"])  # fmt: skip
 def test_bloch_vectors(y):
     """Great circles between them: each is met, and all points are states."""
-    line = np.transpose(cg.plot.bloch(y).lines[0].get_data_3d())
+    (line,) = paths(y)
     np.testing.assert_allclose(line[[0, -1]], np.array(VECTORS)[[0, -1]], atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(line, axis=1), 1.0, atol=1e-12)
     for vector in VECTORS:
@@ -282,10 +282,6 @@ def test_bloch_vectors(y):
 
 
 class TestKindsOfPoints:
-    def lines(self, y, **options):
-        lines = cg.plot.bloch(y, **options).lines
-        return [np.transpose(line.get_data_3d()) for line in lines]
-
     def test_give_the_same_path(self):
         """A rotation about x from |0⟩, as spins, vectors, rotations, and densities in a row."""
         angles = np.linspace(0, 2, 9)
@@ -295,9 +291,9 @@ class TestKindsOfPoints:
         quaternions = cg.frames.UnitQuaternion().flow(
             angles[:, None] * [1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
         )
-        (path,) = self.lines(kets)
+        (path,) = paths(kets)
         for y in (densities, turns, turns[:, :, 2], quaternions):
-            np.testing.assert_allclose(self.lines(y)[0], path, atol=1e-12)
+            np.testing.assert_allclose(paths(y)[0], path, atol=1e-12)
 
     def test_dense_solutions_and_members(self):
         """Between steps the solution is drawn, here a small circle, and no great circle."""
@@ -305,7 +301,7 @@ class TestKindsOfPoints:
             lambda t, y: [0.0, 0.0, 1.0], (0, 6), [0.6, 0.0, 0.8], frame=cg.frames.Sphere(2),
             dense_output=True,
         )  # fmt: skip
-        np.testing.assert_allclose(self.lines(run)[0][:, 2], 0.8, atol=1e-12)
+        np.testing.assert_allclose(paths(run)[0][:, 2], 0.8, atol=1e-12)
         many = cg.solve_ensemble(
             lambda t, y: [0.0, 0.0, 1.0], (0, 1), [[0.6, 0.0, 0.8], [0.0, 0.6, 0.8]],
             frame=cg.frames.Sphere(2),
@@ -318,6 +314,6 @@ class TestKindsOfPoints:
     def test_states_of_qutip(self):
         qutip = pytest.importorskip("qutip")
         states = [qutip.basis(2, 0), (qutip.basis(2, 0) + qutip.basis(2, 1)).unit()]
-        (path,) = self.lines(states)
+        (path,) = paths(states)
         np.testing.assert_allclose(path[-1], [1.0, 0.0, 0.0], atol=1e-12)
-        np.testing.assert_allclose(self.lines([state.proj() for state in states])[0], path)
+        np.testing.assert_allclose(paths([state.proj() for state in states])[0], path)
