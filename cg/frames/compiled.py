@@ -23,6 +23,7 @@ eigenvalues of isospectral matrices, the number of columns, or the matrices of a
 CLOSED_FORMS = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
 """Kinds of matrices whose coordinates have a closed form."""
 
+_BY_LAPACK = BlockKind.STIEFEL, BlockKind.ISOSPECTRAL
 _MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U
 
 MAX_MATRIX = 12
@@ -31,9 +32,7 @@ MAX_MATRIX = 12
 
 def needs_lapack(block: Block) -> bool:
     """Return whether compiled code calls BLAS and LAPACK for a block."""
-    kind, rows, *_ = block
-    always = BlockKind.STIEFEL, BlockKind.ISOSPECTRAL
-    return kind in always or (kind in _MATRICES and rows > MAX_MATRIX)
+    return block[0] in _BY_LAPACK or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
 
 
 def convention_option(convention: str) -> int:
