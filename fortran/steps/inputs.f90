@@ -76,9 +76,9 @@ contains
 
   ! Writes the values at a time into the data of a member.
   subroutine write_inputs(table, t, member, data)
-    ! (7, curves) of each curve: powers, pieces, width, first place in the data of a member, addresses
-    ! of the starts of the pieces and of the coefficients (width, pieces, powers), and the bytes from
-    ! the coefficients of one member to those of the next
+    ! (7, curves) of each curve: powers, pieces, width, first place in the data of a member,
+    ! addresses of the starts of the pieces and of the coefficients (width, pieces, powers), and the
+    ! bytes from the coefficients of one member to those of the next
     integer(c_int64_t), intent(in) :: table(:, :)
     real(wp), intent(in) :: t
     integer, intent(in) :: member
