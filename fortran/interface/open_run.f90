@@ -68,8 +68,6 @@ contains
       problem%goes_on = record%goes_on /= 0
       problem%of_time = record%of_time /= 0
       problem%record => run%record
-      problem%unique_flows = record%unique_flows /= 0
-      problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%jacobian_is_matrix = record%jacobian /= sparse_jacobian
     end associate
   end subroutine set_problem
@@ -83,9 +81,6 @@ contains
     associate (problem => run%problem, record => run%record)
       problem%stops = reals(record%stops, record%segments)
       problem%adaptive = .not. record%h > 0
-      problem%h = record%h
-      problem%first_step = record%first_step
-      problem%max_steps = record%max_steps
       n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates /= 0)
       call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerance_count)])
       call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerance_count)])

@@ -179,7 +179,7 @@ contains
       lane%counts = counters_t()
       lane%control%attempts = 0
       lane%outputs_done = 0
-      call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
+      call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then

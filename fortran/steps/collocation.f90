@@ -1,7 +1,7 @@
 ! Collocation methods of three stages on a Lie algebra. The first column of f is the start of the
-! step, which only the error estimate uses; all stages are implicit, and solved by simplified Newton
-! iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section IV.8. The
-! coordinates z_i of the stages solve
+! step, which only the error estimate uses; all stages are implicit, and solved by simplified
+! Newton iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section
+! IV.8. The coordinates z_i of the stages solve
 !
 !   h sum_j a_ij F_j = z_i,   F_j = dexp^-1_(z_j) f(t + c_j h, exp(z_j) y),
 !
@@ -20,8 +20,8 @@ module collocation_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
-  use shared_numbers, only: factor_operation, jacobian_operation, raised, solve_operation, &
-                            stages_not_solved, step_too_long
+  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, raised, &
+                            solve_operation, stages_not_solved, step_too_long
   implicit none
   private
   public :: converges_fast, filtered, keep_step, refactor, request_collocation, store_collocation, &
@@ -65,8 +65,7 @@ contains
     call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
     call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
     x%counts%nexp = x%counts%nexp + 1
-    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
-                 phase_stage_received, x%request%answer)
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), phase_stage_received)
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
@@ -289,7 +288,7 @@ contains
     logical :: failed
 
     x%counts%njev = x%counts%njev + 1
-    if (.not. x%problem%has_jacobian) then
+    if (x%problem%record%jacobian == differences_jacobian) then
       call displacements(x, x%newton%z(:, 1))
       x%newton%column = 1
       call request_column(x)
@@ -342,7 +341,7 @@ contains
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call apply_flows(x%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%answer)
+      call request(x, x%t, x%y(:, x%result), phase_column_received)
     end associate
   end subroutine request_column
 

@@ -44,7 +44,7 @@ contains
 
     select case (x%status)
     case (needs_field)
-      call check_coefficients(x, x%request%y, x%request%answer)
+      call check_coefficients(x)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
     case (needs_events)
@@ -128,7 +128,7 @@ contains
   subroutine store_slope(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (.not. associated(x%problem%field)) x%slope(:) = x%request%answer
+    x%slope(:) = x%request%answer
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return

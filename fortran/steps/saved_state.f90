@@ -115,7 +115,6 @@ contains
         solver%factored_h = merge(x%h, 0.0_wp, any(solver%pivot > 0, dim=1))
       end if
     end associate
-    x%weighted_by = 0.0_wp
     call continue_trajectory(x)
     if (counts%status == terminal_event) x%status = terminal_event
   end subroutine load_state

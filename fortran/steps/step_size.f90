@@ -54,7 +54,7 @@ contains
       if (.not. (x%problem%adaptive .or. associated(x%problem%step_function)) .and. &
           (x%grid%stop /= stop &
            .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
-        call make_grid(x%t, stop, x%problem%h, x%grid)
+        call make_grid(x%t, stop, x%problem%record%h, x%grid)
         x%grid_done = 0
       end if
       x%h = sign(x%h, stop - x%t)
@@ -62,7 +62,7 @@ contains
     x%phase = phase_choose_step
     if (x%problem%adaptive .and. .not. x%control%step_size > 0) then
       x%phase = phase_guess_size
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
     end if
   end subroutine begin_segment
 
@@ -96,7 +96,7 @@ contains
       call apply_flows(x%frame, 1, x%u, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%answer)
+      call request(x, x%t + x%h, moved, phase_curvature_received)
     end associate
   end subroutine request_curvature
 
@@ -168,20 +168,16 @@ contains
         end if
       end if
       if (x%status /= finished) return
-      if (x%h /= x%weighted_by) then
-        x%weight(:) = x%h * x%method%flows%weight
-        x%weighted_by = x%h
-      end if
+      x%weight(:) = x%h * x%method%flows%weight
       x%stage = 1
       x%newton%iteration = 0
       x%solver%first = 0
       x%paths = 0
-      x%path_of_u = 0
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
       if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
     end associate
   end subroutine choose_step
 
@@ -194,7 +190,7 @@ contains
     real(wp) :: longest
 
     associate (control => x%control, max_step => x%tolerances%max_step)
-      if (control%attempts >= x%problem%max_steps) then
+      if (control%attempts >= x%problem%record%max_steps) then
         call fail(x, too_many_steps, x%t)
         return
       end if
@@ -237,19 +233,19 @@ contains
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp
       call evaluate_size(x, 0 * v, values(0))
-      offset = near * x%problem%h * values(0)
+      offset = near * x%problem%record%h * values(0)
       do i = -1, 1, 2
         if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
       end do
       if (x%status == raised) return
-      log_change = sign(1.0_wp, stop - x%t) * x%problem%h * log(values(1) / values(-1)) &
+      log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
                    / (2 * offset)
       if (h_next > 0) then
-        density = x%problem%h / h_next - log_change
+        density = x%problem%record%h / h_next - log_change
       else
         density = 1 / values(0) - log_change / 2
       end if
-      if (density > 0) h_next = x%problem%h / density
+      if (density > 0) h_next = x%problem%record%h / density
       x%h = sign(h_next, stop - x%t)
       x%t_end = x%t + x%h
       if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)

@@ -23,25 +23,20 @@ module trajectory_m
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(scheme_t), pointer :: scheme => null()        ! the interpolant's
-    logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
     type(events_t), pointer :: events => null()
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: goes_on = .false.             ! whether a trajectory may go on after a terminal event
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
-    real(wp) :: h = 0.0_wp                   ! size of equal steps, positive
     type(tolerances_t) :: tolerances         ! for adaptive steps
-    integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
-    real(wp) :: first_step = 0.0_wp          ! zero to choose it
     ! points at output times within the step, of a method along polynomials
     type(inner_points_t), pointer :: inner => null()
     type(observer_t), pointer :: step_function => null()   ! how steps vary, see step_size_m
-    type(record_t), pointer :: record => null()        ! of the run, with the heat bath
-    logical :: has_jacobian = .false.        ! whether Python evaluates it
+    type(record_t), pointer :: record => null()        ! of the run, with all other numbers
     logical :: jacobian_is_matrix = .true.   ! whether it is stored as a matrix here
   end type problem_t
 
@@ -162,12 +157,10 @@ module trajectory_m
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
-    integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
     real(wp) :: t_end = 0.0_wp, h = 0.0_wp   ! h: signed size
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
-    real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
     ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
     ! the register Z
     real(wp), allocatable :: f(:, :)
@@ -284,7 +277,7 @@ contains
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
-      x%control%step_size = x%problem%first_step
+      x%control%step_size = x%problem%record%first_step
     end if
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
@@ -292,7 +285,6 @@ contains
     x%events%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
-    x%weighted_by = 0.0_wp
     call forget_step(x, near)
     x%last%cut = .false.
     x%events%known = .false.

@@ -39,16 +39,16 @@ contains
 
     if (x%interpolate_only) then
       if (.not. finite(size(x%last%slope), x%last%slope)) then
-        call request(x, x%last%t, x%last%y, phase_begin_received, x%request%answer)
+        call request(x, x%last%t, x%last%y, phase_begin_received)
       else if (.not. x%slope_known) then
-        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
+        call request(x, x%t, x%y(:, 0), phase_end_received)
       else
         call interpolate(x)
       end if
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
+      call request(x, x%t, x%y(:, 0), phase_begin_received)
     else if (.not. x%end_known) then
-      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
     end if
@@ -117,7 +117,7 @@ contains
       end if
     end if
     x%interpolant%path = flows_of_step(x, x%interpolant%h)
-    call begin_interpolant(x%problem%unique_flows, x%f, x%interpolant, exists)
+    call begin_interpolant(x%problem%record%unique_flows /= 0, x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
     else
@@ -172,7 +172,7 @@ contains
     call next_node(x%interpolant, theta)
     x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
     call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
-                 x%interpolant%y, phase_node_received, x%request%answer)
+                 x%interpolant%y, phase_node_received)
   end subroutine request_node
 
   ! Stores the coefficients at a node.
