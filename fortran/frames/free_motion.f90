@@ -18,8 +18,8 @@ module free_motion_m
   implicit none
   private
   public :: add_constraint_forces, add_free_motion, close_joints, constraints_at, drift, &
-            is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, take_forces, &
-            without_opening
+            is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
+            take_forces, without_opening
 
 contains
 

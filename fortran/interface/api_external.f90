@@ -72,10 +72,10 @@ contains
     variational = transfer(c_funloc(variational_field), variational)
   end subroutine function_addresses
 
-  ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves points
-  ! b along the time-1 flows of fields a, the first one first; finds the coefficients of the flow from
-  ! point a to point b; or the derivatives of coordinates a that go with coefficients b, NaN where
-  ! there are none.
+  ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves
+  ! points b along the time-1 flows of fields a, the first one first; finds the coefficients of the
+  ! flow from point a to point b; or the derivatives of coordinates a that go with coefficients b,
+  ! NaN where there are none.
   subroutine frame_apply(operation, blocks, description, numbers, constants, option, count, na, a, &
                          nb, b, nc, c) bind(c)
     !f2py threadsafe

@@ -1,8 +1,8 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
- * The user data is a pointer to a tuple, whose entries are listed below.  In the list SPARE are the arrays that
- * f was given last, or None.  If nobody else has kept one, the next numbers go into it, except
- * without a global lock, where another thread may be about to take it.
+ * The user data is a pointer to a tuple, whose entries are listed below.  In the list SPARE are the
+ * arrays that f was given last, or None.  If nobody else has kept one, the next numbers go into it,
+ * except without a global lock, where another thread may be about to take it.
  */
 #include <math.h>
 #include <string.h>

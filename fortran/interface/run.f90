@@ -416,7 +416,7 @@ contains
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (lane%status == needs_field) &
-          call check_coefficients(lane, lane%request%y, lane%request%answer)
+          call check_coefficients(lane)
       end associate
       k = k + asked(i)
     end do

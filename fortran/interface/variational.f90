@@ -110,8 +110,8 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Adds the difference of f(i) along field j to a(j, i), and by parameter j to d(j, i), of those that
-  ! aren't given.
+  ! Adds the difference of f(i) along field j to a(j, i), and by parameter j to d(j, i), of those
+  ! that aren't given.
   subroutine add_differences(self, given, y, f, a, d)
     type(evaluation_t), intent(inout) :: self
     logical, intent(in) :: given(2)
@@ -134,8 +134,8 @@ contains
     end associate
   end subroutine add_differences
 
-  ! Adds differences of f along each direction: along the fields and by parameters at once, unless one
-  ! part is so much smaller than the other that it would be lost.
+  ! Adds differences of f along each direction: along the fields and by parameters at once, unless
+  ! one part is so much smaller than the other that it would be lost.
   subroutine add_along_directions(self, given, y, f, x, p, slope)
     type(evaluation_t), intent(inout) :: self
     logical, intent(in) :: given(2)

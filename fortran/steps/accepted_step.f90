@@ -129,16 +129,16 @@ contains
 
     if (x%interpolate_only) then
       if (.not. finite(size(x%last_slope), x%last_slope)) then
-        call request(x, x%last%t, x%last_y, phase_begin_received, x%request%answer)
+        call request(x, x%last%t, x%last_y, phase_begin_received)
       else if (.not. x%slope_known) then
-        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%answer)
+        call request(x, x%t, x%y(:, 0), phase_end_received)
       else
         call interpolate(x)
       end if
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%answer)
+      call request(x, x%t, x%y(:, 0), phase_begin_received)
     else if (.not. x%end_known) then
-      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%answer)
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
     end if
@@ -260,7 +260,7 @@ contains
     call next_node(x%interpolant, theta)
     x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
     call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
-                 x%interpolant%y, phase_node_received, x%request%answer)
+                 x%interpolant%y, phase_node_received)
   end subroutine request_node
 
   ! Stores the coefficients at a node.

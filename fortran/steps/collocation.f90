@@ -1,7 +1,7 @@
 ! Collocation methods of three stages on a Lie algebra. The first column of f is the start of the
-! step, which only the error estimate uses; all stages are implicit, and solved by simplified Newton
-! iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section IV.8. The
-! coordinates z_i of the stages solve
+! step, which only the error estimate uses; all stages are implicit, and solved by simplified
+! Newton iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section
+! IV.8. The coordinates z_i of the stages solve
 !
 !   h sum_j a_ij F_j = z_i,   F_j = dexp^-1_(z_j) f(t + c_j h, exp(z_j) y),
 !
@@ -65,8 +65,7 @@ contains
     call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
     call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
     x%counts%nexp = x%counts%nexp + 1
-    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), &
-                 phase_stage_received, x%request%answer)
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), phase_stage_received)
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
@@ -342,7 +341,7 @@ contains
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call apply_flows(x%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%answer)
+      call request(x, x%t, x%y(:, x%result), phase_column_received)
     end associate
   end subroutine request_column
 

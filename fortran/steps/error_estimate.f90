@@ -59,7 +59,6 @@ contains
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
-    x%path_of_u = 0
     call find_differences(x, errors)
     x%error = combined(x%method, errors(1, 1), errors(1, 2))
     if (x%method%in_parts) then
@@ -102,9 +101,9 @@ contains
   end function variation
 
   ! Finds the differences of results and the sums of stages. Each half of the sums belongs to one
-  ! difference, but sums at the end of the step belong to e2 and e3. Parts are sums of stages, and the
-  ! rest. With a third result the rest is that of the differences of results; where exponents of Magnus
-  ! methods are compared, it has sums of its own; on the algebra it is what dexp^-1 adds to
+  ! difference, but sums at the end of the step belong to e2 and e3. Parts are sums of stages, and
+  ! the rest. With a third result the rest is that of the differences of results; where exponents of
+  ! Magnus methods are compared, it has sums of its own; on the algebra it is what dexp^-1 adds to
   ! coefficients.
   subroutine find_differences(x, errors)
     type(trajectory_t), intent(inout) :: x

@@ -44,8 +44,7 @@ contains
     end if
     path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
     call follow_paths(x, path)
-    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received, &
-                 x%request%answer)
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.

@@ -109,7 +109,7 @@ contains
   subroutine store_slope(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%problem%record%vectorized) x%slope(:) = x%request%answer
+    x%slope(:) = x%request%answer
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return

@@ -224,7 +224,6 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
 
-    x%path_of_u = path
     associate (flow => x%method%path_first(path))
       call combine_flows(x%method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
     end associate
@@ -265,17 +264,14 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: path
 
-    associate (t => x%t + x%method%c(x%stage) * x%h)
-      if (x%method%kind == registers_kind) then
-        path = merge(0, 1, x%problem%record%of_time)
-        call request(x, t, x%y(:, path), phase_stage_received, x%request%answer)
-      else
-        path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
-        call follow_paths(x, path)
-        if (x%status /= finished) return
-        call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
-      end if
-    end associate
+    if (x%method%kind == registers_kind) then
+      path = merge(0, 1, x%problem%record%of_time)
+    else
+      path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
+      call follow_paths(x, path)
+      if (x%status /= finished) return
+    end if
+    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_explicit
 
   ! Stores the coefficients at a stage.
@@ -287,7 +283,7 @@ contains
       x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%answer
       call move_along_register(x)
     else
-      if (x%problem%record%vectorized) x%f(:, x%stage) = x%request%answer
+      x%f(:, x%stage) = x%request%answer
       if (x%stage == x%method%final_stage .or. &
           (x%problem%record%of_time .and. x%method%c(x%stage) == 1)) then
         x%end_slope(:) = x%f(:, x%stage)
@@ -295,8 +291,7 @@ contains
       end if
     end if
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
-      if (x%path_of_u /= x%method%stage_path(x%stage)) &
-        call combine_coordinates(x, x%method%stage_path(x%stage))
+      call combine_coordinates(x, x%method%stage_path(x%stage))
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)
       call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)

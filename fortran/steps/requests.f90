@@ -44,13 +44,11 @@ contains
   ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point itself,
   ! since loads from a copy that was just written would stall. x%request%y keeps the entries, which
   ! are restored if the field has overwritten them.
-  subroutine request(x, t, y, next, f)
+  subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
-    ! where a field's coefficients go, other answers go to x%request%answer
-    real(wp), intent(inout) :: f(x%frame%dimension)
 
     x%request%t = t
     if (size(x%problem%stops) > 1) x%request%t = within_segment(x, t)
@@ -63,24 +61,24 @@ contains
     if (x%frame%derivatives) then
       call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
     else
-      call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+      call evaluate(x%problem%field, size(y), size(x%u), x%request%t, y, x%request%answer, &
+                    x%request%flag)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
-    if (x%frame%derivatives) call coefficients_of(x%frame, x%request%t, y, x%request%slope, f)
-    call check_coefficients(x, y, f)
+    if (x%frame%derivatives) &
+      call coefficients_of(x%frame, x%request%t, y, x%request%slope, x%request%answer)
+    call check_coefficients(x)
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
   ! Answers of mechanical systems are forces; splitting methods take them alone.
-  subroutine check_coefficients(x, y, f)
+  subroutine check_coefficients(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: y(x%frame%point_size)      ! where f was evaluated
-    real(wp), intent(inout) :: f(x%frame%dimension)    ! the answer
     logical :: splits
     integer :: status
 
-    if (x%request%flag == 0) then
-      if (x%frame%forces > 0 .and. x%frame%tangents == 0) then
+    associate (y => x%request%y, f => x%request%answer, flag => x%request%flag)
+      if (flag == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
         if (.not. splits) call add_free_motion(x%frame, y, f)
@@ -95,20 +93,18 @@ contains
           end if
         end if
       end if
-      if (finite(size(f), f)) then
+      if (flag == 0 .and. finite(size(f), f)) then
         x%status = finished
-        return
+      else if (flag == raised_in_python) then
+        call fail(x, raised, x%request%t)
+      else if (.not. finite(size(y), y)) then
+        call reject_stage(x, stage_not_finite, x%request%t)
+      else if (flag /= 0) then
+        call fail(x, stopped_by_field, x%request%t)
+      else
+        call reject_stage(x, field_not_finite, x%request%t)
       end if
-    end if
-    if (x%request%flag == raised_in_python) then
-      call fail(x, raised, x%request%t)
-    else if (.not. finite(size(y), y)) then
-      call reject_stage(x, stage_not_finite, x%request%t)
-    else if (x%request%flag /= 0) then
-      call fail(x, stopped_by_field, x%request%t)
-    else
-      call reject_stage(x, field_not_finite, x%request%t)
-    end if
+    end associate
   end subroutine check_coefficients
 
   ! Tries a step again with a smaller size after a stage that doesn't exist, or where coefficients

@@ -137,7 +137,7 @@ contains
     x%u = -x%u
     call apply_flows(x%frame, 1, x%u, y)
     x%counts%nexp = x%counts%nexp + 1
-    call request(x, x%t, y, phase_error_received, x%request%answer)
+    call request(x, x%t, y, phase_error_received)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.

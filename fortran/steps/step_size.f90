@@ -62,7 +62,7 @@ contains
     x%phase = phase_choose_step
     if (x%problem%adaptive .and. .not. x%control%step_size > 0) then
       x%phase = phase_guess_size
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
     end if
   end subroutine begin_segment
 
@@ -96,7 +96,7 @@ contains
       call apply_flows(x%frame, 1, x%u, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%answer)
+      call request(x, x%t + x%h, moved, phase_curvature_received)
     end associate
   end subroutine request_curvature
 
@@ -168,20 +168,16 @@ contains
         end if
       end if
       if (x%status /= finished) return
-      if (x%h /= x%weighted_by) then
-        x%weight(:) = x%h * x%method%flows%weight
-        x%weighted_by = x%h
-      end if
+      x%weight(:) = x%h * x%method%flows%weight
       x%stage = 1
       x%newton%iteration = 0
       x%solver%first = 0
       x%paths = 0
-      x%path_of_u = 0
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
       if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
     end associate
   end subroutine choose_step
 

@@ -167,12 +167,10 @@ module trajectory_m
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
-    integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
     real(wp) :: t_end = 0.0_wp
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
-    real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
     ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
     ! the register Z
     real(wp), allocatable :: f(:, :)
@@ -290,7 +288,6 @@ contains
     x%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
-    x%weighted_by = 0.0_wp
     call forget_step(x, near)
     x%last%cut = .false.
     x%events_known = .false.
@@ -363,7 +360,6 @@ contains
       call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
     end if
     if (.not. restores) return
-    x%weighted_by = 0.0_wp
     x%last%cut = .false.                     ! its interpolant isn't saved
     status = x%status
     call continue_trajectory(x)

@@ -17,7 +17,7 @@ def compiled_flows(frame):
     def move(v, y, restore=True):
         start, count = np.array(y, dtype=frame.dtype), v[..., 0, 0].size
         moved = np.empty_like(start)
-        _apply(Operation.FLOW, frame.compiled_blocks(), int(restore), v, start, moved, count)
+        _apply(Operation.FLOW, frame.compiled_blocks(), int(restore), count, v, start, moved)
         return moved
 
     return move
@@ -31,7 +31,7 @@ def difference_of(frame):
 
     def difference(y0, y1):
         v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
-        _apply(Operation.COORDINATES, blocks, 0, y0, y1, v, v.size // frame.dim)
+        _apply(Operation.COORDINATES, blocks, 0, v.size // frame.dim, y0, y1, v)
         return v
 
     return difference

@@ -380,9 +380,8 @@ def compiled_variation(
             frame = variational.product if name == "along_data" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
             context = context_of(function, rest, frame, shape, check, dtype, changing)
-            pointer = np.array(id(context))
-            contexts.append((context, pointer))
-            setattr(record, name, pointer.ctypes.data)
+            contexts.append((context, np.array(id(context))))
+            setattr(record, name, contexts[-1][1].ctypes.data)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
