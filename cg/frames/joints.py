@@ -24,11 +24,7 @@ from cg.support.shared_numbers import BlockKind, RowForm, Stop
 Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
 
 _POINT: tuple[Row, ...] = tuple((RowForm.ALONG_SPACE, k, 0) for k in range(3))
-_ATTITUDE: tuple[Row, ...] = (
-    (RowForm.COINCIDENT_AXES, 0, 1),
-    (RowForm.COINCIDENT_AXES, 1, 2),
-    (RowForm.COINCIDENT_AXES, 2, 0),
-)
+_ATTITUDE: tuple[Row, ...] = tuple((RowForm.COINCIDENT_AXES, k, (k + 1) % 3) for k in range(3))
 KINDS: dict[str, tuple[Row, ...]] = {
     "ball": _POINT,
     "hinge": (*_POINT, (RowForm.BETWEEN_AXES, 2, 0), (RowForm.BETWEEN_AXES, 2, 1)),

@@ -64,7 +64,7 @@ def evaluation_bytes(order: int, layout: Layout, conditions: int, size: int = 8)
 
 
 def derivatives_bytes(order: int, layout: Layout, conditions: int) -> int:
-    """Bound the bytes of `jacobian`: all arrays of `weights_jacobian` at once."""
+    """Bound the bytes of `jacobian`: all arrays of `conditions.f90` at once."""
     inner, points, segments = _trees(order), len(layout.parents), layout.segments
     adjoint = inner * (layout.size + conditions * segments)  # and the weights' own derivatives
     chain = inner * (3 * points + segments) + (order + 6) * points  # seeds, or the sweep
