@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from coefficients import CF3, floats, values
 from exact import word_residuals
-from flint import arb, fmpq
+from flint import arb
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from quotients import jacobian
 from refusals import refuses
 from strategies import point_trees, rationals, tableaux
 
@@ -25,6 +26,7 @@ from cg.construction.conditions.exact import (
 from cg.construction.layouts import Layout
 from cg.construction.points import MethodError, Point, PointTree, tree_of_rows
 from cg.construction.proofs.krawczyk import doubles
+from cg.support.quads import to_flint
 from research.impossibility.weights import exact_weights
 
 exactly = partial(conditions.residuals, arithmetic="exact")
@@ -134,9 +136,9 @@ class TestBalls:
         inside = [v + Fraction(int(s), 10**6) for v, s in zip(values(tree), steps, strict=True)]
         exact = word_residuals(layout, inside, words)
         middle = word_residuals(layout, values(tree), words)
-        weights = Weights(layout, quantities).evaluate([_flint(v) for v in values(tree)])
+        weights = Weights(layout, quantities).evaluate([to_flint(v) for v in values(tree)])
         for ball, value, there, here in zip(outer, exact, middle, weights, strict=True):
-            assert ball.contains(here + _flint(value - there))
+            assert ball.contains(here + to_flint(value - there))
 
     def test_derivatives_of_weights_at_stages(self):
         tree = methods["CF4b"].tree
@@ -144,13 +146,11 @@ class TestBalls:
         quantities = [Quantity(k, ((), ((),))) for k in range(layout.stages)]
         quantities += [Quantity(4, ((), ())), Quantity(5, ((),)), Quantity(5, (((),), ()))]
         weights = Weights(layout, quantities)
-        at = [float(v) for v in weights.evaluate([arb(v) for v in x])]
-        jacobian = doubles(weights.jacobian().tolist())
-        for k in range(layout.size):
-            ahead = [arb(v) + (1e-7 if j == k else 0) for j, v in enumerate(x)]
-            slopes = np.array([float(v) for v in Weights(layout, quantities).evaluate(ahead)]) - at
-            np.testing.assert_allclose(jacobian[:, k], slopes / 1e-7, rtol=0, atol=1e-6)
 
+        def at(s):
+            return [float(v) for v in weights.evaluate([arb(v) for v in x + s])]
 
-def _flint(value):
-    return fmpq(value.numerator, value.denominator)
+        expected = jacobian(at, layout.size, bound=1e-9)
+        at(0 * x)
+        actual = doubles(weights.jacobian().tolist())
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from exact import word_residuals
-from flint import arb, fmpq
+from flint import arb
 from refusals import refuses
 
 import cg
@@ -18,16 +18,14 @@ from cg.construction.proofs import CertificationError, certify, check
 from cg.construction.proofs.dependent import pairings as pr
 from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
 from cg.construction.search.candidate import pack_method
+from cg.support.quads import to_ball
 from cg.support.quads import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
 
 def balls(method, radius=0.0):
-    return [
-        arb(fmpq(c.value.numerator, c.value.denominator)) + (arb(0, radius) if c.unit else 0)
-        for c in method.coefficients
-    ]
+    return [to_ball(c.value) + (arb(0, radius) if c.unit else 0) for c in method.coefficients]
 
 
 def left_out_of(method):
@@ -70,7 +68,7 @@ def test_products_of_vectors_are_weights_for_any_coefficients(name):
     layout = find_method(name).layout
     orders = [4, 3] if layout.pair else [5]
     with precision(200):
-        y = [arb(fmpq(x.numerator, x.denominator)) for x in random_rationals(layout.size, 2)]
+        y = list(map(to_ball, random_rationals(layout.size, 2)))
         for pairing in pr.pairings(layout, orders, y):
             generator = np.random.default_rng(3)
             pairs = [
@@ -174,10 +172,6 @@ def test_relations_are_orthogonal_to_all_derivatives():
 TREE = ws.Condition(0, ws.parse("[[]]"))
 
 
-def leaving_out(certificate, conditions, **changes):
-    return replace(certificate, left_out=tuple(conditions), **changes)
-
-
 def test_certificates_that_leave_out_something_else():
     method = cg.methods["CF5d"]
     certificate = certify(method)
@@ -192,7 +186,7 @@ def test_certificates_that_leave_out_something_else():
         (),
     ):
         with pytest.raises(CertificationError):
-            check(leaving_out(certificate, wrong), method)
+            check(replace(certificate, left_out=wrong), method)
 
 
 def test_a_certificate_that_leaves_out_an_independent_condition():
@@ -200,8 +194,8 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
     method = cg.methods["CF5d"]
     certificate = certify(method)
     movable = [name for name in method.layout.names if name not in certificate.fixed]
-    forged = leaving_out(
-        certificate, [*certificate.left_out, TREE], fixed=(*certificate.fixed, movable[0]),
-        radius=Decimal("1e-33"),
+    forged = replace(
+        certificate, left_out=(*certificate.left_out, TREE),
+        fixed=(*certificate.fixed, movable[0]), radius=Decimal("1e-33"),
     )  # fmt: skip
     refuses(CertificationError, "that conditions follow from others is not", check, forged, method)
