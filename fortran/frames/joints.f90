@@ -300,6 +300,8 @@ contains
     c%known = .false.
     associate (l => c%factor, start => linkage%start, first => linkage%first)
       do i = 1, size(c%g)
+        entry = 0.0_wp
+        rest = 0.0_wp
         do j = first(i), i
           v = max(linkage%v1(i), linkage%v1(j))
           last = min(linkage%v2(i), linkage%v2(j))

@@ -88,8 +88,8 @@ contains
       run%frame = plan%frame
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
-      run%frame%dropped => record%dropped
-      run%frame%dropped_at => record%dropped_at
+      run%frame%dropped => run%record%dropped
+      run%frame%dropped_at => run%record%dropped_at
       run%method => plan%method
       call c_f_procpointer(transfer(record%function, c_null_funptr), run%field%rhs)
       call set_inputs(run)
@@ -102,7 +102,7 @@ contains
         run%events%vectorized = any(run%events%table%vectorized /= 0) .and. record%lanes > 1
       run%stops = reals(record%stops, record%segments)
       run%adaptive = .not. record%h > 0
-      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates)
+      n = int(merge(run%frame%dimension, run%frame%point_size, record%in_coordinates), int64)
       run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
         rtol=record%rtol, in_coordinates=logical(record%in_coordinates), parts=int(record%parts), &
         exponent=record%exponent, max_step=record%max_step)
@@ -139,7 +139,7 @@ contains
         run%lanes(i)%member = i
       end do
       call exchange_state(run%lanes(1), .false., none, i)
-      record%state_size = i
+      record%state_size = int(i, int64)
     end associate
   end subroutine set_lanes
 
@@ -200,7 +200,7 @@ contains
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               m => run%frame%dimension * run%method%scheme%columns, &
+               m => int(run%frame%dimension * run%method%scheme%columns, int64), &
                observations => int(run%output%observer%count, int64))
       output%record => record
       output%outputs = int(record%outputs)

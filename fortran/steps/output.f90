@@ -39,7 +39,7 @@ contains
     real(wp), allocatable :: more(:, :)
     integer :: memory
 
-    if (used == size(rows, 2)) then
+    if (used == size(rows, 2, int64)) then
       allocate (more(size(rows, 1), max(first_capacity, 2 * size(rows, 2))), stat=memory)
       if (memory /= 0) output%status = out_of_memory
       if (memory /= 0) return
