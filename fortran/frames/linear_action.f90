@@ -255,8 +255,8 @@ contains
     end select
   end subroutine multiply
 
-  ! Computes the product for imaginary entries, of which the imaginary parts are stored. Both parts of
-  ! a number are summed at once where their place in an array of two rows is known.
+  ! Computes the product for imaginary entries, of which the imaginary parts are stored. In an array
+  ! of two rows the compiler sums both parts of a number at once.
   pure subroutine multiply_imaginary(n, first, column, x, y, product)
     integer, intent(in) :: n, first(n + 1), column(*)
     real(wp), intent(in) :: x(*), y(2, n)
