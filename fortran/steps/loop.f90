@@ -43,67 +43,76 @@ contains
 
     if (any(x%status == [needs_maximum, paused])) x%status = finished
     do while (x%status == finished .and. x%phase /= phase_ended)
-      select case (x%phase)
-      case (phase_begin_segment)
-        call begin_segment(x)
-      case (phase_guess_size)
-        call guess_size(x)
-      case (phase_guess_shared)
-        call request_curvature(x)
-      case (phase_curvature_received)
-        call choose_first_size(x)
-      case (phase_size_shared)
-        x%control%step_size = -x%request%shared
-        x%phase = phase_choose_step
-      case (phase_choose_step)
-        if (budget <= 0) then
-          x%status = paused
-        else
-          budget = budget - 1
-          call choose_step(x)
-        end if
-      case (phase_start_received)
-        call store_slope(x)
-      case (phase_next_stage)
-        call request_stage(x)
-      case (phase_stage_received)
-        call store_stage(x)
-      case (phase_column_received)
-        call store_column(x)
-      case (phase_error_received)
-        call store_error(x)
-      case (phase_finish_step)
-        if (x%method%kind == polynomial_kind) call prepare_inner(x, output)
-        call finish_step(x)
-      case (phase_decide_step)
-        call accept_or_reject(x)
-      case (phase_accepted)
-        call examine_step(x, output)
-      case (phase_request_ends)
-        call request_ends(x)
-      case (phase_begin_received)
-        call store_begin(x)
-      case (phase_end_received)
-        call store_end(x)
-      case (phase_next_node)
-        call request_node(x)
-      case (phase_node_received)
-        call store_node(x)
-      case (phase_detect_events)
-        call detect_events(x, output)
-      case (phase_complete_step)
-        call complete_step(x, output)
-      case (phase_step_shared)
-        x%phase = phase_store_output
-        if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
-      case (phase_store_output)
-        call store_output(x, output)
-      end select
+      call advance(x, output, budget)
       if (x%status == needs_events) exit
       x%queries = 0                          ! values are for one phase, which is done
       x%answered = 0
     end do
   end subroutine resume
+
+  ! Does what the phase asks for.
+  subroutine advance(x, output, budget)
+    type(trajectory_t), target, intent(inout) :: x
+    type(output_t), intent(inout) :: output
+    integer(int64), intent(inout) :: budget
+
+    select case (x%phase)
+    case (phase_begin_segment)
+      call begin_segment(x)
+    case (phase_guess_size)
+      call guess_size(x)
+    case (phase_guess_shared)
+      call request_curvature(x)
+    case (phase_curvature_received)
+      call choose_first_size(x)
+    case (phase_size_shared)
+      x%control%step_size = -x%request%shared
+      x%phase = phase_choose_step
+    case (phase_choose_step)
+      if (budget <= 0) then
+        x%status = paused
+      else
+        budget = budget - 1
+        call choose_step(x)
+      end if
+    case (phase_start_received)
+      call store_slope(x)
+    case (phase_next_stage)
+      call request_stage(x)
+    case (phase_stage_received)
+      call store_stage(x)
+    case (phase_column_received)
+      call store_column(x)
+    case (phase_error_received)
+      call store_error(x)
+    case (phase_finish_step)
+      if (x%method%kind == polynomial_kind) call prepare_inner(x, output)
+      call finish_step(x)
+    case (phase_decide_step)
+      call accept_or_reject(x)
+    case (phase_accepted)
+      call examine_step(x, output)
+    case (phase_request_ends)
+      call request_ends(x)
+    case (phase_begin_received)
+      call store_begin(x)
+    case (phase_end_received)
+      call store_end(x)
+    case (phase_next_node)
+      call request_node(x)
+    case (phase_node_received)
+      call store_node(x)
+    case (phase_detect_events)
+      call detect_events(x, output)
+    case (phase_complete_step)
+      call complete_step(x, output)
+    case (phase_step_shared)
+      x%phase = phase_store_output
+      if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
+    case (phase_store_output)
+      call store_output(x, output)
+    end select
+  end subroutine advance
 
   ! Stores the coefficients at the start of a step.
   subroutine store_slope(x)
