@@ -49,8 +49,7 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table%direction, &
-                       x%problem%events%table%period) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table) &
                .and. (x%events%after /= 0 .or. may_cut(x)))
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)

@@ -9,7 +9,6 @@
 ! parabola tells where it is, else by bisection (T. R. Chandrupatla, Adv. Eng. Software 28 (1997)
 ! 145-149). Zeros are put in the order of their times; those at the same time happen together.
 module step_events_m
-  use, intrinsic :: iso_fortran_env, only: int64
   use controller_m, only: smallest_size
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
@@ -17,8 +16,8 @@ module step_events_m
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
-  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
-       raised, resting_contact, step_too_long, step_too_long_for_events
+  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, &
+       out_of_memory, raised, resting_contact, step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private
@@ -86,14 +85,13 @@ contains
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
   ! at the end of the interval before, or it is the initial point. A change by more than half a period
   ! is a wrap.
-  pure elemental logical function crosses(before, after, direction, period)
+  pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
-    integer(int64), intent(in) :: direction
-    real(wp), intent(in) :: period           ! 0 without one
+    type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
 
-    crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
-              .or. (before > 0 .and. after <= 0 .and. direction <= 0)
-    if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
+    crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
+              .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
+    if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
   end function crosses
 
   ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
@@ -312,10 +310,7 @@ contains
     real(wp), intent(in) :: low(2), high(2)            ! points, and the values there
     real(wp) :: zero
 
-    associate (events => x%problem%events)
-      if (.not. crosses(low(2), high(2), events%table(event)%direction, &
-                         events%table(event)%period)) return
-    end associate
+    if (.not. crosses(low(2), high(2), x%problem%events%table(event))) return
     zero = high(1)
     if (high(2) /= 0 .and. x%interpolant%complete) call find_root(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
