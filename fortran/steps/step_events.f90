@@ -29,8 +29,9 @@ module step_events_m
   integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
-  ! ones that need more than `max_parts` fail.
+  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or of
+  ! common steps without an end those that rotate by more than a turn, are tried again with a smaller
+  ! size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
@@ -101,10 +102,6 @@ contains
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     type(event_state_t) :: events(size(x%events))
 
-    if (rotates_far(x)) then
-      call reject_accepted_step(x, step_too_long, x%t)
-      return
-    end if
     events = x%events
     call seek_zeros(x)
     if (x%status == needs_events) then
@@ -122,6 +119,13 @@ contains
     integer :: first, i, k, memory, n
 
     n = parts(x)
+    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+      if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
+                                             x%problem%record%common .and. endless)) then
+        call reject_accepted_step(x, step_too_long, x%t)
+        return
+      end if
+    end associate
     if (n > max_parts) then
       call fail(x, step_too_long_for_events, x%t)
       return
@@ -181,18 +185,6 @@ contains
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
-
-  ! Whether an adaptive step rotates so far that its events take too much time and memory; of common
-  ! steps without an end, by more than a turn
-  pure logical function rotates_far(x)
-    type(trajectory_t), intent(in) :: x
-
-    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
-      rotates_far = x%problem%adaptive
-      if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, &
-                                                      x%problem%record%common .and. endless)
-    end associate
-  end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
   subroutine find_zeros_of(x, event, theta, values)
