@@ -102,10 +102,7 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    bound = 0.0_wp
-    do i = 1, members
-      bound = max(bound, distance_bound(plan%frame, y(:, i)))
-    end do
+    bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
   ! Frees a plan.

@@ -184,16 +184,14 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: begin, length, h
     real(wp), intent(out) :: basis(:, :)                     ! (n, stages)
-    integer :: i, j, k
+    integer :: i, j
 
-    do k = 1, size(scheme%c)
-      do j = 1, n
-        basis(j, k) = length * h
-        do i = 1, n
-          if (i == j) cycle
-          basis(j, k) = basis(j, k) * ((begin + length * scheme%c(k) - scheme%node(i, n)) &
-                                       / (scheme%node(j, n) - scheme%node(i, n)))
-        end do
+    do j = 1, n
+      basis(j, :) = length * h
+      do i = 1, n
+        if (i == j) cycle
+        basis(j, :) = basis(j, :) * ((begin + length * scheme%c - scheme%node(i, n)) &
+                                     / (scheme%node(j, n) - scheme%node(i, n)))
       end do
     end do
   end subroutine lagrange

@@ -135,9 +135,7 @@ contains
       call fail(x, out_of_memory, x%t)
       return
     end if
-    do k = 0, n
-      theta(k) = real(k, wp) / real(n, wp)
-    end do
+    theta(:) = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
     x%zeros = [zero_t ::]
