@@ -270,8 +270,9 @@ contains
         call answer_events(run)
       else if (any(run%lanes%status == needs_field)) then
         call evaluate(run)
-      else if (waits .and. .not. stops) then
-        call exchange(run)
+      else if (waits .and. .not. stops) then         ! for the maximum of all
+        run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
+        where (run%busy) run%lanes%status = paused
       else
         exit
       end if
@@ -363,14 +364,6 @@ contains
     run%record%step_size = run%lanes(i)%h
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
-
-  ! Exchanges the maximum that trajectories with common steps wait for.
-  subroutine exchange(run)
-    type(run_t), intent(inout) :: run
-
-    run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
-    where (run%busy) run%lanes%status = paused
-  end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run)
