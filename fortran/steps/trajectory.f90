@@ -282,9 +282,7 @@ contains
     else if (.not. x%control%step_size > 0) then
       x%control%step_size = x%problem%record%first_step
     end if
-    x%control%last_error = 1.0_wp
-    x%control%after_rejection = .false.
-    x%control%suspicion = 0
+    x%control = control_t(step_size=x%control%step_size, attempts=x%control%attempts)
     x%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
@@ -311,10 +309,8 @@ contains
     x%newton%fresh = .false.
     x%newton%moved = .false.
     if (present(near)) x%newton%moved = near
-    if (x%newton%moved) return
-    x%newton%has_jacobian = .false.
-    x%newton%last_h = 0.0_wp
-    x%newton%rate_factor = 1.0_wp
+    if (.not. x%newton%moved) &
+      x%newton%newton_state_t = newton_state_t(factored_h=x%newton%factored_h)
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
