@@ -22,8 +22,7 @@ module accepted_step_m
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
-            request_ends, request_interpolant, request_node, store_begin, store_end, store_node, &
-            store_output
+            request_ends, request_node, store_begin, store_end, store_node, store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
@@ -111,15 +110,6 @@ contains
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
         output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
-
-  ! Requests the interpolant of the last step, and no further step.
-  subroutine request_interpolant(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%interpolate_only = .true.
-    x%status = paused
-    x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
-  end subroutine request_interpolant
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
   ! known; then its interpolant starts.

@@ -291,7 +291,7 @@ contains
     x%events_known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
-    call continue_trajectory(x)
+    call continue_trajectory(x, .false.)
     if (same) return
     x%events%time = huge(1.0_wp)
     x%events%came_from = 0
@@ -313,14 +313,17 @@ contains
       x%newton%newton_state_t = newton_state_t(factored_h=x%newton%factored_h)
   end subroutine forget_step
 
-  ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  elemental subroutine continue_trajectory(x)
+  ! Lets a trajectory continue after its end or an interruption, with other ends of segments, or
+  ! requests the interpolant of its last step, and no further step.
+  pure subroutine continue_trajectory(x, interpolating)
     type(trajectory_t), intent(inout) :: x
+    logical, intent(in) :: interpolating
 
     x%status = paused
     x%segment = 1
+    x%interpolate_only = interpolating
     x%phase = phase_begin_segment
-    x%interpolate_only = .false.
+    if (interpolating) x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     if (allocated(x%zeros)) deallocate (x%zeros)
     x%queries = 0
     x%answered = 0
@@ -358,7 +361,7 @@ contains
     if (.not. restores) return
     x%last%cut = .false.                     ! its interpolant isn't saved
     status = x%status
-    call continue_trajectory(x)
+    call continue_trajectory(x, .false.)
     if (status == terminal_event) x%status = status
 
   contains
