@@ -368,17 +368,17 @@ contains
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
-          x%outputs_done = x%outputs_done + 1
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%problem%inner%y(:, x%outputs_done - x%inner_from)
+            point = x%problem%inner%y(:, x%outputs_done + 1 - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
+        x%outputs_done = x%outputs_done + 1
         call store_point(output, x%member, x%outputs_done, point)
         if (output%status /= finished) return
       end do
@@ -413,17 +413,15 @@ contains
     end associate
   end subroutine prepare_inner
 
-  ! Prepares the point at the last output time passed where it isn't yet.
+  ! Prepares the point at the next output time where it isn't yet.
   subroutine prepare_next(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
     associate (end => x%request%y, inner => x%problem%inner)
       ! members with common steps may have prepared theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
-      x%outputs_done = x%outputs_done - 1
+      if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
       call prepare_inner(x, output)
-      x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
       associate (first => x%method%path_first(x%method%result), &
                  last => x%method%path_first(x%method%result + 1) - 1)
