@@ -124,7 +124,7 @@ contains
     end if
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
     if (all(abs(v) <= huge(v))) self%field(:, nodes + 1) = v
-    self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
+    self%nexp = self%nexp + size(self%v, 2)
     self%node = 2
     self%complete = nodes == self%scheme%nodes
   end subroutine add_last_flow
@@ -352,9 +352,7 @@ contains
   pure integer function flows_of_evaluation(self)
     type(interpolant_t), intent(in) :: self
 
-    flows_of_evaluation = 1
-    if (self%on_algebra .or. self%scheme%at_stages) return
-    flows_of_evaluation = size(self%scheme%weight, 2) + 1
+    flows_of_evaluation = merge(1, size(self%v, 2), self%on_algebra .or. self%scheme%at_stages)
   end function flows_of_evaluation
 
   ! Evaluates the interpolant at a fraction of the step.
