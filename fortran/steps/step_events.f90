@@ -482,15 +482,14 @@ contains
     integer :: k
 
     after = y
-    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta), &
+               those => pack(x%zeros%event, happen))   ! one of each event
+      x%events(those)%time = t
+      jumps = happen .and. events%table(zeros%event)%jumps /= 0 .and. (x%problem%record%goes_on &
+              .or. x%events(zeros%event)%count + 1 < events%table(zeros%event)%limit)
       do k = 1, size(happen)
-        associate (of => zeros(k)%event)
-          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
-                     .or. x%events(of)%count + 1 < events%table(of)%limit)
-          if (.not. happen(k)) cycle
-          x%events(of)%time = t
-          if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
-        end associate
+        if (happen(k) .and. .not. jumps(k)) &
+          call store_event(output, x%member, zeros(k)%event, t, y, y)
       end do
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
@@ -502,9 +501,7 @@ contains
         end if
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
-      associate (those => pack(zeros%event, happen))   ! one of each event
-        x%events(those)%count = x%events(those)%count + 1
-      end associate
+      x%events(those)%count = x%events(those)%count + 1
     end associate
   end subroutine store_together
 
