@@ -255,14 +255,9 @@ contains
         budget = budget - share(i)
         status = advance_lane(run, i, share(i))
         budget = budget + share(i)
-        select case (status)
-        case (needs_maximum)
-          waits = .true.
-        case (paused)
-          stops = .true.
-        case (raised)
-          exit drive_all
-        end select
+        if (status == raised) exit drive_all
+        waits = waits .or. status == needs_maximum
+        stops = stops .or. status == paused
       end do
       if (in_rounds .and. (stops .or. budget <= 0)) then
         exit
