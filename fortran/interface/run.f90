@@ -403,8 +403,7 @@ contains
           call store_answers(lane, m, asked(i), own)
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
-        if (lane%status == needs_field) &
-          call check_coefficients(lane)
+        if (lane%status == needs_field) call check_coefficients(lane)
       end associate
       k = k + asked(i)
     end do
@@ -414,7 +413,7 @@ contains
   ! once.
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
-    integer, allocatable :: waiting(:)                 ! lanes
+    integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks
     real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
     real(wp), allocatable :: values(:)
     integer :: event, i, j, memory, total
@@ -423,18 +422,17 @@ contains
     associate (lanes => run%lanes, n => run%frame%point_size)
       waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
       lanes(waiting)%status = finished
-      total = sum(lanes(waiting)%queries - lanes(waiting)%answered)
+      counts = lanes(waiting)%queries - lanes(waiting)%answered
+      total = sum(counts)
       allocate (query(3 + n + run%events%count, total), member(total), values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)))
-          associate (count => lane%queries - lane%answered)
-            query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
-            member(total + 1:total + count) = real(lane%member - 1, wp)
-            total = total + count
-          end associate
+        associate (lane => lanes(waiting(i)), count => counts(i))
+          query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
+          member(total + 1:total + count) = real(lane%member - 1, wp)
+          total = total + count
         end associate
       end do
       do event = 1, run%events%count
@@ -454,12 +452,10 @@ contains
       end do
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)))
-          associate (count => lane%queries - lane%answered)
-            lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
-            total = total + count
-          end associate
+        associate (lane => lanes(waiting(i)), count => counts(i))
+          lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
           lane%answered = lane%queries
+          total = total + count
         end associate
       end do
     end associate
