@@ -116,17 +116,12 @@ contains
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only) then
-      if (.not. finite(size(x%last_slope), x%last_slope)) then
-        call request(x, x%last%t, x%last_y, phase_begin_received)
-      else if (.not. x%slope_known) then
-        call request(x, x%t, x%y(:, 0), phase_end_received)
-      else
-        call interpolate(x)
-      end if
+    if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
+      call request(x, x%last%t, x%last_y, phase_begin_received)
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), phase_begin_received)
-    else if (.not. x%end_known) then
+      call request(x, x%t, x%y(:, 0), &
+                   merge(phase_end_received, phase_begin_received, x%interpolate_only))
+    else if (.not. (x%interpolate_only .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
