@@ -50,8 +50,7 @@ contains
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
       .or. any(crosses(x%events%before, x%events%after, x%problem%events%table) &
                .and. (x%events%after /= 0 .or. may_cut(x)))
-    if (.not. (x%needs_interpolant .or. x%seeks_events)) return
-    call request_ends(x)
+    if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
   ! Whether the output needs the interpolant of the step

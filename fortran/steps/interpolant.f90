@@ -205,14 +205,13 @@ contains
 
     exists = .true.
     self%nexp = 0
-    self%complete = .false.
+    self%complete = self%scheme%at_stages
     self%on_algebra = .not. (self%scheme%at_stages .or. allocated(self%scheme%drift)) &
                       .and. (self%scheme%flat .or. unique_flows)
     if (self%scheme%at_stages) then
       self%known = self%scheme%nodes
       self%field(:, :self%scheme%nodes) = stages
       self%field(:, self%scheme%nodes + 1) = 0.0_wp  ! there is no last flow
-      self%complete = .true.
       return
     end if
     if (.not. self%on_algebra) then
