@@ -273,22 +273,17 @@ contains
     near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
            .and. x%t == t
     if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
-    x%t = t
+    x%state_t = state_t(failed_at=x%failed_at, counts=x%counts, t=t, h=x%h, last=x%last, &
+      control=control_t(step_size=x%control%step_size, attempts=x%control%attempts))
+    x%last%cut = .false.
     x%y(:, 0) = y
-    x%slope_known = .false.
     x%end_known = .false.
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
       x%control%step_size = x%problem%record%first_step
     end if
-    x%control = control_t(step_size=x%control%step_size, attempts=x%control%attempts)
-    x%jumps_in_place = 0
-    x%grid = grid_t()
-    x%grid_done = 0
     call forget_step(x, near)
-    x%last%cut = .false.
-    x%events_known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
     call continue_trajectory(x, .false.)
