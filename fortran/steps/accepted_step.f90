@@ -14,8 +14,7 @@ module accepted_step_m
   use step_events_m, only: crosses, find_zeros, store_zeros
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
        share, time_at
-  use phases_m
-  use trajectory_m, only: fail, forget_step, trajectory_t
+  use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: finite, nan

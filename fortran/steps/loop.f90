@@ -25,8 +25,7 @@ module loop_m
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
   use requests_m, only: retry_step
-  use phases_m
-  use trajectory_m, only: trajectory_t
+  use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers, only: finished, needs_events, needs_maximum, paused
   implicit none

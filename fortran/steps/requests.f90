@@ -10,8 +10,7 @@ module requests_m
   use derivatives_m, only: coefficients_of
   use shared_numbers
   use method_m, only: splitting_kind
-  use phases_m
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m
   use inputs_m, only: evaluate
   use interpolant_m, only: evaluate_interpolant
   use vectors_m, only: copy, finite

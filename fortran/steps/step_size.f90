@@ -21,8 +21,7 @@ module step_size_m
   use inputs_m, only: longest_step, make_grid
   use requests_m, only: evaluate_at_start, request, share
   use method_m, only: splitting_kind
-  use phases_m
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m
   use vectors_m, only: copy
   use shared_numbers, only: finished, largest_growth, raised, size_failed, slope_not_finite, &
                             step_too_small, time_not_finite, too_many_steps

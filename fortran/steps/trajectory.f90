@@ -10,7 +10,6 @@ module trajectory_m
   use linear_action_m, only: inner_points_t
   use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
        splitting_kind, method_t
-  use phases_m
   use inputs_m, only: grid_t, vector_field_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
@@ -20,6 +19,25 @@ module trajectory_m
   private
   public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
             fail, forget_step, reserve_trajectory, set_start
+  public :: phase_begin_segment, phase_guess_size, phase_guess_shared, phase_curvature_received, &
+            phase_size_shared, phase_choose_step, phase_start_received, phase_next_stage, &
+            phase_stage_received, phase_finish_step, phase_decide_step, phase_accepted, &
+            phase_request_ends, phase_end_received, phase_next_node, phase_node_received, &
+            phase_store_output, phase_column_received, phase_error_received, phase_detect_events, &
+            phase_begin_received, phase_complete_step, phase_step_shared, phase_ended
+
+  ! The phases of a trajectory. Each is named after what `resume` does next, or after the
+  ! coefficients or the shared number that it has received.
+  enum, bind(c)
+    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
+                  phase_curvature_received, phase_size_shared, phase_choose_step, &
+                  phase_start_received, phase_next_stage, phase_stage_received, &
+                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_ends, &
+                  phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
+                  phase_column_received, phase_error_received, phase_detect_events, &
+                  phase_begin_received, phase_complete_step, phase_step_shared, &
+                  phase_ended
+  end enum
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
