@@ -213,9 +213,7 @@ contains
     call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
     do while (path > 0)
-      associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
-        flows = [reshape(v(:, first:last), [size(v, 1) * (last - first + 1)]), flows]
-      end associate
+      flows = [v(:, x%method%path_first(path):x%method%path_first(path + 1) - 1), flows]
       path = x%method%origin(path)
     end do
   end function flows_of_step

@@ -115,10 +115,8 @@ contains
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
     if (size(self%path) > 0) then
-      associate (back => -self%v(:, size(self%v, 2) - 1:1:-1))
-        call self%frame%callback%apply(nearest_operation, &
-                                       [reached, reshape(back, [size(back)]), self%path], aim, v)
-      end associate
+      call self%frame%callback%apply(nearest_operation, &
+        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%path], aim, v)
     else
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
