@@ -367,31 +367,27 @@ contains
     integer, allocatable :: asked(:)                   ! for how many times each asks
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
-    integer :: i, k, m, memory
+    integer :: i, k, m, memory, n
 
     requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_field)
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
-    if (run%frame%derivatives) m = run%frame%point_size
-    allocate (asked(size(requests)), points(run%frame%point_size * size(requests)), stat=memory)
-    if (memory == 0) then
-      asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
-      k = sum(asked)
-      allocate (times(k), members(k), answers(m * k), stat=memory)
-    end if
+    n = run%frame%point_size
+    if (run%frame%derivatives) m = n
+    asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+    k = sum(asked)
+    allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=memory)
     if (memory /= 0) run%lanes(requests)%status = out_of_memory
     if (memory /= 0) return
-    associate (n => run%frame%point_size)
-      k = 0
-      do i = 1, size(requests)
-        associate (lane => run%lanes(requests(i)))
-          times(k + 1:k + asked(i)) = times_of_request(lane)
-          members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%request%y
-        end associate
-        k = k + asked(i)
-      end do
-    end associate
+    k = 0
+    do i = 1, size(requests)
+      associate (lane => run%lanes(requests(i)))
+        times(k + 1:k + asked(i)) = times_of_request(lane)
+        members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
+        points((i - 1) * n + 1:i * n) = lane%request%y
+      end associate
+      k = k + asked(i)
+    end do
     call run%python%apply(fields_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
