@@ -296,12 +296,10 @@ contains
       return
     end if
     if (size(x%last_y) > 0) then
-      x%last%t = x%t
-      x%last%h = x%t_end - x%t
+      x%last = last_step_t(cut=ended, t=x%t, h=x%t_end - x%t)
       x%last_y(:) = x%y(:, 0)
       x%last_slope(:) = x%slope
       if (.not. x%slope_known) x%last_slope = nan
-      x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)
   end subroutine store_until

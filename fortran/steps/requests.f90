@@ -113,11 +113,7 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    if (.not. x%problem%adaptive) then
-      call fail(x, status, t)
-      return
-    end if
-    select case (x%phase)
+    select case (merge(x%phase, phase_ended, x%problem%adaptive))
     case (phase_curvature_received)
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished

@@ -17,8 +17,8 @@ module trajectory_m
                             terminal_event
   implicit none
   private
-  public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
-            fail, forget_step, reserve_trajectory, set_start
+  public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
+            exchange_state, fail, forget_step, reserve_trajectory, set_start
   public :: phase_begin_segment, phase_guess_size, phase_guess_shared, phase_curvature_received, &
             phase_size_shared, phase_choose_step, phase_start_received, phase_next_stage, &
             phase_stage_received, phase_finish_step, phase_decide_step, phase_accepted, &
