@@ -58,7 +58,7 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs_done < output%outputs) has_output = has_output .or. &
+    if (x%outputs_done < size(output%times)) has_output = has_output .or. &
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
@@ -106,7 +106,7 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
-        output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
+        output%record%dense .or. size(output%times) > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
@@ -354,7 +354,7 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (point => x%request%y)    ! no request is pending, so that its memory is free
-      do while (x%outputs_done < output%outputs)
+      do while (x%outputs_done < size(output%times))
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           if (time == t) then
@@ -383,7 +383,8 @@ contains
     real(wp) :: theta
     integer :: most
 
-    most = min(max_count, max(1, max_numbers / x%frame%point_size), output%outputs - x%outputs_done)
+    most = min(max_count, max(1, max_numbers / x%frame%point_size), &
+               size(output%times) - x%outputs_done)
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner)
       inner%owner = x%member
