@@ -21,7 +21,7 @@ module accepted_step_m
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
-            request_ends, request_node, store_begin, store_end, store_node, store_output
+            request_ends, request_node, store_end, store_node, store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
@@ -126,31 +126,26 @@ contains
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at the start of a step.
-  subroutine store_begin(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (x%interpolate_only) then
-      x%last_slope(:) = x%request%answer
-    else
-      x%slope(:) = x%request%answer
-      x%slope_known = .true.
-    end if
-    call request_ends(x)
-  end subroutine store_begin
-
-  ! Stores the coefficients at the end of a step, and starts its interpolant.
+  ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
   subroutine store_end(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only) then
-      x%slope(:) = x%request%answer
-      x%slope_known = x%t == x%request%t
-    else
-      x%end_slope(:) = x%request%answer
-      x%end_known = .true.
-    end if
-    call interpolate(x)
+    associate (begins => x%phase == phase_begin_received)
+      if (begins .and. x%interpolate_only) then
+        x%last_slope(:) = x%request%answer
+      else if (begins .or. x%interpolate_only) then
+        x%slope(:) = x%request%answer
+        x%slope_known = begins .or. x%t == x%request%t
+      else
+        x%end_slope(:) = x%request%answer
+        x%end_known = .true.
+      end if
+      if (begins) then
+        call request_ends(x)
+      else
+        call interpolate(x)
+      end if
+    end associate
   end subroutine store_end
 
   ! Starts the interpolant of the present step, or of the one before. If only events may need it,
