@@ -228,7 +228,7 @@ contains
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: columns, k, n
+    integer :: blocks, columns, k, n, unknowns
 
     x%problem => problem
     x%frame => problem%frame
@@ -260,17 +260,16 @@ contains
       if (memory /= 0) return
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
-      if (method%kind == collocation_kind) then
-        n = merge(0, m, sparse)
-        allocate (x%newton%last(m, 3), x%newton%z(m, 3), x%newton%jacobian(m, n), &
-                  x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
-                  x%newton%complex_pivot(n), stat=memory)
-      else if (method%kind == implicit_kind) then
-        x%solver%fixed_point = sparse
-        n = merge(0, size(x%f) / method%blocks, sparse)
-        allocate (x%solver%value(m, columns), x%solver%lu(n, n, method%blocks), &
-                  x%solver%pivot(n, method%blocks), x%solver%factored_h(method%blocks), stat=memory)
-      end if
+      k = merge(m, 0, method%kind == collocation_kind)
+      n = merge(0, k, sparse)
+      blocks = merge(method%blocks, 0, method%kind == implicit_kind)
+      unknowns = merge(0, size(x%f) / max(1, blocks), sparse .or. blocks == 0)
+      x%solver%fixed_point = sparse
+      allocate (x%newton%last(k, 3), x%newton%z(k, 3), x%newton%jacobian(k, n), &
+                x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
+                x%newton%complex_pivot(n), x%solver%value(m, merge(0, columns, blocks == 0)), &
+                x%solver%lu(unknowns, unknowns, blocks), x%solver%pivot(unknowns, blocks), &
+                x%solver%factored_h(blocks), stat=memory)
       if (memory == 0 .and. within) &
         call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
@@ -318,7 +317,7 @@ contains
 
     x%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
-    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
+    x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
     x%newton%moved = .false.
     if (present(near)) x%newton%moved = near
@@ -362,15 +361,11 @@ contains
     call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
     call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
     call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
-    if (allocated(x%newton%last)) then
-      call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
-      call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
-    end if
-    if (allocated(x%solver%lu)) then
-      call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
-      call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
-      call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
-    end if
+    call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
+    call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
+    call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
+    call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
+    call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
     if (.not. restores) return
     x%last%cut = .false.                     ! its interpolant isn't saved
     status = x%status
