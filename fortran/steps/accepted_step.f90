@@ -6,14 +6,12 @@ module accepted_step_m
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
   use free_motion_m, only: add_constraint_forces
-  use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, &
-       next_node
+  use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
-       share, time_at
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
   use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers

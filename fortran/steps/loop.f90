@@ -17,9 +17,8 @@
 module loop_m
   use method_m, only: polynomial_kind
   use output_m, only: output_t
-  use accepted_step_m, only: complete_step, detect_events, examine_step, &
-                             prepare_inner, request_ends, request_node, store_end, store_node, &
-                             store_output
+  use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, &
+                             request_ends, request_node, store_end, store_node, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
