@@ -373,7 +373,6 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
-    real(wp) :: theta
     integer :: most
 
     most = min(max_count, max(1, max_numbers / x%frame%point_size), &
@@ -381,15 +380,11 @@ contains
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner)
       inner%owner = x%member
-      inner%count = 0
       if (.not. allocated(inner%theta)) &
         allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
-      do while (inner%count < most)
-        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
-        if (.not. theta < 1) exit
-        inner%count = inner%count + 1
-        inner%theta(inner%count) = theta
-      end do
+      inner%theta(:most) = (output%times(x%outputs_done + 1:x%outputs_done + most) - x%t) &
+                           / (x%t_end - x%t)
+      inner%count = findloc([inner%theta(:most) < 1, .false.], .false., 1) - 1
       if (size(inner%y, 2) >= inner%count) return
       deallocate (inner%y)
       allocate (inner%y(x%frame%point_size, inner%count))
