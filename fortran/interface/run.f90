@@ -118,7 +118,6 @@ contains
   subroutine set_lanes(run, memory)
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: memory           ! nonzero if there isn't enough
-    logical :: within
     integer :: i, lanes, members
     integer(int8) :: none(0)
 
@@ -129,12 +128,11 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0 .or. record%keep_last
       allocate (run%busy(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)
-        call reserve_trajectory(run%problem_t, within, logical(record%keep_last), run%lanes(i), memory)
+        call reserve_trajectory(run%problem_t, run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do

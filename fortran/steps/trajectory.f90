@@ -222,10 +222,8 @@ module trajectory_m
 contains
 
   ! Allocates the memory of a trajectory.
-  subroutine reserve_trajectory(problem, within, keep_last, x, memory)
+  subroutine reserve_trajectory(problem, x, memory)
     type(problem_t), target, intent(in) :: problem
-    logical, intent(in) :: within            ! whether interpolants are needed
-    logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
     integer :: blocks, columns, k, n, unknowns
@@ -234,7 +232,7 @@ contains
     x%frame => problem%frame
     x%method => problem%method
     x%tolerances => problem%tolerances
-    associate (frame => problem%frame, method => problem%method, &
+    associate (frame => problem%frame, method => problem%method, record => problem%record, &
                first => problem%method%path_first, paths => size(problem%method%origin), &
                m => problem%frame%dimension, &
                has_registers => problem%method%kind == registers_kind, &
@@ -255,8 +253,8 @@ contains
                                              method%kind == splitting_kind)), &
                 x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
                 x%query(3 + frame%point_size + k, 0), &
-                x%last_y(merge(frame%point_size, 0, keep_last)), &
-                x%last_slope(merge(m, 0, keep_last)), stat=memory)
+                x%last_y(merge(frame%point_size, 0, record%keep_last)), &
+                x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
@@ -270,7 +268,8 @@ contains
                 x%newton%complex_pivot(n), x%solver%value(m, merge(0, columns, blocks == 0)), &
                 x%solver%lu(unknowns, unknowns, blocks), x%solver%pivot(unknowns, blocks), &
                 x%solver%factored_h(blocks), stat=memory)
-      if (memory == 0 .and. within) &
+      if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
+                             .or. record%keep_last)) &
         call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
   end subroutine reserve_trajectory
