@@ -381,20 +381,16 @@ contains
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
     real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
-    logical :: left(size(theta))
-    integer :: k, order(size(theta))
+    integer :: k, place(size(theta))         ! where each is in increasing order
 
-    left = .true.
-    do k = 1, size(theta)
-      order(k) = minloc(theta, 1, left)
-      left(order(k)) = .false.
-    end do
+    place = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
     inner%count = size(theta)
-    inner%theta = theta(order)
+    inner%theta = theta
+    inner%theta(place) = theta
     inner%y = y
     reached = self%y0
     call follow_flows(self, 1.0_wp, reached, inner)
-    y(:, order) = inner%y
+    y = inner%y(:, place)
   end subroutine evaluate_inner
 
 end module interpolant_m
