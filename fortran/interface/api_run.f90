@@ -3,7 +3,6 @@
 module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int8
-  use accepted_step_m, only: request_interpolant
   use callback_m, only: callback_t
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
@@ -102,10 +101,7 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    bound = 0.0_wp
-    do i = 1, members
-      bound = max(bound, distance_bound(plan%frame, y(:, i)))
-    end do
+    bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
   ! Frees a plan.
@@ -177,12 +173,7 @@ contains
     run%stops = reals(run%record%stops, run%record%segments)
     call wake(run)
     do i = 1, size(run%lanes)
-      if (.not. run%busy(i)) cycle
-      if (interpolating) then
-        call request_interpolant(run%lanes(i))
-      else
-        call continue_trajectory(run%lanes(i))
-      end if
+      if (run%busy(i)) call continue_trajectory(run%lanes(i), logical(interpolating))
     end do
   end subroutine loop_continue
 

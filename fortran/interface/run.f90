@@ -118,7 +118,6 @@ contains
   subroutine set_lanes(run, memory)
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: memory           ! nonzero if there isn't enough
-    logical :: within
     integer :: i, lanes, members
     integer(int8) :: none(0)
 
@@ -129,12 +128,11 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = record%dense .or. record%outputs > 0 .or. run%events%count > 0 .or. record%keep_last
       allocate (run%busy(lanes), source=.false., stat=memory)
       if (memory == 0) allocate (run%lanes(lanes), stat=memory)
       if (memory /= 0) return
       do i = 1, size(run%lanes)
-        call reserve_trajectory(run%problem_t, within, logical(record%keep_last), run%lanes(i), memory)
+        call reserve_trajectory(run%problem_t, run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
@@ -203,7 +201,6 @@ contains
                m => int(run%frame%dimension * run%method%scheme%columns, int64), &
                observations => int(run%output%observer%count, int64))
       output%record => record
-      output%outputs = int(record%outputs)
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
       if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
                                           [n, record%members, record%outputs])
@@ -255,14 +252,9 @@ contains
         budget = budget - share(i)
         status = advance_lane(run, i, share(i))
         budget = budget + share(i)
-        select case (status)
-        case (needs_maximum)
-          waits = .true.
-        case (paused)
-          stops = .true.
-        case (raised)
-          exit drive_all
-        end select
+        if (status == raised) exit drive_all
+        waits = waits .or. status == needs_maximum
+        stops = stops .or. status == paused
       end do
       if (in_rounds .and. (stops .or. budget <= 0)) then
         exit
@@ -270,8 +262,9 @@ contains
         call answer_events(run)
       else if (any(run%lanes%status == needs_field)) then
         call evaluate(run)
-      else if (waits .and. .not. stops) then
-        call exchange(run)
+      else if (waits .and. .not. stops) then         ! for the maximum of all
+        run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
+        where (run%busy) run%lanes%status = paused
       else
         exit
       end if
@@ -322,7 +315,7 @@ contains
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
-      if (run%output%outputs > 0) then
+      if (size(run%output%times) > 0) then
         if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
           lane%outputs_done = 1
@@ -364,14 +357,6 @@ contains
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters
 
-  ! Exchanges the maximum that trajectories with common steps wait for.
-  subroutine exchange(run)
-    type(run_t), intent(inout) :: run
-
-    run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
-    where (run%busy) run%lanes%status = paused
-  end subroutine exchange
-
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run)
     type(run_t), target, intent(inout) :: run
@@ -379,31 +364,27 @@ contains
     integer, allocatable :: asked(:)                   ! for how many times each asks
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
-    integer :: i, k, m, memory
+    integer :: i, k, m, memory, n
 
     requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_field)
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
-    if (run%frame%derivatives) m = run%frame%point_size
-    allocate (asked(size(requests)), points(run%frame%point_size * size(requests)), stat=memory)
-    if (memory == 0) then
-      asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
-      k = sum(asked)
-      allocate (times(k), members(k), answers(m * k), stat=memory)
-    end if
+    n = run%frame%point_size
+    if (run%frame%derivatives) m = n
+    asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+    k = sum(asked)
+    allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=memory)
     if (memory /= 0) run%lanes(requests)%status = out_of_memory
     if (memory /= 0) return
-    associate (n => run%frame%point_size)
-      k = 0
-      do i = 1, size(requests)
-        associate (lane => run%lanes(requests(i)))
-          times(k + 1:k + asked(i)) = times_of_request(lane)
-          members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%request%y
-        end associate
-        k = k + asked(i)
-      end do
-    end associate
+    k = 0
+    do i = 1, size(requests)
+      associate (lane => run%lanes(requests(i)))
+        times(k + 1:k + asked(i)) = times_of_request(lane)
+        members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
+        points((i - 1) * n + 1:i * n) = lane%request%y
+      end associate
+      k = k + asked(i)
+    end do
     call run%python%apply(fields_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
@@ -415,8 +396,7 @@ contains
           call store_answers(lane, m, asked(i), own)
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
-        if (lane%status == needs_field) &
-          call check_coefficients(lane)
+        if (lane%status == needs_field) call check_coefficients(lane)
       end associate
       k = k + asked(i)
     end do
@@ -426,7 +406,7 @@ contains
   ! once.
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
-    integer, allocatable :: waiting(:)                 ! lanes
+    integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks
     real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
     real(wp), allocatable :: values(:)
     integer :: event, i, j, memory, total
@@ -435,18 +415,17 @@ contains
     associate (lanes => run%lanes, n => run%frame%point_size)
       waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
       lanes(waiting)%status = finished
-      total = sum(lanes(waiting)%queries - lanes(waiting)%answered)
+      counts = lanes(waiting)%queries - lanes(waiting)%answered
+      total = sum(counts)
       allocate (query(3 + n + run%events%count, total), member(total), values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)))
-          associate (count => lane%queries - lane%answered)
-            query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
-            member(total + 1:total + count) = real(lane%member - 1, wp)
-            total = total + count
-          end associate
+        associate (lane => lanes(waiting(i)), count => counts(i))
+          query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
+          member(total + 1:total + count) = real(lane%member - 1, wp)
+          total = total + count
         end associate
       end do
       do event = 1, run%events%count
@@ -466,12 +445,10 @@ contains
       end do
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)))
-          associate (count => lane%queries - lane%answered)
-            lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
-            total = total + count
-          end associate
+        associate (lane => lanes(waiting(i)), count => counts(i))
+          lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
           lane%answered = lane%queries
+          total = total + count
         end associate
       end do
     end associate

@@ -6,24 +6,20 @@ module accepted_step_m
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
   use free_motion_m, only: add_constraint_forces
-  use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, &
-       next_node
+  use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
-       share_step, time_at
-  use phases_m
-  use trajectory_m, only: fail, forget_step, trajectory_t
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
+  use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers
   use vectors_m, only: finite, nan
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
-            request_ends, request_interpolant, request_node, store_begin, store_end, store_node, &
-            store_output
+            request_ends, request_node, store_end, store_node, store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
@@ -49,11 +45,9 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table%direction, &
-                       x%problem%events%table%period) &
+      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table) &
                .and. (x%events%after /= 0 .or. may_cut(x)))
-    if (.not. (x%needs_interpolant .or. x%seeks_events)) return
-    call request_ends(x)
+    if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
   ! Whether the output needs the interpolant of the step
@@ -62,7 +56,7 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs_done < output%outputs) has_output = has_output .or. &
+    if (x%outputs_done < size(output%times)) has_output = has_output .or. &
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
@@ -110,65 +104,46 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
-        output%record%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
+        output%record%dense .or. size(output%times) > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
-
-  ! Requests the interpolant of the last step, and no further step.
-  subroutine request_interpolant(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%interpolate_only = .true.
-    x%status = paused
-    x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
-  end subroutine request_interpolant
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
   ! known; then its interpolant starts.
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only) then
-      if (.not. finite(size(x%last_slope), x%last_slope)) then
-        call request(x, x%last%t, x%last_y, phase_begin_received)
-      else if (.not. x%slope_known) then
-        call request(x, x%t, x%y(:, 0), phase_end_received)
-      else
-        call interpolate(x)
-      end if
+    if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
+      call request(x, x%last%t, x%last_y, phase_begin_received)
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), phase_begin_received)
-    else if (.not. x%end_known) then
+      call request(x, x%t, x%y(:, 0), &
+                   merge(phase_end_received, phase_begin_received, x%interpolate_only))
+    else if (.not. (x%interpolate_only .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at the start of a step.
-  subroutine store_begin(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (x%interpolate_only) then
-      x%last_slope(:) = x%request%answer
-    else
-      x%slope(:) = x%request%answer
-      x%slope_known = .true.
-    end if
-    call request_ends(x)
-  end subroutine store_begin
-
-  ! Stores the coefficients at the end of a step, and starts its interpolant.
+  ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
   subroutine store_end(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only) then
-      x%slope(:) = x%request%answer
-      x%slope_known = x%t == x%request%t
-    else
-      x%end_slope(:) = x%request%answer
-      x%end_known = .true.
-    end if
-    call interpolate(x)
+    associate (begins => x%phase == phase_begin_received)
+      if (begins .and. x%interpolate_only) then
+        x%last_slope(:) = x%request%answer
+      else if (begins .or. x%interpolate_only) then
+        x%slope(:) = x%request%answer
+        x%slope_known = begins .or. x%t == x%request%t
+      else
+        x%end_slope(:) = x%request%answer
+        x%end_known = .true.
+      end if
+      if (begins) then
+        call request_ends(x)
+      else
+        call interpolate(x)
+      end if
+    end associate
   end subroutine store_end
 
   ! Starts the interpolant of the present step, or of the one before. If only events may need it,
@@ -231,9 +206,7 @@ contains
     call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
     do while (path > 0)
-      associate (first => x%method%path_first(path), last => x%method%path_first(path + 1) - 1)
-        flows = [reshape(v(:, first:last), [size(v, 1) * (last - first + 1)]), flows]
-      end associate
+      flows = [v(:, x%method%path_first(path):x%method%path_first(path + 1) - 1), flows]
       path = x%method%origin(path)
     end do
   end function flows_of_step
@@ -316,12 +289,10 @@ contains
       return
     end if
     if (size(x%last_y) > 0) then
-      x%last%t = x%t
-      x%last%h = x%t_end - x%t
+      x%last = last_step_t(cut=ended, t=x%t, h=x%t_end - x%t)
       x%last_y(:) = x%y(:, 0)
       x%last_slope(:) = x%slope
       if (.not. x%slope_known) x%last_slope = nan
-      x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)
   end subroutine store_until
@@ -376,20 +347,20 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (point => x%request%y)    ! no request is pending, so that its memory is free
-      do while (x%outputs_done < output%outputs)
+      do while (x%outputs_done < size(output%times))
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
-          x%outputs_done = x%outputs_done + 1
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%problem%inner%y(:, x%outputs_done - x%inner_from)
+            point = x%problem%inner%y(:, x%outputs_done + 1 - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
+        x%outputs_done = x%outputs_done + 1
         call store_point(output, x%member, x%outputs_done, point)
         if (output%status /= finished) return
       end do
@@ -402,39 +373,33 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
-    real(wp) :: theta
     integer :: most
 
-    most = min(max_count, max(1, max_numbers / x%frame%point_size), output%outputs - x%outputs_done)
+    most = min(max_count, max(1, max_numbers / x%frame%point_size), &
+               size(output%times) - x%outputs_done)
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner)
       inner%owner = x%member
-      inner%count = 0
       if (.not. allocated(inner%theta)) &
         allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
-      do while (inner%count < most)
-        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
-        if (.not. theta < 1) exit
-        inner%count = inner%count + 1
-        inner%theta(inner%count) = theta
-      end do
+      inner%theta(:most) = (output%times(x%outputs_done + 1:x%outputs_done + most) - x%t) &
+                           / (x%t_end - x%t)
+      inner%count = findloc([inner%theta(:most) < 1, .false.], .false., 1) - 1
       if (size(inner%y, 2) >= inner%count) return
       deallocate (inner%y)
       allocate (inner%y(x%frame%point_size, inner%count))
     end associate
   end subroutine prepare_inner
 
-  ! Prepares the point at the last output time passed where it isn't yet.
+  ! Prepares the point at the next output time where it isn't yet.
   subroutine prepare_next(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
     associate (end => x%request%y, inner => x%problem%inner)
       ! members with common steps may have prepared theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
-      x%outputs_done = x%outputs_done - 1
+      if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
       call prepare_inner(x, output)
-      x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
       associate (first => x%method%path_first(x%method%result), &
                  last => x%method%path_first(x%method%result + 1) - 1)

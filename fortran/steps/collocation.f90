@@ -17,8 +17,7 @@ module collocation_m
   use coordinates_m, only: norm, scales, sizes, tangent
   use frames_m, only: apply_flows
   use requests_m, only: reject_stage, request
-  use phases_m
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
   use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, raised, &
                             solve_operation, sparse_jacobian, stages_not_solved, step_too_long

@@ -2,8 +2,8 @@
 ! Python elsewhere; and those that are evaluated at output times, one in Python, or some in C, one
 ! number each.
 module events_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int64_t, &
-                                         c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
+                                         c_null_ptr, c_ptr
   use callback_m, only: callback_t
   use inputs_m, only: evaluate, member_data_t, vector_field_t
   use kinds, only: wp
@@ -52,14 +52,12 @@ contains
     real(wp), intent(out) :: g
     logical, intent(out) :: flag                       ! whether the function failed
     procedure(event_i), pointer :: function
-    type(c_funptr) :: pointer
     integer(c_intptr_t) :: data
     real(wp) :: answer(1)
 
     associate (row => self%table(event))
       if (row%function /= 0) then
-        pointer = transfer(row%function, pointer)
-        call c_f_procpointer(pointer, function)
+        call c_f_procpointer(transfer(row%function, c_null_funptr), function)
         data = self%data%at(t, member)
         if (row%data /= 0) data = row%data
         if (row%data == -1) data = 0         ! a null pointer

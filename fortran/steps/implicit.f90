@@ -17,9 +17,8 @@ module implicit_m
   use vectors_m, only: dgetrf, dgetrs
   use method_m, only: method_t
   use paths_m, only: follow_paths
-  use phases_m
   use requests_m, only: reject_stage, request
-  use trajectory_m, only: trajectory_t
+  use trajectory_m
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private

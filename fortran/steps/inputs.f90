@@ -89,19 +89,26 @@ contains
     class(member_data_t), intent(in) :: self
     real(wp), intent(in) :: t
     integer, intent(in) :: member            ! from 1
+
+    data = self%address + int(member - 1, c_intptr_t) * self%stride
+    if (associated(self%inputs)) call write_inputs(self, t, member, data)
+  end function data_at
+
+  ! Writes inputs at a time into the data of a member. It is apart so that data_at is inlined.
+  subroutine write_inputs(self, t, member, data)
+    type(member_data_t), intent(in) :: self
+    real(wp), intent(in) :: t
+    integer, intent(in) :: member            ! from 1
+    integer(c_intptr_t), intent(in) :: data
     real(wp), pointer, contiguous :: starts(:), coefficients(:, :, :), values(:)
     real(wp) :: s
-    integer(c_intptr_t) :: before
     integer :: i, k, piece
 
-    before = int(member - 1, c_intptr_t)
-    data = self%address + before * self%stride
-    if (.not. associated(self%inputs)) return
     do i = 1, size(self%inputs, 2)
       associate (row => int(self%inputs(:4, i)), address => self%inputs(5:6, i))
         call c_f_pointer(transfer(address(1), c_null_ptr), starts, [row(2)])
-        call c_f_pointer(transfer(address(2) + before * self%inputs(7, i), c_null_ptr), &
-                         coefficients, [row(3), row(2), row(1)])
+        call c_f_pointer(transfer(address(2) + int(member - 1, c_intptr_t) * self%inputs(7, i), &
+                                  c_null_ptr), coefficients, [row(3), row(2), row(1)])
         call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
         piece = last_before(starts, t)
         s = t - starts(piece)
@@ -111,7 +118,7 @@ contains
         end do
       end associate
     end do
-  end function data_at
+  end subroutine write_inputs
 
   ! The last of increasing times that isn't after t, the first one if all are
   pure integer function last_before(times, t) result(low)

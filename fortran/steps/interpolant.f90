@@ -115,16 +115,14 @@ contains
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
     if (size(self%path) > 0) then
-      associate (back => -self%v(:, size(self%v, 2) - 1:1:-1))
-        call self%frame%callback%apply(nearest_operation, &
-                                       [reached, reshape(back, [size(back)]), self%path], aim, v)
-      end associate
+      call self%frame%callback%apply(nearest_operation, &
+        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%path], aim, v)
     else
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
     if (all(abs(v) <= huge(v))) self%field(:, nodes + 1) = v
-    self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
+    self%nexp = self%nexp + size(self%v, 2)
     self%node = 2
     self%complete = nodes == self%scheme%nodes
   end subroutine add_last_flow
@@ -184,16 +182,14 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: begin, length, h
     real(wp), intent(out) :: basis(:, :)                     ! (n, stages)
-    integer :: i, j, k
+    integer :: i, j
 
-    do k = 1, size(scheme%c)
-      do j = 1, n
-        basis(j, k) = length * h
-        do i = 1, n
-          if (i == j) cycle
-          basis(j, k) = basis(j, k) * ((begin + length * scheme%c(k) - scheme%node(i, n)) &
-                                       / (scheme%node(j, n) - scheme%node(i, n)))
-        end do
+    do j = 1, n
+      basis(j, :) = length * h
+      do i = 1, n
+        if (i == j) cycle
+        basis(j, :) = basis(j, :) * ((begin + length * scheme%c - scheme%node(i, n)) &
+                                     / (scheme%node(j, n) - scheme%node(i, n)))
       end do
     end do
   end subroutine lagrange
@@ -207,14 +203,13 @@ contains
 
     exists = .true.
     self%nexp = 0
-    self%complete = .false.
+    self%complete = self%scheme%at_stages
     self%on_algebra = .not. (self%scheme%at_stages .or. allocated(self%scheme%drift)) &
                       .and. (self%scheme%flat .or. unique_flows)
     if (self%scheme%at_stages) then
       self%known = self%scheme%nodes
       self%field(:, :self%scheme%nodes) = stages
       self%field(:, self%scheme%nodes + 1) = 0.0_wp  ! there is no last flow
-      self%complete = .true.
       return
     end if
     if (.not. self%on_algebra) then
@@ -354,9 +349,7 @@ contains
   pure integer function flows_of_evaluation(self)
     type(interpolant_t), intent(in) :: self
 
-    flows_of_evaluation = 1
-    if (self%on_algebra .or. self%scheme%at_stages) return
-    flows_of_evaluation = size(self%scheme%weight, 2) + 1
+    flows_of_evaluation = merge(1, size(self%v, 2), self%on_algebra .or. self%scheme%at_stages)
   end function flows_of_evaluation
 
   ! Evaluates the interpolant at a fraction of the step.
@@ -388,20 +381,16 @@ contains
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
     real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
-    logical :: left(size(theta))
-    integer :: k, order(size(theta))
+    integer :: k, place(size(theta))         ! where each is in increasing order
 
-    left = .true.
-    do k = 1, size(theta)
-      order(k) = minloc(theta, 1, left)
-      left(order(k)) = .false.
-    end do
+    place = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
     inner%count = size(theta)
-    inner%theta = theta(order)
+    inner%theta = theta
+    inner%theta(place) = theta
     inner%y = y
     reached = self%y0
     call follow_flows(self, 1.0_wp, reached, inner)
-    y(:, order) = inner%y
+    y = inner%y(:, place)
   end subroutine evaluate_inner
 
 end module interpolant_m

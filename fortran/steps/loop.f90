@@ -17,16 +17,14 @@
 module loop_m
   use method_m, only: polynomial_kind
   use output_m, only: output_t
-  use accepted_step_m, only: complete_step, detect_events, examine_step, &
-                             prepare_inner, request_ends, request_node, store_begin, store_end, &
-                             store_node, store_output
+  use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, &
+                             request_ends, request_node, store_end, store_node, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
   use requests_m, only: retry_step
-  use phases_m
-  use trajectory_m, only: trajectory_t
+  use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers, only: finished, needs_events, needs_maximum, paused
   implicit none
@@ -94,9 +92,7 @@ contains
       call examine_step(x, output)
     case (phase_request_ends)
       call request_ends(x)
-    case (phase_begin_received)
-      call store_begin(x)
-    case (phase_end_received)
+    case (phase_begin_received, phase_end_received)
       call store_end(x)
     case (phase_next_node)
       call request_node(x)

@@ -33,10 +33,9 @@ module paths_m
   use linear_action_m, only: move_polynomially
   use method_m, only: algebra_kind, collocation_kind, polynomial_kind, registers_kind, &
        splitting_kind
-  use phases_m
   use requests_m, only: reject_stage, request
   use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m
   use vectors_m, only: copy
   implicit none
   private

@@ -13,8 +13,7 @@ module step_m
   use implicit_m, only: request_implicit, store_implicit
   use method_m, only: collocation_kind, implicit_kind, registers_kind
   use requests_m, only: request, share_error, within_segment
-  use phases_m
-  use trajectory_m, only: fail, trajectory_t
+  use trajectory_m
   use vectors_m, only: finite
   use shared_numbers
   implicit none

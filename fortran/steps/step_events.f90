@@ -9,7 +9,6 @@
 ! parabola tells where it is, else by bisection (T. R. Chandrupatla, Adv. Eng. Software 28 (1997)
 ! 145-149). Zeros are put in the order of their times; those at the same time happen together.
 module step_events_m
-  use, intrinsic :: iso_fortran_env, only: int64
   use controller_m, only: smallest_size
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
@@ -17,8 +16,8 @@ module step_events_m
   use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
-  use shared_numbers, only: callback_block, finished, needs_events, out_of_memory, &
-       raised, resting_contact, step_too_long, step_too_long_for_events
+  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, &
+       out_of_memory, raised, resting_contact, step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private
@@ -30,8 +29,9 @@ module step_events_m
   integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; fixed
-  ! ones that need more than `max_parts` fail.
+  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or of
+  ! common steps without an end those that rotate by more than a turn, are tried again with a smaller
+  ! size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
@@ -86,14 +86,13 @@ contains
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
   ! at the end of the interval before, or it is the initial point. A change by more than half a period
   ! is a wrap.
-  pure elemental logical function crosses(before, after, direction, period)
+  pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
-    integer(int64), intent(in) :: direction
-    real(wp), intent(in) :: period           ! 0 without one
+    type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
 
-    crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
-              .or. (before > 0 .and. after <= 0 .and. direction <= 0)
-    if (period > 0) crosses = crosses .and. abs(after - before) < period / 2
+    crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
+              .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
+    if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
   end function crosses
 
   ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
@@ -103,10 +102,6 @@ contains
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
     type(event_state_t) :: events(size(x%events))
 
-    if (rotates_far(x)) then
-      call reject_accepted_step(x, step_too_long, x%t)
-      return
-    end if
     events = x%events
     call seek_zeros(x)
     if (x%status == needs_events) then
@@ -124,6 +119,13 @@ contains
     integer :: first, i, k, memory, n
 
     n = parts(x)
+    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
+      if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
+                                             x%problem%record%common .and. endless)) then
+        call reject_accepted_step(x, step_too_long, x%t)
+        return
+      end if
+    end associate
     if (n > max_parts) then
       call fail(x, step_too_long_for_events, x%t)
       return
@@ -133,9 +135,7 @@ contains
       call fail(x, out_of_memory, x%t)
       return
     end if
-    do k = 0, n
-      theta(k) = real(k, wp) / real(n, wp)
-    end do
+    theta(:) = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
     x%zeros = [zero_t ::]
@@ -183,18 +183,6 @@ contains
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
-
-  ! Whether an adaptive step rotates so far that its events take too much time and memory; of common
-  ! steps without an end, by more than a turn
-  pure logical function rotates_far(x)
-    type(trajectory_t), intent(in) :: x
-
-    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
-      rotates_far = x%problem%adaptive
-      if (rotates_far) rotates_far = parts(x) > merge(parts_of_turn, many_parts, &
-                                                      x%problem%record%common .and. endless)
-    end associate
-  end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
   subroutine find_zeros_of(x, event, theta, values)
@@ -312,10 +300,7 @@ contains
     real(wp), intent(in) :: low(2), high(2)            ! points, and the values there
     real(wp) :: zero
 
-    associate (events => x%problem%events)
-      if (.not. crosses(low(2), high(2), events%table(event)%direction, &
-                         events%table(event)%period)) return
-    end associate
+    if (.not. crosses(low(2), high(2), x%problem%events%table(event))) return
     zero = high(1)
     if (high(2) /= 0 .and. x%interpolant%complete) call find_root(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
@@ -497,15 +482,14 @@ contains
     integer :: k
 
     after = y
-    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta), &
+               those => pack(x%zeros%event, happen))   ! one of each event
+      x%events(those)%time = t
+      jumps = happen .and. events%table(zeros%event)%jumps /= 0 .and. (x%problem%record%goes_on &
+              .or. x%events(zeros%event)%count + 1 < events%table(zeros%event)%limit)
       do k = 1, size(happen)
-        associate (of => zeros(k)%event)
-          jumps(k) = happen(k) .and. events%table(of)%jumps /= 0 .and. (x%problem%record%goes_on &
-                     .or. x%events(of)%count + 1 < events%table(of)%limit)
-          if (.not. happen(k)) cycle
-          x%events(of)%time = t
-          if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
-        end associate
+        if (happen(k) .and. .not. jumps(k)) &
+          call store_event(output, x%member, zeros(k)%event, t, y, y)
       end do
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
@@ -517,9 +501,7 @@ contains
         end if
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
-      associate (those => pack(zeros%event, happen))   ! one of each event
-        x%events(those)%count = x%events(those)%count + 1
-      end associate
+      x%events(those)%count = x%events(those)%count + 1
     end associate
   end subroutine store_together
 

@@ -10,7 +10,6 @@ module trajectory_m
   use linear_action_m, only: inner_points_t
   use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
        splitting_kind, method_t
-  use phases_m
   use inputs_m, only: grid_t, vector_field_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
@@ -18,8 +17,27 @@ module trajectory_m
                             terminal_event
   implicit none
   private
-  public :: event_state_t, problem_t, trajectory_t, zero_t, continue_trajectory, exchange_state, &
-            fail, forget_step, reserve_trajectory, set_start
+  public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
+            exchange_state, fail, forget_step, reserve_trajectory, set_start
+  public :: phase_begin_segment, phase_guess_size, phase_guess_shared, phase_curvature_received, &
+            phase_size_shared, phase_choose_step, phase_start_received, phase_next_stage, &
+            phase_stage_received, phase_finish_step, phase_decide_step, phase_accepted, &
+            phase_request_ends, phase_end_received, phase_next_node, phase_node_received, &
+            phase_store_output, phase_column_received, phase_error_received, phase_detect_events, &
+            phase_begin_received, phase_complete_step, phase_step_shared, phase_ended
+
+  ! The phases of a trajectory. Each is named after what `resume` does next, or after the
+  ! coefficients or the shared number that it has received.
+  enum, bind(c)
+    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
+                  phase_curvature_received, phase_size_shared, phase_choose_step, &
+                  phase_start_received, phase_next_stage, phase_stage_received, &
+                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_ends, &
+                  phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
+                  phase_column_received, phase_error_received, phase_detect_events, &
+                  phase_begin_received, phase_complete_step, phase_step_shared, &
+                  phase_ended
+  end enum
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
@@ -204,19 +222,17 @@ module trajectory_m
 contains
 
   ! Allocates the memory of a trajectory.
-  subroutine reserve_trajectory(problem, within, keep_last, x, memory)
+  subroutine reserve_trajectory(problem, x, memory)
     type(problem_t), target, intent(in) :: problem
-    logical, intent(in) :: within            ! whether interpolants are needed
-    logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: columns, k, n
+    integer :: blocks, columns, k, n, unknowns
 
     x%problem => problem
     x%frame => problem%frame
     x%method => problem%method
     x%tolerances => problem%tolerances
-    associate (frame => problem%frame, method => problem%method, &
+    associate (frame => problem%frame, method => problem%method, record => problem%record, &
                first => problem%method%path_first, paths => size(problem%method%origin), &
                m => problem%frame%dimension, &
                has_registers => problem%method%kind == registers_kind, &
@@ -237,23 +253,23 @@ contains
                                              method%kind == splitting_kind)), &
                 x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
                 x%query(3 + frame%point_size + k, 0), &
-                x%last_y(merge(frame%point_size, 0, keep_last)), &
-                x%last_slope(merge(m, 0, keep_last)), stat=memory)
+                x%last_y(merge(frame%point_size, 0, record%keep_last)), &
+                x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
-      if (method%kind == collocation_kind) then
-        n = merge(0, m, sparse)
-        allocate (x%newton%last(m, 3), x%newton%z(m, 3), x%newton%jacobian(m, n), &
-                  x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
-                  x%newton%complex_pivot(n), stat=memory)
-      else if (method%kind == implicit_kind) then
-        x%solver%fixed_point = sparse
-        n = merge(0, size(x%f) / method%blocks, sparse)
-        allocate (x%solver%value(m, columns), x%solver%lu(n, n, method%blocks), &
-                  x%solver%pivot(n, method%blocks), x%solver%factored_h(method%blocks), stat=memory)
-      end if
-      if (memory == 0 .and. within) &
+      k = merge(m, 0, method%kind == collocation_kind)
+      n = merge(0, k, sparse)
+      blocks = merge(method%blocks, 0, method%kind == implicit_kind)
+      unknowns = merge(0, size(x%f) / max(1, blocks), sparse .or. blocks == 0)
+      x%solver%fixed_point = sparse
+      allocate (x%newton%last(k, 3), x%newton%z(k, 3), x%newton%jacobian(k, n), &
+                x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
+                x%newton%complex_pivot(n), x%solver%value(m, merge(0, columns, blocks == 0)), &
+                x%solver%lu(unknowns, unknowns, blocks), x%solver%pivot(unknowns, blocks), &
+                x%solver%factored_h(blocks), stat=memory)
+      if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
+                             .or. record%keep_last)) &
         call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
   end subroutine reserve_trajectory
@@ -273,27 +289,20 @@ contains
     near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
            .and. x%t == t
     if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
-    x%t = t
+    x%state_t = state_t(failed_at=x%failed_at, counts=x%counts, t=t, h=x%h, last=x%last, &
+      control=control_t(step_size=x%control%step_size, attempts=x%control%attempts))
+    x%last%cut = .false.
     x%y(:, 0) = y
-    x%slope_known = .false.
     x%end_known = .false.
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
       x%control%step_size = x%problem%record%first_step
     end if
-    x%control%last_error = 1.0_wp
-    x%control%after_rejection = .false.
-    x%control%suspicion = 0
-    x%jumps_in_place = 0
-    x%grid = grid_t()
-    x%grid_done = 0
     call forget_step(x, near)
-    x%last%cut = .false.
-    x%events_known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
-    call continue_trajectory(x)
+    call continue_trajectory(x, .false.)
     if (same) return
     x%events%time = huge(1.0_wp)
     x%events%came_from = 0
@@ -307,24 +316,25 @@ contains
 
     x%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
-    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
+    x%solver%factored_h = 0.0_wp
     x%newton%fresh = .false.
     x%newton%moved = .false.
     if (present(near)) x%newton%moved = near
-    if (x%newton%moved) return
-    x%newton%has_jacobian = .false.
-    x%newton%last_h = 0.0_wp
-    x%newton%rate_factor = 1.0_wp
+    if (.not. x%newton%moved) &
+      x%newton%newton_state_t = newton_state_t(factored_h=x%newton%factored_h)
   end subroutine forget_step
 
-  ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  elemental subroutine continue_trajectory(x)
+  ! Lets a trajectory continue after its end or an interruption, with other ends of segments, or
+  ! requests the interpolant of its last step, and no further step.
+  pure subroutine continue_trajectory(x, interpolating)
     type(trajectory_t), intent(inout) :: x
+    logical, intent(in) :: interpolating
 
     x%status = paused
     x%segment = 1
+    x%interpolate_only = interpolating
     x%phase = phase_begin_segment
-    x%interpolate_only = .false.
+    if (interpolating) x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     if (allocated(x%zeros)) deallocate (x%zeros)
     x%queries = 0
     x%answered = 0
@@ -350,19 +360,15 @@ contains
     call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
     call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
     call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
-    if (allocated(x%newton%last)) then
-      call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
-      call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
-    end if
-    if (allocated(x%solver%lu)) then
-      call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
-      call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
-      call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
-    end if
+    call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
+    call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
+    call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
+    call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
+    call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
     if (.not. restores) return
     x%last%cut = .false.                     ! its interpolant isn't saved
     status = x%status
-    call continue_trajectory(x)
+    call continue_trajectory(x, .false.)
     if (status == terminal_event) x%status = status
 
   contains
