@@ -12,8 +12,8 @@ module accepted_step_m
   use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, &
-       share_step, time_at
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, &
+       time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use iso_fortran_env, only: int64
@@ -110,7 +110,7 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
-        output%record%dense .or. output%outputs > 0)) call share_step(x, 0.0_wp)
+        output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
 
   ! Requests the interpolant of the last step, and no further step.

@@ -18,7 +18,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, reject_accepted_step, &
-            reject_stage, request, retry_step, share_error, share_step, time_at, within_segment
+            reject_stage, request, retry_step, share, share_error, time_at, within_segment
 
 contains
 
@@ -144,7 +144,7 @@ contains
       call fail(x, status, t)
     else if (x%problem%record%common) then
       x%error = huge(1.0_wp)
-      call share_step(x, 1.0_wp)
+      call share(x, 1.0_wp, phase_step_shared)
     else
       call retry_step(x)
     end if
@@ -162,25 +162,24 @@ contains
     if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
-  ! Lets trajectories with common steps decide together whether to try an accurate step again.
-  subroutine share_step(x, again)
+  ! Goes on to a phase with a number, whose maximum trajectories with common steps share.
+  subroutine share(x, number, next)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: again            ! positive if this one must
+    real(wp), intent(in) :: number
+    integer, intent(in) :: next                        ! phase
 
-    x%request%shared = again
-    x%status = needs_maximum
-    x%phase = phase_step_shared
-  end subroutine share_step
+    x%request%shared = number
+    x%phase = next
+    if (x%problem%record%common) x%status = needs_maximum
+  end subroutine share
 
-  ! Sets the error of a step, huge if it isn't finite. Trajectories with common steps share it.
+  ! Sets the error of a step, huge if it isn't finite.
   subroutine share_error(x, error)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: error
 
     x%error = merge(error, huge(error), error < huge(error))
-    x%request%shared = x%error
-    x%phase = phase_decide_step
-    if (x%problem%record%common) x%status = needs_maximum
+    call share(x, x%error, phase_decide_step)
   end subroutine share_error
 
   ! Evaluates the function of an event at a fraction of the step, or those of all for event 0, or

@@ -19,12 +19,12 @@ module step_size_m
   use free_motion_m, only: add_free_motion
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: longest_step, make_grid
-  use requests_m, only: evaluate_at_start, request
+  use requests_m, only: evaluate_at_start, request, share
   use method_m, only: splitting_kind
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, largest_growth, needs_maximum, raised, size_failed, &
+  use shared_numbers, only: finished, largest_growth, raised, size_failed, &
                             slope_not_finite, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
@@ -79,9 +79,7 @@ contains
       call fail(x, slope_not_finite, x%t)
       return
     end if
-    x%request%shared = -first_guess(x%control%norms(1), x%control%norms(2), span(x))
-    x%phase = phase_guess_shared
-    if (x%problem%record%common) x%status = needs_maximum
+    call share(x, -first_guess(x%control%norms(1), x%control%norms(2), span(x)), phase_guess_shared)
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -103,19 +101,18 @@ contains
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%space%v)), curvature
+    real(wp) :: start_value(size(x%space%v)), curvature, first
 
-    x%request%shared = -x%control%guessed_size
+    first = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
       curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
                   / x%control%guessed_size
-      x%request%shared = -limited(x, min(largest_growth * x%control%guessed_size, first_size( &
+      first = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
-    x%phase = phase_size_shared
-    if (x%problem%record%common) x%status = needs_maximum
+    call share(x, -first, phase_size_shared)
   end subroutine choose_first_size
 
   ! The time to the end of the segment
