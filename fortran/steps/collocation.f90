@@ -352,8 +352,6 @@ contains
     logical :: exists, uncontrolled(size(x%u))
 
     associate (newton => x%newton, column => x%newton%column, series => x%method%series)
-      x%u = 0.0_wp
-      x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%request%answer
       call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
