@@ -161,11 +161,9 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    associate (frame => plan%frame)
-      do i = 1, points
-        call close_joints(frame, y(:, i), status(i))
-      end do
-    end associate
+    do i = 1, points
+      call close_joints(plan%frame, y(:, i), status(i))
+    end do
   end subroutine joints_close
 
   ! Adds the forces of joints to coefficients at points; they are the multipliers times derivatives.
@@ -179,11 +177,9 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    associate (frame => plan%frame)
-      do i = 1, points
-        call add_constraint_forces(frame, y(:, i), .false., f(:, i), status(i), multipliers(:, i))
-      end do
-    end associate
+    do i = 1, points
+      call add_constraint_forces(plan%frame, y(:, i), .false., f(:, i), status(i), multipliers(:, i))
+    end do
   end subroutine joints_forces
 
   ! Sets the addresses of the routines of BLAS and LAPACK.
