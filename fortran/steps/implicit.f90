@@ -16,9 +16,9 @@ module implicit_m
   use coordinates_m, only: sizes
   use vectors_m, only: dgetrf, dgetrs
   use method_m, only: method_t
-  use paths_m, only: follow_paths
+  use paths_m, only: request_on_path
   use phases_m
-  use requests_m, only: reject_stage, request
+  use requests_m, only: reject_stage
   use trajectory_m, only: trajectory_t
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
@@ -34,7 +34,6 @@ contains
   ! Requests the coefficients at the next stage. With the first one the first block starts.
   subroutine request_implicit(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: path
 
     if (x%solver%first == 0) then
       x%f = spread(x%slope, 2, size(x%f, 2))
@@ -42,9 +41,7 @@ contains
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
-    path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
-    call follow_paths(x, path)
-    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
+    call request_on_path(x)
   end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.

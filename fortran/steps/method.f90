@@ -59,7 +59,6 @@ module method_m
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
     logical :: in_parts = .false.            ! whether error estimates are of two parts
@@ -118,7 +117,6 @@ contains
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    if (method%kind == splitting_kind) method%drift = reals(record%drifts, record%flows)
     method%uses_last_nodes = record%kept_nodes > 0
     method%in_parts = record%errors > 1 .and. &
                       (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
@@ -128,7 +126,7 @@ contains
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
     call make_scheme(record, method%kind, method%scheme)
-    if (method%kind == splitting_kind) method%scheme%drift = method%drift
+    if (method%kind == splitting_kind) method%scheme%drift = reals(record%drifts, record%flows)
   end subroutine make_method
 
   ! Makes the coefficients of interpolants from the record.
