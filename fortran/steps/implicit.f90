@@ -15,7 +15,6 @@ module implicit_m
   use kinds, only: wp
   use coordinates_m, only: sizes
   use vectors_m, only: dgetrf, dgetrs
-  use method_m, only: method_t
   use paths_m, only: request_on_path
   use phases_m
   use requests_m, only: reject_stage
@@ -74,28 +73,21 @@ contains
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
-  ! Whether the coefficients at the only stage of a block have an influence on its point
-  pure logical function is_implicit(method, stage)
-    type(method_t), intent(in) :: method
-    integer, intent(in) :: stage
-
-    associate (flow => method%path_first(method%stage_path(stage) + 1) - 1)
-      is_implicit = method%flows%stage(method%flows%first(flow)) == stage
-    end associate
-  end function is_implicit
-
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
   subroutine store_implicit(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: block, info
+    integer :: block, flow, info
 
-    associate (solver => x%solver, n => size(x%f, 1))
-      block = merge(solver%first, 1, x%method%blocks > 1)
-      if (x%method%blocks > 1 .and. .not. is_implicit(x%method, x%stage)) then
-        x%f(:, x%stage) = x%request%answer
-        call next_block(x)
-        return
+    associate (solver => x%solver, n => size(x%f, 1), method => x%method)
+      block = merge(solver%first, 1, method%blocks > 1)
+      if (method%blocks > 1) then
+        flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
+        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then          ! it is explicit
+          x%f(:, x%stage) = x%request%answer
+          call next_block(x)
+          return
+        end if
       end if
       if (solver%column == 0) then
         solver%value(:, x%stage) = x%request%answer
