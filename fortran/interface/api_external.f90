@@ -52,9 +52,8 @@ contains
     call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
     field%data%address = data_address
     field%data%stride = data_stride
-    if (curves > 0) then
+    if (curves > 0) &
       call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
-    end if
     flag = 0
     do done = 0, members - 1
       field%member = merge(done + 1, 1, data_stride /= 0)
