@@ -34,8 +34,8 @@ module error_estimate_m
   use collocation_m, only: filtered
   use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
-  use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
-  use shared_numbers, only: max_angle, resolved_first, resolved_second, roundings, unit_of_change
+  use method_m, only: method_t
+  use shared_numbers
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none

@@ -31,10 +31,10 @@ module paths_m
   use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
-  use method_m, only: algebra_kind, polynomial_kind, registers_kind, splitting_kind
   use phases_m
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
+  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
+                            registers_kind, splitting_kind, step_too_long
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
   implicit none

@@ -9,7 +9,6 @@ module requests_m
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use shared_numbers
-  use method_m, only: splitting_kind
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use inputs_m, only: evaluate

@@ -11,7 +11,6 @@ module step_m
   use paths_m, only: add_brackets, follow_paths, request_on_path, start_explicit, store_explicit
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, store_implicit
-  use method_m, only: collocation_kind, implicit_kind, registers_kind
   use requests_m, only: request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t
