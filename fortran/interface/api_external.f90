@@ -177,7 +177,8 @@ contains
 
     plan => plan_at(address)
     do i = 1, points
-      call add_constraint_forces(plan%frame, y(:, i), .false., f(:, i), status(i), multipliers(:, i))
+      call add_constraint_forces(plan%frame, y(:, i), .false., f(:, i), status(i), &
+                                 multipliers(:, i))
     end do
   end subroutine joints_forces
 

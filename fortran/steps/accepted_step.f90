@@ -11,8 +11,7 @@ module accepted_step_m
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, &
-       time_at
+  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
   use phases_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use iso_fortran_env, only: int64

@@ -15,7 +15,7 @@ module method_m
     sequence
     real(wp) :: inverse(3, 3) = 0.0_wp       ! A^-1
     real(wp) :: t(3, 3) = 0.0_wp, t_inverse(3, 3) = 0.0_wp
-    real(wp) :: integral(3, 3) = 0.0_wp      ! (power, stage) of the integrals of Lagrange's polynomials
+    real(wp) :: integral(3, 3) = 0.0_wp      ! (power, stage) of integrals of Lagrange's polynomials
     real(wp) :: gamma = 0.0_wp, mu(2) = 0.0_wp         ! mu: real and imaginary part
   end type transformation_t
 
