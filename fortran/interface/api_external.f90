@@ -52,9 +52,8 @@ contains
     call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
     field%data%address = data_address
     field%data%stride = data_stride
-    if (curves > 0) then
+    if (curves > 0) &
       call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
-    end if
     flag = 0
     do done = 0, members - 1
       field%member = merge(done + 1, 1, data_stride /= 0)
@@ -161,11 +160,9 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    associate (frame => plan%frame)
-      do i = 1, points
-        call close_joints(frame, y(:, i), status(i))
-      end do
-    end associate
+    do i = 1, points
+      call close_joints(plan%frame, y(:, i), status(i))
+    end do
   end subroutine joints_close
 
   ! Adds the forces of joints to coefficients at points; they are the multipliers times derivatives.
@@ -179,11 +176,10 @@ contains
     integer :: i
 
     plan => plan_at(address)
-    associate (frame => plan%frame)
-      do i = 1, points
-        call add_constraint_forces(frame, y(:, i), .false., f(:, i), status(i), multipliers(:, i))
-      end do
-    end associate
+    do i = 1, points
+      call add_constraint_forces(plan%frame, y(:, i), .false., f(:, i), status(i), &
+                                 multipliers(:, i))
+    end do
   end subroutine joints_forces
 
   ! Sets the addresses of the routines of BLAS and LAPACK.

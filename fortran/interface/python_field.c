@@ -89,13 +89,6 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     arguments[0] = NULL; /* the function may use this place during the call */
     Py_ssize_t nargs = 0, first = 0;
     PyObject *value = NULL, *input = NULL, *numbers = NULL;
-    if (PyTuple_GET_ITEM(context, CHANGING) == Py_True) {
-        PyObject *last = PyTuple_GET_ITEM(extra, --count);
-        numbers = make_array(context, NUMBERS, last, PyArray_DATA((PyArrayObject *)last));
-        if (numbers == NULL) {
-            goto done;
-        }
-    }
     arguments[++nargs] = time;
     if (PyTuple_GET_ITEM(context, OF_TIME) != Py_True) {
         arguments[++nargs] = point;
@@ -110,8 +103,13 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     for (Py_ssize_t i = first; i < count; i++) {
         arguments[++nargs] = PyTuple_GET_ITEM(extra, i);
     }
-    if (numbers != NULL) {
-        arguments[++nargs] = numbers;
+    if (PyTuple_GET_ITEM(context, CHANGING) == Py_True) {
+        PyObject *last = arguments[nargs];
+        numbers = make_array(context, NUMBERS, last, PyArray_DATA((PyArrayObject *)last));
+        if (numbers == NULL) {
+            goto done;
+        }
+        arguments[nargs] = numbers;
     }
     value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
                                 (size_t)nargs | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL);
@@ -125,39 +123,27 @@ done:
     return value;
 }
 
-/* Copies a list or a tuple of numbers, which are all floats, or of such rows along an axis; returns
- * how many, 0 if it isn't one. */
-static Py_ssize_t copy_sequence(PyObject *value, PyArrayObject *like, int axis, double *f)
+/* Copies a float of Python or NumPy, or lists or tuples of them along the axes from one on, to a
+ * place that moves behind them; returns 0 if it is another value. */
+static int copy_numbers(PyObject *value, PyArrayObject *like, int axis, double **place)
 {
-    if (!(PyList_CheckExact(value) || PyTuple_CheckExact(value))) {
-        return 0;
-    }
-    const Py_ssize_t count = PySequence_Fast_GET_SIZE(value);
-    const int inner = PyArray_NDIM(like) - 1 - axis;
-    if (inner < 0 || count != PyArray_DIM(like, axis)) {
-        return 0;
-    }
-    PyObject **items = PySequence_Fast_ITEMS(value);
-    double sum = 0.0;
-    Py_ssize_t copied = 0;
-    for (Py_ssize_t i = 0; i < count; i++) {
-        if (inner > 0) {
-            const Py_ssize_t more = copy_sequence(items[i], like, axis + 1, f + copied);
-            if (more == 0) {
-                return 0;
-            }
-            copied += more;
-            continue;
-        }
-        /* NumPy's numbers of this type are floats of Python */
-        if (!PyFloat_CheckExact(items[i]) && !PyArray_IsScalar(items[i], Double)) {
+    if (axis == PyArray_NDIM(like)) {
+        if (!PyFloat_Check(value)) {
             return 0;
         }
-        f[i] = PyFloat_AS_DOUBLE(items[i]);
-        sum += f[i];
-        copied++;
+        *(*place)++ = PyFloat_AS_DOUBLE(value);
+        return 1;
     }
-    return isfinite(sum) ? copied : 0;
+    if (!(PyList_CheckExact(value) || PyTuple_CheckExact(value))
+        || PySequence_Fast_GET_SIZE(value) != PyArray_DIM(like, axis)) {
+        return 0;
+    }
+    for (Py_ssize_t i = 0; i < PyArray_DIM(like, axis); i++) {
+        if (!copy_numbers(PySequence_Fast_GET_ITEM(value, i), like, axis + 1, place)) {
+            return 0;
+        }
+    }
+    return 1;
 }
 
 /* Copies a result that is finite numbers, in the order and the type in which they are needed or in
@@ -165,32 +151,21 @@ static Py_ssize_t copy_sequence(PyObject *value, PyArrayObject *like, int axis, 
 static int copy_plain(PyObject *value, PyObject *context, double *f)
 {
     PyArrayObject *like = (PyArrayObject *)PyTuple_GET_ITEM(context, LIKE_RESULT);
-    const int is_real = PyArray_TYPE(like) == NPY_DOUBLE;
-    if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
-        return is_real && copy_sequence(value, like, 0, f) > 0;
-    }
-    if (PyFloat_Check(value) && is_real) { /* of Python or NumPy */
-        f[0] = PyFloat_AS_DOUBLE(value);
-        return PyArray_NDIM(like) == 0 && isfinite(f[0]);
-    }
-    if (!PyArray_CheckExact(value)) {
+    double *place = f;
+    if (PyArray_CheckExact(value)) {
+        if (!is_like((PyArrayObject *)value, like)) {
+            return 0;
+        }
+        memcpy(f, PyArray_DATA((PyArrayObject *)value), (size_t)PyArray_NBYTES(like));
+    } else if (PyArray_TYPE(like) != NPY_DOUBLE || !copy_numbers(value, like, 0, &place)) {
         return 0;
     }
-    PyArrayObject *array = (PyArrayObject *)value;
-    if (!is_like(array, like)) {
-        return 0;
-    }
-    const double *numbers = PyArray_DATA(array);
-    const Py_ssize_t count = PyArray_NBYTES(array) / (Py_ssize_t)sizeof(double);
+    const Py_ssize_t count = PyArray_NBYTES(like) / (Py_ssize_t)sizeof(double);
     double sum = 0.0;
     for (Py_ssize_t i = 0; i < count; i++) {
-        sum += numbers[i];
+        sum += f[i];
     }
-    if (!isfinite(sum)) {
-        return 0;
-    }
-    memcpy(f, numbers, (size_t)count * sizeof(double));
-    return 1;
+    return isfinite(sum);
 }
 
 int call_python_field(double t, const double *y, double *f, void *user_data)
@@ -198,13 +173,11 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     PyObject *context = *(PyObject **)user_data;
     int code = RAISED_IN_PYTHON;
     PyGILState_STATE lock = PyGILState_Ensure();
-    if (PyErr_Occurred()) { /* another function has raised it */
-        PyGILState_Release(lock);
-        return code;
+    PyObject *time = NULL, *point = NULL, *value = NULL;
+    if (!PyErr_Occurred()) { /* otherwise another function has raised it */
+        time = PyFloat_FromDouble(t);
+        point = make_array(context, POINT, PyTuple_GET_ITEM(context, LIKE_POINT), y);
     }
-    PyObject *time = PyFloat_FromDouble(t);
-    PyObject *point = make_array(context, POINT, PyTuple_GET_ITEM(context, LIKE_POINT), y);
-    PyObject *value = NULL;
     if (time != NULL && point != NULL) {
         value = call(context, time, point);
     }
@@ -247,14 +220,11 @@ int call_python(void *context, int operation, int na, const double *a, int nb, c
 {
     int code = RAISED_IN_PYTHON;
     PyGILState_STATE lock = PyGILState_Ensure();
-    if (PyErr_Occurred()) {
-        PyGILState_Release(lock);
-        return code;
+    PyObject *first = NULL, *second = NULL, *value = NULL, *array = NULL;
+    if (!PyErr_Occurred()) {
+        first = vector(na, a);
+        second = vector(nb, b);
     }
-    PyObject *first = vector(na, a);
-    PyObject *second = vector(nb, b);
-    PyObject *value = NULL;
-    PyObject *array = NULL;
     if (first != NULL && second != NULL) {
         value = PyObject_CallFunction(context, "iOO", operation, first, second);
     }

@@ -49,9 +49,7 @@ contains
 
     call c_f_pointer(transfer(transfer(user_data, 0_c_intptr_t) - 8, c_null_ptr), address)
     call c_f_pointer(transfer(address, c_null_ptr), self%record)
-    self%plan => plan_at(self%record%frame)
-    self%parameters = user_data
-    self%t = t
+    self = evaluation_t(self%record, plan_at(self%record%frame), user_data, t)
     associate (record => self%record, n => int(self%record%dimension))
       columns = n + int(record%parameters + record%noises)
       if (record%directions > 0) columns = int(record%directions)

@@ -37,8 +37,7 @@ def main(folder: Path, name: str, wide: bool, sources: list[Path]) -> None:
     header = ["-h", signatures.name, "--overwrite-signature", "-m", name]
     with redirect_stdout(io.StringIO()):  # it prints all statements `use, intrinsic`
         f2py.run_main([*options, *header, *map(str, copies)])
-    lines = signatures.read_text(encoding="utf-8").split("\n")
-    text = "\n".join(line for line in lines if not re.match(r" *(use|(end )?module) ", line))
+    text = re.sub(r"(?m)^ *(use|(end )?module) .*\n", "", signatures.read_text(encoding="utf-8"))
     aligned = re.sub(r"(dimension\(16,.*intent\((?:in|out))", r"\1,aligned16", text)
     signatures.write_text(aligned, encoding="utf-8")
     if np.lib.NumpyVersion(np.__version__) >= "2.1.0":

@@ -8,7 +8,6 @@ module accepted_step_m
   use free_motion_m, only: add_constraint_forces
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
-  use method_m, only: polynomial_kind, registers_kind, splitting_kind
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, find_zeros, store_zeros
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at

@@ -178,19 +178,6 @@ contains
     slopes = matmul(x%newton%z, transpose(x%method%transformation%inverse / x%h))
   end function slopes
 
-  ! Computes the correction of z from the derivatives that f gives at the stages.
-  subroutine find_correction(x, dz)
-    type(trajectory_t), intent(in) :: x
-    real(wp), intent(out) :: dz(:, :)                  ! (dimension, stages)
-    real(wp) :: d(size(x%u), 3)
-
-    d = x%f(:, 2:) - slopes(x)
-    d = matmul(d, transpose(x%method%transformation%t_inverse))
-    call solve(x, 1, d(:, 1))
-    call solve(x, 2, d(:, 2:3))
-    dz = matmul(d, transpose(x%method%transformation%t))
-  end subroutine find_correction
-
   ! Applies (1 - h J / gamma)^-1 to u, which damps fast components of error estimates.
   subroutine filtered(x)
     type(trajectory_t), intent(inout) :: x
@@ -204,12 +191,17 @@ contains
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: dz(size(x%newton%z, 1), size(x%newton%z, 2)), size_of, tolerance
+    real(wp), dimension(size(x%u), 3) :: d, dz         ! corrections of z, d by matrices apart
+    real(wp) :: size_of, tolerance
     integer :: remaining
     logical :: slow, solved
 
     associate (newton => x%newton, rtol => x%tolerances%rtol)
-      call find_correction(x, dz)
+      d = x%f(:, 2:) - slopes(x)
+      d = matmul(d, transpose(x%method%transformation%t_inverse))
+      call solve(x, 1, d(:, 1))
+      call solve(x, 2, d(:, 2:3))
+      dz = matmul(d, transpose(x%method%transformation%t))
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       ! the limit of RADAU5 for the error of Newton's method, as part of a tolerance
       tolerance = rounding
@@ -351,8 +343,6 @@ contains
     logical :: exists, uncontrolled(size(x%u))
 
     associate (newton => x%newton, column => x%newton%column, series => x%method%series)
-      x%u = 0.0_wp
-      x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%request%answer
       call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)

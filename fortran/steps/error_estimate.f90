@@ -34,8 +34,8 @@ module error_estimate_m
   use collocation_m, only: filtered
   use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
-  use method_m, only: collocation_kind, linear_kind, polynomial_kind, method_t
-  use shared_numbers, only: max_angle, resolved_first, resolved_second, roundings, unit_of_change
+  use method_m, only: method_t
+  use shared_numbers
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -128,7 +128,9 @@ contains
           call raise(errors(2, place), norm_of_u(x))
           rest = x%u
         end if
-        call sum_of_stages(x, i)
+        call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%f, x%u)
+        if (method%kind == collocation_kind) call filtered(x)
+        call remove_isotropy(x%frame, x%y(:, x%result), x%u)
         x%u = x%u - rest
         error = norm_of_u(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
@@ -177,16 +179,6 @@ contains
       combined = e1 * (e1 / hypot(e1, method%factor * e2))**method%power
   end function combined
 
-  ! Computes u from sum i of stages.
-  subroutine sum_of_stages(x, i)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: i
-
-    call combine(size(x%u), size(x%f, 2), x%h * x%method%error(:, i), x%f, x%u)
-    if (x%method%kind == collocation_kind) call filtered(x)
-    call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-  end subroutine sum_of_stages
-
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
   subroutine limit_angle(x)
@@ -216,9 +208,7 @@ contains
     ! the end of the step before is the start of this one
     kept = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
     t = [(c(kept) - 1) * ratio, c]
-    allocate (values(size(v), size(t)))
-    values(:, :size(kept)) = f_before(:, kept)
-    values(:, size(kept) + 1:) = f(:, :size(c))
+    values = reshape([f_before(:, kept), f(:, :size(c))], [size(v), size(t)])
     v = 0.0_wp
     sizes = 0.0_wp
     largest = 0.0_wp

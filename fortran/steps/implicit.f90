@@ -15,9 +15,8 @@ module implicit_m
   use kinds, only: wp
   use coordinates_m, only: sizes
   use vectors_m, only: dgetrf, dgetrs
-  use method_m, only: method_t
-  use paths_m, only: follow_paths
-  use requests_m, only: reject_stage, request
+  use paths_m, only: request_on_path
+  use requests_m, only: reject_stage
   use trajectory_m
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
@@ -33,7 +32,6 @@ contains
   ! Requests the coefficients at the next stage. With the first one the first block starts.
   subroutine request_implicit(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: path
 
     if (x%solver%first == 0) then
       x%f = spread(x%slope, 2, size(x%f, 2))
@@ -41,9 +39,7 @@ contains
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
-    path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
-    call follow_paths(x, path)
-    call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
+    call request_on_path(x)
   end subroutine request_implicit
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
@@ -76,28 +72,21 @@ contains
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
-  ! Whether the coefficients at the only stage of a block have an influence on its point
-  pure logical function is_implicit(method, stage)
-    type(method_t), intent(in) :: method
-    integer, intent(in) :: stage
-
-    associate (flow => method%path_first(method%stage_path(stage) + 1) - 1)
-      is_implicit = method%flows%stage(method%flows%first(flow)) == stage
-    end associate
-  end function is_implicit
-
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
   subroutine store_implicit(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: block, info
+    integer :: block, flow, info
 
-    associate (solver => x%solver, n => size(x%f, 1))
-      block = merge(solver%first, 1, x%method%blocks > 1)
-      if (x%method%blocks > 1 .and. .not. is_implicit(x%method, x%stage)) then
-        x%f(:, x%stage) = x%request%answer
-        call next_block(x)
-        return
+    associate (solver => x%solver, n => size(x%f, 1), method => x%method)
+      block = merge(solver%first, 1, method%blocks > 1)
+      if (method%blocks > 1) then
+        flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
+        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then          ! it is explicit
+          x%f(:, x%stage) = x%request%answer
+          call next_block(x)
+          return
+        end if
       end if
       if (solver%column == 0) then
         solver%value(:, x%stage) = x%request%answer

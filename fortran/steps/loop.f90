@@ -15,7 +15,6 @@
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
-  use method_m, only: polynomial_kind
   use output_m, only: output_t
   use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, &
                              request_ends, request_node, store_end, store_node, store_output
@@ -26,7 +25,7 @@ module loop_m
   use requests_m, only: retry_step
   use trajectory_m
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, needs_events, needs_maximum, paused
+  use shared_numbers, only: finished, needs_events, needs_maximum, paused, polynomial_kind
   implicit none
   private
   public :: resume

@@ -4,23 +4,19 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers, only: algebra_kind, collocation_kind, implicit_kind, linear_kind, &
-       method_record_t, polynomial_kind, registers_kind, splitting_kind
+  use shared_numbers, only: algebra_kind, collocation_kind, linear_kind, method_record_t, &
+       polynomial_kind, registers_kind, splitting_kind
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t
-  ! How steps are taken. Each kind of stages is one file with a procedure for each phase of a step,
-  ! each kind of paths a procedure in paths.f90; step.f90 and paths.f90 choose by kind.
-  public :: algebra_kind, collocation_kind, implicit_kind, linear_kind, polynomial_kind, &
-            registers_kind, splitting_kind
 
   ! Numbers of collocation_m, in the order in which Python has them
   type :: transformation_t
     sequence
-    real(wp) :: inverse(3, 3)                ! A^-1
-    real(wp) :: t(3, 3), t_inverse(3, 3)
-    real(wp) :: integral(3, 3)     ! (power, stage) of the integrals of Lagrange's polynomials
-    real(wp) :: gamma, mu(2)                 ! mu: real and imaginary part
+    real(wp) :: inverse(3, 3) = 0.0_wp       ! A^-1
+    real(wp) :: t(3, 3) = 0.0_wp, t_inverse(3, 3) = 0.0_wp
+    real(wp) :: integral(3, 3) = 0.0_wp      ! (power, stage) of integrals of Lagrange's polynomials
+    real(wp) :: gamma = 0.0_wp, mu(2) = 0.0_wp         ! mu: real and imaginary part
   end type transformation_t
 
   ! The coefficients of the interpolants of a method
@@ -44,7 +40,7 @@ module method_m
   end type scheme_t
 
   type :: method_t
-    integer :: kind = 0                      ! a StepKind
+    integer :: kind = 0                      ! a StepKind: by it step.f90 and paths.f90 choose
     ! paths, in an order in which each can be followed when it is reached
     ! (paths) the path to its start, 0 for the start of the step
     integer, allocatable :: origin(:)
@@ -59,7 +55,6 @@ module method_m
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
     logical :: in_parts = .false.            ! whether error estimates are of two parts
@@ -83,12 +78,15 @@ contains
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
     type(transformation_t), pointer :: transformation
-    real(wp), allocatable :: numbers(:)
     integer(c_int64_t) :: columns
-    integer :: k, stages
+    integer :: k
 
-    stages = int(record%stages)
-    method%kind = int(record%kind)
+    method = method_t(kind=int(record%kind), result=int(record%result), &
+                      embedded=int(record%embedded), third=int(record%third), &
+                      final_stage=int(record%final_stage), blocks=int(record%blocks), &
+                      uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
+                      power=int(record%power), estimates_at_end=record%power == 0, &
+                      factor=record%factor)
     columns = record%stages + record%bracket_count
     method%origin = int(reals(record%origin, record%paths))
     method%path_first = int(reals(record%path_first, record%paths + 1))
@@ -97,29 +95,17 @@ contains
     method%flows%weight = reals(record%weight, record%terms)
     method%stage_path = int(reals(record%stage_path, record%stages))
     method%c = reals(record%c, record%stages)
-    method%result = int(record%result)
-    method%embedded = int(record%embedded)
-    method%third = int(record%third)
-    method%final_stage = int(record%final_stage)
     if (method%kind == registers_kind) then
-      numbers = reals(record%registers, 2 * record%stages)
-      method%a = numbers(:stages)
-      method%b = numbers(stages + 1:)
+      method%a = reals(record%registers, record%stages)
+      method%b = reals(record%registers + 8 * record%stages, record%stages)
     end if
-    method%series = int(record%series)
-    method%power = int(record%power)
-    method%estimates_at_end = record%power == 0
-    method%factor = record%factor
     method%error = reshape(reals(record%error, columns * record%errors), [columns, record%errors])
     method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
                              [columns, 2_c_int64_t, record%bracket_count])
-    method%blocks = int(record%blocks)
     if (method%kind == collocation_kind) then
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    if (method%kind == splitting_kind) method%drift = reals(record%drifts, record%flows)
-    method%uses_last_nodes = record%kept_nodes > 0
     method%in_parts = record%errors > 1 .and. &
                       (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
     allocate (method%leads(0:size(method%origin)), source=.false.)
@@ -128,7 +114,7 @@ contains
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
     call make_scheme(record, method%kind, method%scheme)
-    if (method%kind == splitting_kind) method%scheme%drift = method%drift
+    if (method%kind == splitting_kind) method%scheme%drift = reals(record%drifts, record%flows)
   end subroutine make_method
 
   ! Makes the coefficients of interpolants from the record.
@@ -138,19 +124,16 @@ contains
     type(scheme_t), intent(out) :: scheme
 
     associate (n => record%nodes, m => record%derivatives, stages => record%result_stages)
-      scheme%columns = int(max(record%degree, n + 1))
-      scheme%at_stages = kind == polynomial_kind
-      scheme%flat = any(kind == [algebra_kind, collocation_kind])
-      scheme%final = int(record%final)
-      scheme%series = int(record%output_series)
-      scheme%theta = reals(record%theta, record%further)
+      scheme = scheme_t(columns=int(max(record%degree, n + 1)), nodes=int(n), &
+                        at_stages=kind == polynomial_kind, &
+                        flat=any(kind == [algebra_kind, collocation_kind]), &
+                        final=int(record%final), series=int(record%output_series), &
+                        theta=reals(record%theta, record%further), c=reals(record%flow_c, stages))
       scheme%row = reshape(reals(record%rows, m * record%further), [m, record%further])
       scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
-      scheme%nodes = int(n)
       allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))
       scheme%node(:, :) = transpose(reshape(reals(record%node, n * (n - 1)), [n - 1, n]))
       scheme%blend(:, :) = transpose(reshape(reals(record%blend, (n + 2) * (n - 1)), [n - 1, n + 2]))
-      scheme%c = reals(record%flow_c, stages)
       scheme%weight = reshape(reals(record%flow_weights, stages * record%result_flows), &
                               [stages, record%result_flows])
     end associate

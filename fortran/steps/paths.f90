@@ -31,15 +31,14 @@ module paths_m
   use joints_m, only: constraint_impulse, evaluate_constraints, solve_constraints
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
-  use method_m, only: algebra_kind, collocation_kind, polynomial_kind, registers_kind, &
-       splitting_kind
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: finished, joints_not_solved, raised, step_too_long
+  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
+                            registers_kind, splitting_kind, step_too_long
   use trajectory_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
+  public :: add_brackets, follow_paths, request_on_path, start_explicit, store_explicit
 
 contains
 
@@ -84,7 +83,7 @@ contains
       do k = flows%first(flow), flows%first(flow + 1) - 1
         momenta = momenta + (kicked * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
-      associate (time => drifted * (x%h * x%method%drift(flow)))
+      associate (time => drifted * (x%h * x%method%scheme%drift(flow)))
         if (x%frame%jointed .and. time /= 0) then
           call drift_closed(x, time, path, y)
         else if (x%frame%jointed) then
@@ -195,9 +194,6 @@ contains
       end = x%method%path_first(i + 1)
       call copy(x%frame%point_size, x%y(:, x%method%origin(i)), x%y(:, i))
       select case (x%method%kind)
-      case (algebra_kind, collocation_kind)
-        call combine_coordinates(x, i)
-        call apply_flows(x%frame, 1, x%u, x%y(:, i))
       case (splitting_kind)
         call move_by_splitting(x, i, x%y(:, i))
         if (x%status /= finished) return
@@ -217,16 +213,6 @@ contains
     end do
     x%paths = max(x%paths, last)
   end subroutine follow_paths
-
-  ! Computes the coordinates of the end of a path that has one flow.
-  subroutine combine_coordinates(x, path)
-    type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: path
-
-    associate (flow => x%method%path_first(path))
-      call combine_flows(x%method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
-    end associate
-  end subroutine combine_coordinates
 
   ! Computes the brackets of the fields at the stages, times the step size.
   subroutine add_brackets(x)
@@ -259,7 +245,7 @@ contains
 
   ! Moves to the point of a stage and requests the coefficients there. Functions of time need no
   ! points.
-  subroutine request_explicit(x)
+  subroutine request_on_path(x)
     type(trajectory_t), intent(inout) :: x
     integer :: path
 
@@ -271,7 +257,7 @@ contains
       if (x%status /= finished) return
     end if
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
-  end subroutine request_explicit
+  end subroutine request_on_path
 
   ! Stores the coefficients at a stage.
   subroutine store_explicit(x)
@@ -290,7 +276,9 @@ contains
       end if
     end if
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
-      call combine_coordinates(x, x%method%stage_path(x%stage))
+      associate (flow => x%method%path_first(x%method%stage_path(x%stage)))    ! its only one
+        call combine_flows(x%method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
+      end associate
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)
       call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)

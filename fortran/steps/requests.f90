@@ -9,7 +9,6 @@ module requests_m
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use shared_numbers
-  use method_m, only: splitting_kind
   use trajectory_m
   use inputs_m, only: evaluate
   use interpolant_m, only: evaluate_interpolant

@@ -8,10 +8,9 @@ module step_m
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use paths_m, only: add_brackets, follow_paths, request_explicit, start_explicit, store_explicit
+  use paths_m, only: add_brackets, follow_paths, request_on_path, start_explicit, store_explicit
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, store_implicit
-  use method_m, only: collocation_kind, implicit_kind, registers_kind
   use requests_m, only: request, share_error, within_segment
   use trajectory_m
   use vectors_m, only: finite
@@ -31,17 +30,16 @@ contains
     select case (x%method%kind)
     case (collocation_kind)
       call request_collocation(x)
-      return
     case (implicit_kind)
       call request_implicit(x)
-      return
+    case default
+      if (x%stage == 1 .and. x%method%c(1) == 0) call start_explicit(x)
+      if (x%stage > stages(x)) then
+        x%phase = phase_finish_step
+      else
+        call request_on_path(x)
+      end if
     end select
-    if (x%stage == 1 .and. x%method%c(1) == 0) call start_explicit(x)
-    if (x%stage > stages(x)) then
-      x%phase = phase_finish_step
-    else
-      call request_explicit(x)
-    end if
   end subroutine request_stage
 
   ! Stores the coefficients at a stage.

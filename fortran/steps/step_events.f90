@@ -13,11 +13,10 @@ module step_events_m
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
-  use method_m, only: splitting_kind
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
   use shared_numbers, only: callback_block, event_record_t, finished, needs_events, &
-       out_of_memory, raised, resting_contact, step_too_long, step_too_long_for_events
+       out_of_memory, raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private

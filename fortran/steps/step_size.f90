@@ -20,11 +20,10 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: longest_step, make_grid
   use requests_m, only: evaluate_at_start, request, share
-  use method_m, only: splitting_kind
   use trajectory_m
   use vectors_m, only: copy
   use shared_numbers, only: finished, largest_growth, raised, size_failed, slope_not_finite, &
-                            step_too_small, time_not_finite, too_many_steps
+                            splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &

@@ -8,13 +8,13 @@ module trajectory_m
   use interpolant_m, only: interpolant_t, reserve_interpolant
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
-  use method_m, only: algebra_kind, collocation_kind, implicit_kind, registers_kind, &
-       splitting_kind, method_t
+  use method_m, only: method_t
   use inputs_m, only: grid_t, vector_field_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers, only: counters_t, paused, proposed_for_point, record_t, sparse_jacobian, &
-                            terminal_event
+  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, paused, &
+                            proposed_for_point, record_t, registers_kind, sparse_jacobian, &
+                            splitting_kind, terminal_event
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
