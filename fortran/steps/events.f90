@@ -2,8 +2,8 @@
 ! Python elsewhere; and those that are evaluated at output times, one in Python, or some in C, one
 ! number each.
 module events_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int64_t, &
-                                         c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, &
+                                         c_null_ptr, c_ptr
   use callback_m, only: callback_t
   use inputs_m, only: evaluate, member_data_t, vector_field_t
   use kinds, only: wp
