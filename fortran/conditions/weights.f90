@@ -133,36 +133,26 @@ contains
   subroutine evaluate(self, x)
     class(weights_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)  ! (unknowns)
-    real(wp) :: change(self%pattern%points)
-    integer :: t
+    real(wp) :: change(self%pattern%points), total
+    integer :: t, k, m
 
     self%x = x
-    call letters(self%pattern, x, self%chi(:, 1), self%letter(:, 1))
-    do t = 2, self%stage_trees
-      call flow(self, t, 1, self%pattern%points, self%e(:, t), change)
-      call add_up(self%pattern, change, self%left(:, t), self%chi(:, t))
-      call letters(self%pattern, x, self%chi(:, t), self%letter(:, t))
-    end do
-  end subroutine evaluate
-
-  ! Sums of what the flows add to a weight, along each segment. The weight at the start is given.
-  pure subroutine add_up(pattern, change, left, chi)
-    type(pattern_t), intent(in) :: pattern
-    real(wp), intent(in) :: change(:)              ! (points)
-    real(wp), intent(out), contiguous :: left(:)   ! (points)
-    real(wp), intent(inout), contiguous :: chi(0:) ! (0:segments)
-    real(wp) :: total
-    integer :: k, m
-
-    do k = 1, pattern%segments
-      total = chi(pattern%origin(k))
-      do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1
-        left(m) = total
-        total = total + change(m)
+    associate (pattern => self%pattern)
+      call letters(pattern, x, self%chi(:, 1), self%letter(:, 1))
+      do t = 2, self%stage_trees
+        call flow(self, t, 1, pattern%points, self%e(:, t), change)
+        do k = 1, pattern%segments
+          total = self%chi(pattern%origin(k), t)
+          do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1
+            self%left(m, t) = total
+            total = total + change(m)
+          end do
+          self%chi(k, t) = total
+        end do
+        call letters(pattern, x, self%chi(:, t), self%letter(:, t))
       end do
-      chi(k) = total
-    end do
-  end subroutine add_up
+    end associate
+  end subroutine evaluate
 
   ! Computes the letters of a tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
