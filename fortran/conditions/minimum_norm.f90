@@ -37,13 +37,13 @@ contains
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
-    real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
+    real(wp), dimension(conditions) :: r, r_trial, y
+    real(wp) :: step(size(moving)), trial(size(x))
     real(wp) :: damping, growth, f_trial, gain, largest
     integer :: flag, info, iteration
 
     allocate (full(conditions, size(x)), jac(conditions, size(moving)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
-    allocate (r(conditions), r_trial(conditions), y(conditions), step(size(moving)), trial(size(x)))
 
     status = not_finite
     evaluations = 1
