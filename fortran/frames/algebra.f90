@@ -42,8 +42,7 @@ contains
         else if (any(block%kind == [su_block, u_block])) then
           call unitary_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
         else
-          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), &
-                                  w(first:last))
+          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
         end if
       end associate
     end do
