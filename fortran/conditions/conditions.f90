@@ -154,7 +154,7 @@ contains
       call later_points(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
       do t = weights%stage_trees, 2, -1
         c0 = first_for(node_count(t))
-        ! a segment that doesn't begin at the start multiplies the weights of the one before
+        ! a segment that begins elsewhere multiplies the weights of the one before by its own
         do s = pattern%inner, 1, -1
           associate (origin => pattern%origin(s))
             if (origin == 0) cycle
