@@ -142,7 +142,7 @@ contains
     integer, intent(in) :: first_for(:)            ! (order)
     real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: t, m, u, c0, k, inner
+    integer :: t, m, u, c0, k, i, s, inner
     real(wp), allocatable :: z(:, :)               ! (inner points, order)
     real(wp), allocatable :: right(:, :)           ! (inner points, stage_trees)
     real(wp), allocatable :: whole(:, :)           ! (inner segments, stage_trees)
@@ -154,41 +154,31 @@ contains
       call later_points(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
       do t = weights%stage_trees, 2, -1
         c0 = first_for(node_count(t))
-        call to_origins(weights, whole, t, c0, adjoint)
+        ! a segment that begins elsewhere multiplies the weights of the one before by its own
+        do s = pattern%inner, 1, -1
+          associate (origin => pattern%origin(s))
+            if (origin == 0) cycle
+            adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
+            do i = split_start(t) + 1, split_start(t + 1) - 2
+              adjoint(c0:, head(i), origin) = adjoint(c0:, head(i), origin) &
+                + whole(s, tail(i))*adjoint(c0:, t, s)
+            end do
+          end associate
+        end do
         call by_letter(weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
           u = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
-            associate (at => pattern%at(k), p => pattern%point(k), s => pattern%segment(k))
+            associate (at => pattern%at(k), p => pattern%point(k), own => pattern%segment(k))
               direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
               if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
+                + (weights%x(k)*z(p, m))*adjoint(c0:, t, own)
             end associate
           end do
         end do
       end do
     end associate
   end subroutine sweep
-
-  ! A segment that doesn't begin at the start multiplies the weights of the one before by its own.
-  subroutine to_origins(weights, whole, t, c0, adjoint)
-    class(weights_t), intent(in) :: weights
-    real(wp), intent(in) :: whole(:, :)            ! (inner segments, stage_trees)
-    integer, intent(in) :: t, c0
-    real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: s, i
-
-    do s = weights%pattern%inner, 1, -1
-      associate (origin => weights%pattern%origin(s))
-        if (origin == 0) cycle
-        adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
-        do i = split_start(t) + 1, split_start(t + 1) - 2
-          adjoint(c0:, head(i), origin) = adjoint(c0:, head(i), origin) &
-            + whole(s, tail(i))*adjoint(c0:, t, s)
-        end do
-      end associate
-    end do
-  end subroutine to_origins
 
   ! Computes Z(p, m), the derivatives by the letter at each place m of a word, for the first
   ! `points` points.
@@ -234,12 +224,11 @@ contains
     class(order_conditions_t), intent(inout) :: self
     integer, intent(in) :: order, layout(:)              ! layout: see weights_t
     integer, intent(in) :: trees(:)            ! (conditions) of stages: at most order nodes
-    integer, intent(in), optional :: owner(:)  ! (conditions) all zero by default
+    integer, intent(in) :: owner(:)            ! (conditions)
 
     call self%weights%set_up(order, layout)
     self%trees = trees
-    allocate (self%owner(size(trees)), source=0)
-    if (present(owner)) self%owner = owner
+    self%owner = owner
     self%target = merge(1.0_wp/real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 

@@ -40,98 +40,103 @@ contains
     real(wp) :: step(size(x)), trial(size(x)), acnorm(size(x)), work(size(x))
     real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par, actual, predicted, slope, ratio
     real(wp), allocatable :: ftrial(:)  ! (m)
-    integer :: flag, iteration
+    integer :: iteration
     logical :: given                    ! whether D is
 
     fvec = 0
-    flag = 0
-    allocate (ftrial(size(fvec)), source=0.0_wp)
-    allocate (solver%fjac(size(fvec), size(x)), solver%qtf(size(x)), source=0.0_wp)
+    allocate (ftrial(size(fvec)), solver%fjac(size(fvec), size(x)), solver%qtf(size(x)), &
+              source=0.0_wp)
     allocate (solver%ipvt(size(x)), source=0)
     given = allocated(solver%diag)
-    main: block
-      call problem%residual(x, fvec, flag)
-      solver%nfev = 1
-      if (flag < 0) exit main
-      fnorm = enorm(fvec)
-      par = 0
-      iteration = 1
+    call problem%residual(x, fvec, solver%info)
+    solver%nfev = 1
+    if (solver%info < 0) return
+    fnorm = enorm(fvec)
+    par = 0
+    iteration = 1
 
-      outer: do
-        call linearise(problem, x, fvec, solver, ftrial, acnorm, flag)
-        if (flag < 0) exit main
-        if (iteration == 1) then
-          if (.not. given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
+    outer: do
+      call linearise(problem, x, fvec, solver, ftrial, acnorm)
+      if (solver%info < 0) return
+      if (iteration == 1) then
+        if (.not. given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
+        xnorm = enorm(solver%diag * x)
+        delta = solver%factor * xnorm
+        if (.not. delta > 0) delta = solver%factor
+      end if
+      gnorm = scaled_gradient(solver, fnorm, acnorm)
+      if (gnorm <= solver%gtol) then
+        solver%info = small_gradient
+        return
+      end if
+      if (.not. given) solver%diag = max(solver%diag, acnorm)
+
+      inner: do
+        call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
+                   problem%stop_flag)
+        if (stop_requested(problem%stop_flag)) solver%info = stopped_by_user
+        if (solver%info < 0) return
+        step = -step
+        trial = x + step
+        pnorm = enorm(solver%diag * step)
+        if (iteration == 1) delta = min(delta, pnorm)
+
+        call problem%residual(trial, ftrial, solver%info)
+        solver%nfev = solver%nfev + 1
+        if (solver%info < 0) return
+        fnorm_trial = enorm(ftrial)
+
+        actual = -1
+        if (0.1_wp * fnorm_trial < fnorm) actual = 1 - (fnorm_trial / fnorm)**2
+        call predict(solver, step, fnorm, par, pnorm, predicted, slope)
+        ratio = 0
+        if (abs(predicted) > 0) ratio = actual / predicted
+        call adjust_region(ratio, actual, slope, 0.1_wp * fnorm_trial >= fnorm, pnorm, delta, par)
+
+        if (ratio >= 1.0e-4_wp) then
+          x = trial
+          fvec = ftrial
           xnorm = enorm(solver%diag * x)
-          delta = solver%factor * xnorm
-          if (.not. delta > 0) delta = solver%factor
+          fnorm = fnorm_trial
+          iteration = iteration + 1
         end if
-        gnorm = scaled_gradient(solver, fnorm, acnorm)
-        if (gnorm <= solver%gtol) then
-          solver%info = small_gradient
-          exit main
-        end if
-        if (.not. given) solver%diag = max(solver%diag, acnorm)
 
-        inner: do
-          call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
-                     problem%stop_flag)
-          if (stop_requested(problem%stop_flag)) flag = stopped_by_user
-          if (flag < 0) exit main
-          step = -step
-          trial = x + step
-          pnorm = enorm(solver%diag * step)
-          if (iteration == 1) delta = min(delta, pnorm)
-
-          call problem%residual(trial, ftrial, flag)
-          solver%nfev = solver%nfev + 1
-          if (flag < 0) exit main
-          fnorm_trial = enorm(ftrial)
-
-          actual = -1
-          if (0.1_wp * fnorm_trial < fnorm) actual = 1 - (fnorm_trial / fnorm)**2
-          call predict(solver, step, fnorm, par, pnorm, predicted, slope)
-          ratio = 0
-          if (abs(predicted) > 0) ratio = actual / predicted
-          call adjust_region(ratio, actual, slope, 0.1_wp * fnorm_trial >= fnorm, pnorm, delta, par)
-
-          if (ratio >= 1.0e-4_wp) then
-            x = trial
-            fvec = ftrial
-            xnorm = enorm(solver%diag * x)
-            fnorm = fnorm_trial
-            iteration = iteration + 1
-          end if
-
-          solver%info = stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm)
-          if (solver%info /= improper_input) exit main
-          if (.not. ratio < 1.0e-4_wp) exit inner
-        end do inner
-      end do outer
-    end block main
-
-    if (flag < 0) solver%info = flag
+        solver%info = stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm)
+        if (solver%info /= improper_input) return
+        if (.not. ratio < 1.0e-4_wp) exit inner
+      end do inner
+    end do outer
   end subroutine lmdif
 
-  ! Factorises the Jacobian at x, applies its reflections to f, of which the first n elements are
-  ! kept, and puts R's diagonal into the place that the reflections then no longer need.
-  subroutine linearise(problem, x, fvec, solver, work, acnorm, flag)
+  ! Factorises the Jacobian at x, by forward differences with steps sqrt(epsfcn) * |x_j|, applies
+  ! its reflections to f, of which the first n elements are kept, and puts R's diagonal into the
+  ! place that the reflections then no longer need.
+  subroutine linearise(problem, x, fvec, solver, work, acnorm)
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
     real(wp), intent(in) :: fvec(:)     ! (m): f(x)
     type(lmdif_t), intent(inout) :: solver
     real(wp), intent(inout), contiguous :: work(:)     ! (m)
     real(wp), intent(out) :: acnorm(:)                 ! (n): norms of the Jacobian's columns
-    integer, intent(inout) :: flag
-    real(wp) :: diagonal(size(x))
+    real(wp) :: diagonal(size(x)), step, held
     integer :: j
 
-    call difference_jacobian(problem, x, fvec, solver, flag)
-    if (flag < 0) return
     associate (qr => solver%fjac)
+      do j = 1, size(x)
+        held = x(j)
+        step = sqrt(max(solver%epsfcn, eps)) * abs(held)
+        if (.not. step > 0) step = sqrt(max(solver%epsfcn, eps))
+        x(j) = held + step
+        call problem%residual(x, qr(:, j), solver%info)
+        solver%nfev = solver%nfev + 1
+        x(j) = held
+        if (stop_requested(problem%stop_flag)) solver%info = stopped_by_user
+        if (solver%info < 0) return
+        qr(:, j) = (qr(:, j) - fvec) / step
+      end do
       call qrfac(qr, solver%ipvt, diagonal, acnorm, problem%stop_flag)
-      if (stop_requested(problem%stop_flag)) flag = stopped_by_user
-      if (flag < 0) return
+      if (stop_requested(problem%stop_flag)) solver%info = stopped_by_user
+      if (solver%info < 0) return
       work = fvec
       do j = 1, size(x)
         if (abs(qr(j, j)) > 0) call reflect(qr(j:, j), work(j:))
@@ -140,30 +145,6 @@ contains
       solver%qtf = work(:size(x))
     end associate
   end subroutine linearise
-
-  ! The Jacobian by forward differences with steps sqrt(epsfcn) * |x_j|.
-  subroutine difference_jacobian(problem, x, fvec, solver, flag)
-    class(least_squares_t), intent(inout) :: problem
-    real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
-    real(wp), intent(in) :: fvec(:)     ! (m): f(x)
-    type(lmdif_t), intent(inout) :: solver
-    integer, intent(inout) :: flag
-    real(wp) :: step, held
-    integer :: j
-
-    do j = 1, size(x)
-      held = x(j)
-      step = sqrt(max(solver%epsfcn, eps)) * abs(held)
-      if (.not. step > 0) step = sqrt(max(solver%epsfcn, eps))
-      x(j) = held + step
-      call problem%residual(x, solver%fjac(:, j), flag)
-      solver%nfev = solver%nfev + 1
-      x(j) = held
-      if (stop_requested(problem%stop_flag)) flag = stopped_by_user
-      if (flag < 0) return
-      solver%fjac(:, j) = (solver%fjac(:, j) - fvec) / step
-    end do
-  end subroutine difference_jacobian
 
   ! Largest cosine of the angle between f and a column of the Jacobian.
   pure real(wp) function scaled_gradient(solver, fnorm, acnorm)

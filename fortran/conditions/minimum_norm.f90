@@ -37,16 +37,15 @@ contains
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
-    real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
+    real(wp), dimension(conditions) :: r, r_trial, y
+    real(wp) :: step(size(moving)), trial(size(x))
     real(wp) :: damping, growth, f_trial, gain, largest
-    integer :: flag, info, iterations
+    integer :: flag, info, iteration
 
     allocate (full(conditions, size(x)), jac(conditions, size(moving)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
-    allocate (r(conditions), r_trial(conditions), y(conditions), step(size(moving)), trial(size(x)))
 
     status = not_finite
-    iterations = 0
     evaluations = 1
     flag = 0
     call problem%residual(x, r, flag)
@@ -59,12 +58,12 @@ contains
     damping = max(first_damping*largest, min_damping)
     growth = 2.0_wp
 
-    do while (status == out_of_iterations .and. iterations < max_iterations)
+    do iteration = 1, max_iterations
+      if (status /= out_of_iterations) exit
       if (stop_requested(problem%stop_flag)) then
         status = stopped
         exit
       end if
-      iterations = iterations + 1
       call factorise()
       y = r
       call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)

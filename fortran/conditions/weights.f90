@@ -69,11 +69,7 @@ contains
     begin = begin + pattern%stages
     pattern%parent = layout(begin + 1:begin + pattern%points)
     begin = begin + pattern%points
-    allocate (pattern%weight_start(pattern%points + 1))
-    pattern%weight_start(1) = 1
-    do m = 1, pattern%points
-      pattern%weight_start(m + 1) = pattern%weight_start(m) + layout(begin + m)
-    end do
+    pattern%weight_start = [(1 + sum(layout(begin + 1:begin + m)), m=0, pattern%points)]
     pattern%unknowns = pattern%weight_start(pattern%points + 1) - 1
     pattern%point = [(spread(m, 1, layout(begin + m)), m=1, pattern%points)]
     begin = begin + pattern%points
@@ -89,16 +85,9 @@ contains
     end do
     ends(0) = .false.
     pattern%segments = count(ends)
-    allocate (pattern%segment_start(pattern%segments + 1))
-    allocate (pattern%segment_at(0:pattern%points), source=0)
-    pattern%segment_start(1) = 1
-    k = 0
-    do m = 1, pattern%points
-      if (.not. ends(m)) cycle
-      k = k + 1
-      pattern%segment_at(m) = k
-      pattern%segment_start(k + 1) = m + 1
-    end do
+    pattern%segment_start = [1, 1 + pack([(m, m=1, pattern%points)], ends(1:))]
+    allocate (pattern%segment_at(0:pattern%points))
+    pattern%segment_at(:) = unpack([(k, k=1, pattern%segments)], ends, 0)
     pattern%segment = [(count(pattern%segment_start <= pattern%point(k)), k=1, pattern%unknowns)]
     pattern%origin = pattern%segment_at(pattern%parent(pattern%segment_start(:pattern%segments)))
     pattern%stage_segment = pattern%segment_at(stage_point)
@@ -144,38 +133,26 @@ contains
   subroutine evaluate(self, x)
     class(weights_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)  ! (unknowns)
-    real(wp) :: change(self%pattern%points)
-    integer :: t
+    real(wp) :: change(self%pattern%points), total
+    integer :: t, k, m
 
     self%x = x
-    call letters(self%pattern, x, self%chi(:, 1), self%letter(:, 1))
-    do t = 2, self%stage_trees
-      call exponential(self, t, 1, self%pattern%points, self%e(:, t))
-      change = self%e(:, t)
-      call add_splits(self, t, 1, self%pattern%points, change)
-      call add_up(self%pattern, change, self%left(:, t), self%chi(:, t))
-      call letters(self%pattern, x, self%chi(:, t), self%letter(:, t))
-    end do
-  end subroutine evaluate
-
-  ! Sums of what the flows add to a weight, along each segment. The weight at the start is given.
-  pure subroutine add_up(pattern, change, left, chi)
-    type(pattern_t), intent(in) :: pattern
-    real(wp), intent(in) :: change(:)              ! (points)
-    real(wp), intent(out), contiguous :: left(:)   ! (points)
-    real(wp), intent(inout), contiguous :: chi(0:) ! (0:segments)
-    real(wp) :: total
-    integer :: k, m
-
-    do k = 1, pattern%segments
-      total = chi(pattern%origin(k))
-      do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1
-        left(m) = total
-        total = total + change(m)
+    associate (pattern => self%pattern)
+      call letters(pattern, x, self%chi(:, 1), self%letter(:, 1))
+      do t = 2, self%stage_trees
+        call flow(self, t, 1, pattern%points, self%e(:, t), change)
+        do k = 1, pattern%segments
+          total = self%chi(pattern%origin(k), t)
+          do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1
+            self%left(m, t) = total
+            total = total + change(m)
+          end do
+          self%chi(k, t) = total
+        end do
+        call letters(pattern, x, self%chi(:, t), self%letter(:, t))
       end do
-      chi(k) = total
-    end do
-  end subroutine add_up
+    end associate
+  end subroutine evaluate
 
   ! Computes the letters of a tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
@@ -215,23 +192,24 @@ contains
   function along(self, t, path) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t, path(:)                    ! path: points, increasing
-    real(wp) :: phi, change(self%pattern%points)
+    real(wp) :: phi
+    real(wp), dimension(self%pattern%points) :: e, change
 
     phi = 0.0_wp
     if (size(path) == 0) return
     associate (begin => path(1), last => path(size(path)))
-      call exponential(self, t, begin, last, change(begin:last))
-      call add_splits(self, t, begin, last, change(begin:last))
+      call flow(self, t, begin, last, e(begin:last), change(begin:last))
     end associate
     phi = sum(change(path))
   end function along
 
-  ! Computes E_m(t) of a tree, the exponential of the letters, at some points.
-  pure subroutine exponential(self, t, begin, last, e)
+  ! Computes E_m(t) of a tree, the exponential of the letters, at some points, and what the flow
+  ! adds to the weight: products over all splits of the word, one part before a point, one at it.
+  pure subroutine flow(self, t, begin, last, e, change)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t, begin, last
-    real(wp), intent(out) :: e(begin:last)
-    integer :: children
+    real(wp), intent(out), dimension(begin:last) :: e, change
+    integer :: children, i
 
     children = child_start(t + 1) - child_start(t)
     if (iand(children, children - 1) == 0) then        ! a product is exact, too, and faster
@@ -239,17 +217,9 @@ contains
     else
       e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))/real(children, wp)
     end if
-  end subroutine exponential
-
-  ! Adds the products over all proper splits of a word, one part before a point and one at it.
-  pure subroutine add_splits(self, t, begin, last, change)
-    class(weights_t), intent(in) :: self
-    integer, intent(in) :: t, begin, last
-    real(wp), intent(inout) :: change(begin:last)
-    integer :: i
-
+    change = e
     do i = split_start(t) + 1, split_start(t + 1) - 2
       change = change + self%left(begin:last, head(i))*self%e(begin:last, tail(i))
     end do
-  end subroutine add_splits
+  end subroutine flow
 end module weights_m

@@ -42,8 +42,7 @@ contains
         else if (any(block%kind == [su_block, u_block])) then
           call unitary_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
         else
-          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), &
-                                  w(first:last))
+          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
         end if
       end associate
     end do
@@ -117,14 +116,15 @@ contains
   end subroutine dexpinv_rotation
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
-  ! with the value and the derivative of the series at the eigenvalues of ad
+  ! with the value and the derivative of the series at the eigenvalues of ad.
   pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
     integer, intent(in) :: vectors
     real(wp), intent(in) :: sign, u(3, 0:vectors)    ! u: a rotation and velocities
     real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
-    real(wp) :: a, b, square
+    real(wp) :: a, b, square, half, sine, cotangent, value, slope
     real(wp), dimension(3, 0:vectors) :: power, sum
+    integer :: k
 
     square = dot_product(u(:, 0), u(:, 0))
     power = motion_bracket(u, v)
@@ -132,21 +132,6 @@ contains
       if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
       return
     end if
-    call motion_factors(square, a, b)
-    sum = v - (sign / 2) * power
-    power = motion_bracket(u, power)
-    sum = sum + a * power
-    power = motion_bracket(u, motion_bracket(u, power))
-    v = sum + b * power
-  end subroutine dexpinv_motion
-
-  ! The coefficients a and b of dexpinv_motion
-  pure subroutine motion_factors(square, a, b)
-    real(wp), intent(in) :: square           ! the angle's
-    real(wp), intent(out) :: a, b
-    real(wp) :: half, sine, cotangent, value, slope
-    integer :: k
-
     if (square < series_below) then
       a = 0.0_wp
       b = 0.0_wp
@@ -164,7 +149,12 @@ contains
       b = (value - slope) / square
       a = value + b * square
     end if
-  end subroutine motion_factors
+    sum = v - (sign / 2) * power
+    power = motion_bracket(u, power)
+    sum = sum + a * power
+    power = motion_bracket(u, motion_bracket(u, power))
+    v = sum + b * power
+  end subroutine dexpinv_motion
 
   ! The bracket of two rigid motions
   pure function motion_bracket(u, v)

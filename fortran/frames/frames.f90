@@ -57,6 +57,7 @@ contains
         block%p1 = frame%point_size + 1
         block%dimension = 3
         block%n = description(2, i)
+        block%constants = used
         select case (block%kind)
         case (euclidean_block)
           block%dimension = block%n
@@ -77,7 +78,6 @@ contains
         case (so_block, isospectral_block)
           block%dimension = block%n * (block%n - 1) / 2
           block%point_size = block%n**2
-          block%constants = used
           if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
@@ -92,7 +92,6 @@ contains
         case (callback_block)
           block%dimension = block%n
           block%point_size = options
-          block%constants = used
           used = used + block%dimension
         case default
           error stop 'make_frame: there is no such block'

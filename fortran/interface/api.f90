@@ -6,6 +6,7 @@ module api_m
   use conditions_m, only: order_conditions_t
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
+  use shared_numbers, only: first_result
   use tree_tables, only: highest => highest_order
   implicit none
 
@@ -84,7 +85,7 @@ contains
     type(lmdif_t) :: solver
     real(wp) :: residual(m)
 
-    call conditions%set_up(order, layout, trees)
+    call conditions%set_up(order, layout, trees, spread(first_result, 1, m))
     conditions%stop_flag => stop_flag(1)
     x = x0
     solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)

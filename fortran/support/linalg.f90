@@ -195,9 +195,7 @@ contains
       r(j, j) = rdiag(j)
     end do
 
-    do rank = 0, n - 1
-      if (.not. abs(sdiag(rank + 1)) > 0) exit
-    end do
+    rank = findloc([abs(sdiag) > 0, .false.], .false., 1) - 1
     rhs(rank + 1:) = 0
     do j = rank, 1, -1
       rhs(j) = (rhs(j) - dot_product(r(j + 1:rank, j), rhs(j + 1:rank))) / sdiag(j)
@@ -277,9 +275,7 @@ contains
       lower = newton_correction(work)
     end if
 
-    do j = 1, n
-      work(j) = dot_product(r(:j, j), qtb(:j)) / diag(ipvt(j))
-    end do
+    work = [(dot_product(r(:j, j), qtb(:j)), j=1, n)] / diag(ipvt)
     gnorm = enorm(work)
     upper = gnorm / delta
     if (.not. upper > 0) upper = tiny(1.0_wp) / min(delta, 0.1_wp)
@@ -333,9 +329,7 @@ contains
     real(wp) :: work(size(r, 2))
     integer :: j
 
-    do rank = 0, size(r, 2) - 1
-      if (.not. abs(r(rank + 1, rank + 1)) > 0) exit
-    end do
+    rank = findloc([(abs(r(j, j)) > 0, j=1, size(r, 2)), .false.], .false., 1) - 1
     work(:rank) = qtb(:rank)
     work(rank + 1:) = 0
     do j = rank, 1, -1

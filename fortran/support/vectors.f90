@@ -2,7 +2,6 @@
 ! SciPy provides the library, so that nothing has to be linked and wheels stay small.
 ! See cg/support/capsules.py.
 module vectors_m
-  use, intrinsic :: iso_c_binding, only: c_char, c_int
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
@@ -15,62 +14,55 @@ module vectors_m
   ! Numbers and matrices without a type are real or complex.
   abstract interface
     subroutine syrk_i(uplo, trans, n, k, alpha, a, lda, beta, c, ldc) bind(c)
-      import
-      character(kind=c_char), intent(in) :: uplo, trans
-      integer(c_int), intent(in) :: n, k, lda, ldc
+      character, intent(in) :: uplo, trans
+      integer, intent(in) :: n, k, lda, ldc
       type(*), intent(in) :: alpha, beta, a(lda, *)          ! (lda, k)
       type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
     end subroutine syrk_i
 
     subroutine potrf_i(uplo, n, a, lda, info) bind(c)
-      import
-      character(kind=c_char), intent(in) :: uplo
-      integer(c_int), intent(in) :: n, lda
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, lda
       type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
-      integer(c_int), intent(out) :: info
+      integer, intent(out) :: info
     end subroutine potrf_i
 
     subroutine potrs_i(uplo, n, nrhs, a, lda, b, ldb, info) bind(c)
-      import
-      character(kind=c_char), intent(in) :: uplo
-      integer(c_int), intent(in) :: n, nrhs, lda, ldb
+      character, intent(in) :: uplo
+      integer, intent(in) :: n, nrhs, lda, ldb
       type(*), intent(in) :: a(lda, *)                       ! (lda, n)
       type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
-      integer(c_int), intent(out) :: info
+      integer, intent(out) :: info
     end subroutine potrs_i
 
     subroutine getrf_i(m, n, a, lda, pivot, info) bind(c)
-      import
-      integer(c_int), intent(in) :: m, n, lda
+      integer, intent(in) :: m, n, lda
       type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
-      integer(c_int), intent(inout) :: pivot(*)                     ! (min(m, n))
-      integer(c_int), intent(out) :: info
+      integer, intent(inout) :: pivot(*)                     ! (min(m, n))
+      integer, intent(out) :: info
     end subroutine getrf_i
 
     subroutine getrs_i(trans, n, nrhs, a, lda, pivot, b, ldb, info) bind(c)
-      import
-      character(kind=c_char), intent(in) :: trans
-      integer(c_int), intent(in) :: n, nrhs, lda, ldb, pivot(*)     ! (n)
+      character, intent(in) :: trans
+      integer, intent(in) :: n, nrhs, lda, ldb, pivot(*)     ! (n)
       type(*), intent(in) :: a(lda, *)                       ! (lda, n)
       type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
-      integer(c_int), intent(out) :: info
+      integer, intent(out) :: info
     end subroutine getrs_i
 
     subroutine gemm_i(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc) bind(c)
-      import
-      character(kind=c_char), intent(in) :: transa, transb
-      integer(c_int), intent(in) :: m, n, k, lda, ldb, ldc
+      character, intent(in) :: transa, transb
+      integer, intent(in) :: m, n, k, lda, ldb, ldc
       type(*), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)   ! (lda, k), (ldb, n)
       type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
     end subroutine gemm_i
 
     subroutine syevd_i(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info) bind(c)
-      import
-      character(kind=c_char), intent(in) :: jobz, uplo
-      integer(c_int), intent(in) :: n, lda, lwork, liwork
+      character, intent(in) :: jobz, uplo
+      integer, intent(in) :: n, lda, lwork, liwork
       type(*), intent(inout) :: a(lda, *), w(*), work(*)     ! (lda, n), (n), (lwork)
-      integer(c_int), intent(inout) :: iwork(*)                     ! (liwork)
-      integer(c_int), intent(out) :: info
+      integer, intent(inout) :: iwork(*)                     ! (liwork)
+      integer, intent(out) :: info
     end subroutine syevd_i
   end interface
 

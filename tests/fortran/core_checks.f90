@@ -94,7 +94,7 @@ contains
     type(lmdif_t) :: solver
     real(wp) :: x(6), f(8)
 
-    call problem%set_up(order, tableau(stages, 0, pair=.false.), condition(2:9))
+    call problem%set_up(order, tableau(stages, 0, pair=.false.), condition(2:9), spread(0, 1, 8))
     ! close to Crouch and Grossman's method of order three
     x = [0.75_wp, 0.55_wp, 0.16_wp, 0.25_wp, -0.67_wp, 1.41_wp]
     solver = lmdif_t(xtol=1.0e-15_wp, maxfev=2000)

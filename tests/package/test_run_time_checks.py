@@ -23,15 +23,17 @@ MODULES = (
 
 
 @pytest.mark.skipif(shutil.which("gfortran") is None, reason="gfortran is not installed")
-@pytest.mark.parametrize("suffix", ["r64", "r128"])
-def test_core_passes_with_checks_and_traps(tmp_path, suffix):
+@pytest.mark.parametrize("kind", ["real64", "real128"])
+def test_core_passes_with_checks_and_traps(tmp_path, kind):
+    kinds = tmp_path / "kinds.f90"
+    kinds.write_text((SOURCES / "support" / "kinds.f90.in").read_text().replace("@KIND@", kind))
     tables = tmp_path / "tree_tables.f90"
     tables.write_text(fortran_tables(forest(7)))
     shared = tmp_path / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in (f"support/kinds_{suffix}", *MODULES)]
+    modules = [SOURCES / f"{module}.f90" for module in MODULES]
     program_source = TESTS / "fortran" / "core_checks.f90"
-    sources = [str(source) for source in (tables, shared, *modules, program_source)]
+    sources = [str(source) for source in (kinds, tables, shared, *modules, program_source)]
     program = tmp_path / "core_checks"
     command = ["gfortran", *FLAGS, f"-J{tmp_path}", *sources, "-o", str(program)]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)
