@@ -31,6 +31,7 @@ module gyroscopic_m
   ! The first four of the nine parts of a leapfrog step; the last four repeat them backward.
   real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
+  integer, parameter :: terms = 18           ! of a series; 1 / 18! is rounding
 
 contains
 
@@ -72,7 +73,6 @@ contains
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(:), point(:)
     real(wp) :: term(size(momentum)), velocity(size(momentum)), step
-    integer, parameter :: terms = 18         ! 1 / 18! is rounding
     integer :: k, piece, pieces
 
     pieces = max(1, ceiling(abs(time) * maxval(sum(abs(body%gyroscopic), 2)) &
@@ -100,7 +100,6 @@ contains
     real(wp) :: fraction                     ! part of the motion in a piece
     logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
-    integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
     u = 0.0_wp
     call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], momentum, u(:frame%forces))
