@@ -142,7 +142,8 @@ contains
             call move_by_series(body, time, momentum, point)
           else
             momentum = momentum + rotor_momentum(body)
-            parts = time * substeps(body)
+            parts = [time]
+            if (.not. body%commutes) parts = time * substeps
             do k = 1, size(parts)
               call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
               call move_body(frame, i, parts(k), momentum, y)
