@@ -145,15 +145,11 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
-    real(wp) :: vectors(n, n), scaled(n, n), own(n)
-    integer :: k
+    real(wp) :: vectors(n, n), own(n)
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
     call decompose(n, spectrum, y, own, vectors)
-    do k = 1, n
-      scaled(k, :) = own(k) * vectors(:, k)
-    end do
-    call multiply(n, vectors, scaled, y)
+    call multiply(n, vectors, spread(own, 2, n) * transpose(vectors), y)
     y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
@@ -165,7 +161,7 @@ contains
     real(wp), intent(out) :: v(:)                ! (dimension)
     real(wp), intent(out) :: dropped
     real(wp) :: vectors(n, n), x(n, n), product(n, n), own(n)
-    integer :: i, j
+    integer :: j
 
     v = nan
     dropped = 0.0_wp
@@ -174,13 +170,11 @@ contains
     call multiply(n, slope, vectors, product)
     call multiply(n, transpose(vectors), product, x)
     do j = 1, n
-      do i = 1, n
-        if (abs(own(j) - own(i)) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum))) then
-          x(i, j) = x(i, j) / (own(j) - own(i))
-        else
-          x(i, j) = 0.0_wp
-        end if
-      end do
+      where (abs(own(j) - own) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum)))
+        x(:, j) = x(:, j) / (own(j) - own)
+      elsewhere
+        x(:, j) = 0.0_wp
+      end where
     end do
     call multiply(n, vectors, x, product)
     call multiply(n, product, transpose(vectors), x)
