@@ -142,7 +142,8 @@ contains
             call move_by_series(body, time, momentum, point)
           else
             momentum = momentum + rotor_momentum(body)
-            parts = time * substeps(body)
+            parts = [time]
+            if (.not. body%commutes) parts = time * substeps
             do k = 1, size(parts)
               call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
               call move_body(frame, i, parts(k), momentum, y)
@@ -226,26 +227,20 @@ contains
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
 
-  ! The largest value of a constraint, in roundings of some sizes
-  pure real(wp) function opening(c, sizes)
-    type(constraints_t), intent(in) :: c
-    real(wp), intent(in) :: sizes(:)
-
-    opening = maxval(abs(c%g) / max(sizes, tiny(sizes))) / epsilon(1.0_wp)
-    if (.not. all(abs(c%g) <= huge(c%g))) opening = huge(opening)
-  end function opening
-
   ! Whether an iteration has closed all joints, up to rounding: of the constraints, or of what
   ! they are computed from, where a further iteration brings nothing.
   logical function is_closed(c, last)
     type(constraints_t), intent(in) :: c
     real(wp), intent(inout) :: last          ! the opening before; huge at first
     real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
+    real(wp) :: now, near                    ! largest constraint, in roundings of some sizes
 
-    associate (now => opening(c, c%scale), near => opening(c, max(c%scale, c%least)))
-      is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
-      last = now
-    end associate
+    now = maxval(abs(c%g) / max(c%scale, tiny(now))) / epsilon(now)
+    near = maxval(abs(c%g) / max(c%scale, c%least, tiny(now))) / epsilon(now)
+    if (.not. all(abs(c%g) <= huge(now))) now = huge(now)
+    is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
+    if (.not. now < huge(now)) is_closed = .false.
+    last = now
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the

@@ -28,9 +28,11 @@ module gyroscopic_m
   private
   public :: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
 
-  ! The first four of the nine parts of a leapfrog step; the last four repeat them backward.
+  ! The leapfrog steps that a step is divided into; the last four repeat the first ones backward.
   real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
+  real(wp), parameter :: substeps(9) = [half, 1 - 2 * sum(half), half(4:1:-1)]
+  integer, parameter :: terms = 18           ! of a series; 1 / 18! is rounding
 
 contains
 
@@ -41,15 +43,6 @@ contains
 
     momentum = [body%gyroscopic(3, 2), body%gyroscopic(1, 3), body%gyroscopic(2, 1)]
   end function rotor_momentum
-
-  ! The leapfrog steps that a step is divided into
-  pure function substeps(body)
-    type(body_t), intent(in) :: body
-    real(wp), allocatable :: substeps(:)
-
-    substeps = [1.0_wp]
-    if (.not. body%commutes) substeps = [half, 1 - 2 * sum(half), half(4:1:-1)]
-  end function substeps
 
   ! Follows the linear part of the energy of a body; the momentum is that of body and rotor.
   pure subroutine turn_with_rotor(block, body, time, momentum, point)
@@ -72,7 +65,6 @@ contains
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(:), point(:)
     real(wp) :: term(size(momentum)), velocity(size(momentum)), step
-    integer, parameter :: terms = 18         ! 1 / 18! is rounding
     integer :: k, piece, pieces
 
     pieces = max(1, ceiling(abs(time) * maxval(sum(abs(body%gyroscopic), 2)) &
@@ -100,7 +92,6 @@ contains
     real(wp) :: fraction                     ! part of the motion in a piece
     logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
-    integer, parameter :: terms = 18         ! 1 / 18! is rounding
 
     u = 0.0_wp
     call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], momentum, u(:frame%forces))

@@ -113,7 +113,13 @@ contains
     real(wp) :: left(3), right(3), turned(3), lever(3, 2), side(2)
     integer :: i
 
-    call reserve(linkage, c)
+    if (.not. allocated(c%g)) then
+      associate (n => linkage%rows + linkage%own, m => linkage%forces)
+        allocate (c%g(n), c%bias(n), c%factor(linkage%start(n) + n))
+        allocate (c%scale(n), source=1.0_wp)
+        allocate (c%least(n), c%slope(m, n), c%moved(m, n), source=0.0_wp)
+      end associate
+    end if
     failed = .false.
     c%exchanged = .false.
     axis = 0.0_wp
@@ -274,20 +280,6 @@ contains
       if (depth > 1) c%bias(rows + 1:) = answer(3 * n + n * m + 1:)
     end associate
   end subroutine evaluate_own
-
-  ! Allocates the memory for constraints once.
-  subroutine reserve(linkage, c)
-    type(linkage_t), intent(in) :: linkage
-    type(constraints_t), intent(inout) :: c
-
-    if (allocated(c%g)) return
-    associate (n => linkage%rows + linkage%own, m => linkage%forces)
-      allocate (c%g(n), c%bias(n), c%scale(n), c%least(n), c%factor(linkage%start(n) + n))
-      allocate (c%slope(m, n), c%moved(m, n), source=0.0_wp)
-    end associate
-    c%scale = 1.0_wp
-    c%least = 0.0_wp
-  end subroutine reserve
 
   ! Factors G J^-1 G^T, whose rows have been evaluated.
   pure subroutine factor_constraints(linkage, c)

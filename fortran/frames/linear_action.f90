@@ -238,8 +238,18 @@ contains
         end do
         product(i) = a
       end do
-    case (imaginary_entries)
-      call multiply_imaginary(action%n, first, column, x, y, product)
+    case (imaginary_entries)                 ! of which the imaginary parts are stored
+      do i = 1, action%n
+        a = 0.0_wp
+        b = 0.0_wp
+        do k = first(i), first(i + 1) - 1
+          j = 2 * column(k)
+          a = a + x(k) * y(j - 1)
+          b = b + x(k) * y(j)
+        end do
+        product(2 * i - 1) = -b
+        product(2 * i) = a
+      end do
     case (complex_entries)
       do i = 1, action%n
         a = 0.0_wp
@@ -254,27 +264,6 @@ contains
       end do
     end select
   end subroutine multiply
-
-  ! Computes the product for imaginary entries, of which the imaginary parts are stored. In an array
-  ! of two rows the compiler sums both parts of a number at once.
-  pure subroutine multiply_imaginary(n, first, column, x, y, product)
-    integer, intent(in) :: n, first(n + 1), column(*)
-    real(wp), intent(in) :: x(*), y(2, n)
-    real(wp), intent(inout) :: product(2, n)
-    real(wp) :: a, b
-    integer :: i, k
-
-    do i = 1, n
-      a = 0.0_wp
-      b = 0.0_wp
-      do k = first(i), first(i + 1) - 1
-        a = a + x(k) * y(1, column(k))
-        b = b + x(k) * y(2, column(k))
-      end do
-      product(1, i) = -b
-      product(2, i) = a
-    end do
-  end subroutine multiply_imaginary
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
@@ -326,12 +315,21 @@ contains
   contains
 
     ! The coefficients in a part, by powers of its own time from 0 to 1
-    pure function coefficients(part)
+    pure function coefficients(part) result(d)
       integer, intent(in) :: part
-      real(wp) :: coefficients(size(v, 1), size(v, 2))
+      real(wp) :: d(size(v, 1), size(v, 2)), start
+      integer :: j, k
 
-      coefficients = shifted(v, 2 * real(part - 1, wp) / real(parts, wp) - 1, 2 / real(parts, wp)) &
-                     / real(parts, wp)
+      start = 2 * real(part - 1, wp) / real(parts, wp) - 1
+      d = v
+      do j = 1, size(v, 2) - 1                         ! synthetic division by 2 t - 1 - start
+        do k = size(v, 2) - 1, j, -1
+          d(:, k) = d(:, k) + start * d(:, k + 1)
+        end do
+      end do
+      do j = 1, size(v, 2)
+        d(:, j) = d(:, j) * (2 / real(parts, wp))**(j - 1) / real(parts, wp)
+      end do
     end function coefficients
 
     ! The sum of their norms, largest at an end of the step
@@ -355,23 +353,6 @@ contains
     end do
     length_of = sqrt(sum(sums) + sum(y(size(y) - modulo(size(y), 8) + 1:)**2))
   end function length_of
-
-  ! The coefficients of a polynomial in t, of which v has those in s = start + slope t
-  pure function shifted(v, start, slope) result(d)
-    real(wp), intent(in) :: v(:, :), start, slope
-    real(wp) :: d(size(v, 1), size(v, 2))
-    integer :: j, k
-
-    d = v
-    do j = 1, size(v, 2) - 1                           ! synthetic division by s - start
-      do k = size(v, 2) - 1, j, -1
-        d(:, k) = d(:, k) + start * d(:, k + 1)
-      end do
-    end do
-    do j = 2, size(v, 2)
-      d(:, j) = d(:, j) * slope**(j - 1)
-    end do
-  end function shifted
 
   ! Applies a Taylor polynomial. With y' = sum_m t^(m - 1) D_m y its coefficients are
   !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,

@@ -66,10 +66,11 @@ contains
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(3)
     real(wp), intent(out) :: q(4)
-    real(wp), parameter :: signs(3) = [1.0_wp, -1.0_wp, 1.0_wp]
     real(wp) :: length, before(3), n(3), after(3), angle
     real(wp) :: about(2)                     ! the larger one: of the smallest moment, or the largest
-    logical :: swapped, down
+    integer :: order(3)                      ! of the axes, which half turns make n3 positive in
+    real(wp) :: signs(3)
+    logical :: swapped
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     length = maxval(abs(momentum))
@@ -84,19 +85,16 @@ contains
     n = matmul(before, top%axes) + matmul(before, top%digits)
     about = [n(1)**2 * top%gap(1), n(3)**2 * top%gap(2)]
     swapped = about(1) > about(2) .or. (about(1) == about(2) .and. top%gap(1) > top%gap(2))
-    if (swapped) n = signs * n([3, 2, 1])    ! half a turn
-    down = n(3) < 0
-    if (down) n(2:3) = -n(2:3)
+    order = [1, 2, 3]
+    if (swapped) order = [3, 2, 1]
+    n = n(order)
+    signs = [1.0_wp, merge(-1.0_wp, 1.0_wp, swapped), 1.0_wp]
+    if (n(3) < 0) signs(2:3) = -signs(2:3)
+    n = signs * n
     call advance(top, swapped, length * time, n, after, angle)
     q = turned(n, angle, after)
-    if (down) then
-      q(2:3) = -q(2:3)
-      after(2:3) = -after(2:3)
-    end if
-    if (swapped) then
-      q(1:3) = signs * q([3, 2, 1])
-      after = signs * after([3, 2, 1])
-    end if
+    q(order) = signs * q(1:3)
+    after(order) = signs * after
     q(1:3) = matmul(top%axes, q(1:3))
     after = matmul(top%axes, after) + matmul(top%digits, after)
     after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after

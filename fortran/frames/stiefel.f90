@@ -8,7 +8,7 @@
 module stiefel_m
   use blocks_m, only: algebra_coefficients, algebra_matrix
   use kinds, only: wp
-  use vectors_m, only: dgemm, dgetrf, dgetrs, dsyevd, nan
+  use vectors_m, only: dgetrf, dgetrs, dsyevd, nan
   use orthogonal_m, only: move_orthogonal, multiply, restore_orthogonal
   implicit none
   private
@@ -26,8 +26,8 @@ contains
     integer, intent(in) :: k, n
     real(wp), intent(in) :: v(k, n)
     real(wp), intent(inout) :: y(k, n)
-    real(wp), dimension(k, k) :: m, s, d, c, a, z, w
-    real(wp) :: x(k, n), length, part
+    real(wp), dimension(k, k) :: m, s, d, c, a, z
+    real(wp) :: length, part
     integer :: i, info, j, parts, pivot(k)
 
     length = norm2(v)
@@ -37,21 +37,16 @@ contains
     end if
     parts = max(1, ceiling(length))
     part = 1 / real(parts, wp)
-    call product_of('N', 'T', part**2, v, v, 0.0_wp, m)
+    m = part**2 * matmul(v, transpose(v))
     call sum_series(k, (part * length)**2, m, s, d)
-    call product_of('N', 'N', 1.0_wp, m, d, 0.0_wp, c)
+    c = matmul(m, d)
     do i = 1, k
       c(i, i) = 1 + c(i, i)
     end do
     do j = 1, parts
-      call product_of('N', 'T', part, v, y, 0.0_wp, a)
-      z = transpose(c)
-      call product_of('T', 'N', 1.0_wp, a, s, 1.0_wp, z)
-      w = s
-      call product_of('N', 'N', 1.0_wp, d, a, 1.0_wp, w)
-      x = y
-      call product_of('T', 'N', part, w, v, 1.0_wp, x)
-      y = x
+      a = part * matmul(v, transpose(y))
+      z = transpose(c) + matmul(transpose(a), s)
+      y = y + part * matmul(transpose(s + matmul(d, a)), v)
       call dgetrf(k, k, z, k, pivot, info)
       call dgetrs('N', k, n, z, k, pivot, y, k, info)
     end do
@@ -63,7 +58,7 @@ contains
     real(wp), intent(in) :: bound                  ! the norm's, at most 1
     real(wp), intent(in) :: m(k, k)
     real(wp), intent(out) :: s(k, k), d(k, k)
-    real(wp) :: power(k, k), next(k, k), size_of_term
+    real(wp) :: power(k, k), size_of_term
     integer :: i, j
 
     power = 0.0_wp
@@ -77,10 +72,9 @@ contains
     do while (size_of_term > epsilon(size_of_term) / 8)
       j = j + 1
       associate (factor => 1 / real(2 * j * (2 * j + 1), wp))
-        call product_of('N', 'N', factor, m, power, 0.0_wp, next)
+        power = factor * matmul(m, power)
         size_of_term = size_of_term * bound * factor
       end associate
-      power = next
       s = s + power
       d = d + power / real(2 * j + 2, wp)
     end do
@@ -90,11 +84,8 @@ contains
   subroutine restore_stiefel(k, n, y)
     integer, intent(in) :: k, n
     real(wp), intent(inout) :: y(k, n)
-    real(wp) :: gram(k, k), start(k, n)
 
-    start = y
-    call product_of('N', 'T', 1.0_wp, start, start, 0.0_wp, gram)
-    call product_of('N', 'N', -0.5_wp, gram, start, 1.5_wp, y)
+    y = 1.5_wp * y - 0.5_wp * matmul(matmul(y, transpose(y)), y)
   end subroutine restore_stiefel
 
   ! v - y v^T y
@@ -102,11 +93,8 @@ contains
     integer, intent(in) :: k, n
     real(wp), intent(in) :: v(k, n), y(k, n)
     real(wp), intent(out) :: tangent(k, n)
-    real(wp) :: a(k, k)
 
-    call product_of('N', 'T', 1.0_wp, v, y, 0.0_wp, a)
-    tangent = v
-    call product_of('T', 'N', -1.0_wp, a, y, 1.0_wp, tangent)
+    tangent = v - matmul(matmul(y, transpose(v)), y)
   end subroutine stiefel_tangent
 
   ! The coefficients x - y (y^T x) / 2 of a derivative x, and the square of the length of the rest
@@ -114,25 +102,12 @@ contains
     integer, intent(in) :: k, n
     real(wp), intent(in) :: y(k, n), x(k, n)
     real(wp), intent(out) :: v(k, n), dropped
-    real(wp) :: a(k, k), tangent(k, n)
+    real(wp) :: tangent(k, n)
 
-    call product_of('N', 'T', 1.0_wp, x, y, 0.0_wp, a)
-    v = x
-    call product_of('N', 'N', -0.5_wp, a, y, 1.0_wp, v)
+    v = x - 0.5_wp * matmul(matmul(x, transpose(y)), y)
     call stiefel_tangent(k, n, v, y, tangent)
     dropped = sum((x - tangent)**2)
   end subroutine stiefel_coefficients
-
-  ! c = alpha a b + beta c, with a transposed a or b where its letter is T
-  subroutine product_of(of_a, of_b, alpha, a, b, beta, c)
-    character, intent(in) :: of_a, of_b
-    real(wp), intent(in) :: alpha, beta
-    real(wp), contiguous, intent(in) :: a(:, :), b(:, :)
-    real(wp), contiguous, intent(inout) :: c(:, :)
-
-    call dgemm(of_a, of_b, size(c, 1), size(c, 2), size(a, merge(1, 2, of_a == 'T')), alpha, &
-               a, size(a, 1), b, size(b, 1), beta, c, size(c, 1))
-  end subroutine product_of
 
   ! Moves a point by the product of the rotations of all flows.
   subroutine move_isospectral(n, f, y)
@@ -170,15 +145,11 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
-    real(wp) :: vectors(n, n), scaled(n, n), own(n)
-    integer :: k
+    real(wp) :: vectors(n, n), own(n)
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
     call decompose(n, spectrum, y, own, vectors)
-    do k = 1, n
-      scaled(k, :) = own(k) * vectors(:, k)
-    end do
-    call multiply(n, vectors, scaled, y)
+    call multiply(n, vectors, spread(own, 2, n) * transpose(vectors), y)
     y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
@@ -190,7 +161,7 @@ contains
     real(wp), intent(out) :: v(:)                ! (dimension)
     real(wp), intent(out) :: dropped
     real(wp) :: vectors(n, n), x(n, n), product(n, n), own(n)
-    integer :: i, j
+    integer :: j
 
     v = nan
     dropped = 0.0_wp
@@ -199,13 +170,11 @@ contains
     call multiply(n, slope, vectors, product)
     call multiply(n, transpose(vectors), product, x)
     do j = 1, n
-      do i = 1, n
-        if (abs(own(j) - own(i)) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum))) then
-          x(i, j) = x(i, j) / (own(j) - own(i))
-        else
-          x(i, j) = 0.0_wp
-        end if
-      end do
+      where (abs(own(j) - own) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum)))
+        x(:, j) = x(:, j) / (own(j) - own)
+      elsewhere
+        x(:, j) = 0.0_wp
+      end where
     end do
     call multiply(n, vectors, x, product)
     call multiply(n, product, transpose(vectors), x)
