@@ -201,6 +201,7 @@ contains
                m => int(run%frame%dimension * run%method%scheme%columns, int64), &
                observations => int(run%output%observer%count, int64))
       output%record => record
+      output%outputs = int(record%outputs)
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
       if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
                                           [n, record%members, record%outputs])
@@ -315,7 +316,7 @@ contains
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
-      if (size(run%output%times) > 0) then
+      if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
           lane%outputs_done = 1

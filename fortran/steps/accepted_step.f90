@@ -55,7 +55,7 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs_done < size(output%times)) has_output = has_output .or. &
+    if (x%outputs_done < output%outputs) has_output = has_output .or. &
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
@@ -103,7 +103,7 @@ contains
     x%phase = phase_store_output
     if (x%interpolate_only) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
-        output%record%dense .or. size(output%times) > 0)) call share(x, 0.0_wp, phase_step_shared)
+        output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
 
   ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
@@ -346,7 +346,7 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (point => x%request%y)    ! no request is pending, so that its memory is free
-      do while (x%outputs_done < size(output%times))
+      do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           if (time == t) then
@@ -375,7 +375,7 @@ contains
     integer :: most
 
     most = min(max_count, max(1, max_numbers / x%frame%point_size), &
-               size(output%times) - x%outputs_done)
+               output%outputs - x%outputs_done)
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner)
       inner%owner = x%member

@@ -13,6 +13,7 @@ module output_m
   type :: output_t
     type(record_t), pointer :: record => null()        ! what is stored, and numbers of rows
     ! points at output times
+    integer :: outputs = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
     ! (point_size, members, outputs), (observations, members, outputs), null to store none
     real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
