@@ -173,11 +173,11 @@ def test_a_spatial_pendulum_of_rods_is_that_in_cartesian_coordinates():
     ("RATTLE4", 400.0, 5e-5, 5e-7), *slow(("RATTLE", 90000.0, 0.02, 3e-4))
 ])  # fmt: skip
 def test_energy_stays_for_long_times(method, end, largest, drift):
-    """For more swings than seconds; how many is a matter of chance, the motion is chaotic."""
+    """For more swings than seconds; how many in a long time depends on rounding (chaos)."""
     times = np.linspace(0.0, end, int(10 * end) + 1)
     run = PENDULUM.run(method, (0.0, end), h=0.02, t_eval=times)
     height = run.y[:, PENDULUM.heights[0]]
-    assert (np.diff(np.sign(np.diff(height))) < 0).sum() > end
+    assert (np.diff(np.sign(np.diff(height))) < 0).sum() > (1.1 * end if end < 1000 else end)
     energy, tenth = PENDULUM.energy(run.y) - PENDULUM.energy(PENDULUM.y0), int(end)
     assert np.abs(energy).max() < largest
     assert abs(energy[-tenth:].mean() - energy[:tenth].mean()) < drift
