@@ -82,10 +82,13 @@ def motion_dexpinv(side: float) -> Dexpinv:
         else:
             factors.extend(motion_factors(within))
             brackets.append(bracket(bracket(twice)))
-        value = [a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)]
+        value = jnp.stack([a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)])
         bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
-        return jnp.where(q < _SQUARED_RADIUS, jnp.stack(value), jnp.where(commutes, v, jnp.nan))
+        # v itself, with the derivatives of the value: near the radius rounding is amplified
+        exact = v + (value - jax.lax.stop_gradient(value))
+        value = jnp.where(commutes & (q >= _SQUARED_RADIUS / 4.0), exact, value)
+        return jnp.where(q < _SQUARED_RADIUS, value, jnp.where(commutes, v, jnp.nan))
 
     return dexpinv
 

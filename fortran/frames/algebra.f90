@@ -4,7 +4,7 @@
 ! blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: beta, block_t, commute, last_term, radius
+  use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius
   use frames_m, only: frame_t
   use shared_numbers
   use orthogonal_m, only: orthogonal_bracket, orthogonal_dexpinv
@@ -98,9 +98,12 @@ contains
 
     square = u(1)**2 + u(2)**2 + u(3)**2
     once = cross(u, v)
-    if (square >= radius**2) then
-      if (.not. norm2(once) <= commute * norm2(u) * norm2(v)) exists = .false.
-      return
+    if (square >= amplifies**2) then
+      if (norm2(once) <= commute * norm2(u) * norm2(v)) return
+      if (square >= radius**2) then
+        exists = .false.
+        return
+      end if
     end if
     if (square < series_below) then
       fourth = square**2
@@ -128,9 +131,13 @@ contains
 
     square = dot_product(u(:, 0), u(:, 0))
     power = motion_bracket(u, v)
-    if (square >= radius**2) then
-      if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
-      return
+    if (square >= amplifies**2) then
+      if (norm2(power(:, 0)) <= commute * norm2(u(:, 0)) * norm2(v(:, 0)) .and. &
+          norm2(power) <= commute * norm2(u) * norm2(v)) return
+      if (square >= radius**2) then
+        exists = .false.
+        return
+      end if
     end if
     if (square < series_below) then
       a = 0.0_wp

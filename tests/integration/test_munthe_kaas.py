@@ -17,7 +17,7 @@ from cg.construction.catalogue import dumps, loads
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.points import MethodError
-from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere
+from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere, UnitQuaternion
 from cg.integration.plan.plan import dexpinv_of, is_compiled
 
 
@@ -90,6 +90,26 @@ def test_turns_about_the_point_of_a_sphere_are_no_error():
         for g in (f, spun)
     ]
     assert steps[1] < 2.5 * steps[0]
+
+
+@pytest.mark.parametrize("key", [key for key, method in MUNTHE_KAAS.items() if method.explicit])
+@pytest.mark.parametrize("frame", [
+    UnitQuaternion(), SO3(), Sphere(2), fr.SE3(), SO(4), fr.SU(2), fr.SU(3),
+    fr.IsospectralOrbit((0.0, 1.0, 3.0)),
+], ids=name)  # fmt: skip
+def test_constant_fields_may_turn_any_number_of_times(frame, key):
+    """Brackets that should vanish are rounding, which dexp^-1 amplifies near its pole at a turn."""
+    v = np.resize([0.7, -0.2, 0.55, 0.3, 0.2, 0.1], frame.dim)
+    y0, turn = frame.random_point(np.random.default_rng(5)), 2 * np.pi / np.linalg.norm(v[:3])
+    for h in turn * np.array([0.9, 1.0, 1.1, 1.4, 1.5, 3.3]):
+        options = {"frame": frame, "method": key, "h": h, "dense_output": True}
+        run = cg.solve_ivp(lambda t, y: v, (0, 5 * h), y0, **options)
+        t = np.linspace(0, 5 * h, 23)
+        expected = np.array([frame.flow(x * v, y0) for x in t])
+        np.testing.assert_allclose(run.sol(t), expected, rtol=0, atol=2e-12)
+    if cg.methods[key].embedded_order:
+        options |= {"h": None, "max_step": 1.5 * turn}
+        assert cg.solve_ivp(lambda t, y: v, (0, 40 * turn), y0, **options).nrejected == 0
 
 
 class TestBadInput:

@@ -198,6 +198,17 @@ class TestSeriesOfDexpinv:
                 assert (np.isfinite(values) == exists).all()
         assert np.isnan(values).all()
 
+    @pytest.mark.parametrize("frame", [fr.SO3(), fr.SE3()], ids=repr)
+    def test_rounding_is_not_amplified_near_the_radius(self, frame):
+        v = np.resize([0.7, -0.2, 0.55, 0.3, 0.2, 0.1], frame.dim)
+        dexpinv = lambda u: rules_of(frame).dexpinv(u, v, 6)
+        u = (1.0 - 1e-9) * 2.0 * np.pi / np.linalg.norm(v[:3]) * v
+        assert np.abs(jax.jit(dexpinv)(np.nextafter(u, 9.0)) - v).max() < 1e-15
+        u = 0.8 * u
+        slope = jax.jit(jax.jacfwd(dexpinv))(u)
+        steps = [dexpinv(u + 1e-6 * unit) - dexpinv(u - 1e-6 * unit) for unit in np.eye(len(u))]
+        np.testing.assert_allclose(slope.T, np.array(steps) / 2e-6, atol=1e-8)
+
     def test_derivatives_stay_finite(self):
         frame = fr.SU(3)
         v = np.random.default_rng(12).standard_normal(frame.dim)
