@@ -114,8 +114,8 @@ def solve_ivp(
     first_step
         Size of the first step, by default chosen from the problem.
     max_steps
-        Number of adaptive steps, rejected ones included, after which the integration ends
-        without success; by default 1,000,000.
+        Number of adaptive steps, rejected ones included, or of steps by a ``step_function``,
+        after which the integration ends without success; by default 1,000,000.
     args
         Further arguments of ``f`` and of all other functions.
     parameters

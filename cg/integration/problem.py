@@ -183,9 +183,12 @@ def _make_control(
     """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
     largest = check_step("max_step", options["max_step"], infinite=True)
+    max_steps = options["max_steps"]
+    max_steps = DEFAULT_MAX_STEPS if max_steps is None else check_count("max_steps", max_steps)
     if h is not None:
+        varies = options["step_function"] is not None
         for name in ("rtol", "atol", "first_step", "max_steps"):
-            if options[name] is not None:
+            if options[name] is not None and not (varies and name == "max_steps"):
                 raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
         _warn(plan.table, pair=False)
         size = check_step("h", h)
@@ -194,7 +197,7 @@ def _make_control(
         if size > largest:
             limit, got = apart(largest, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
-        return Control(h=size)
+        return Control(h=size, max_steps=max_steps)
     if plan.table.kind is Kind.SPLITTING:
         raise ValueError(
             f"h must be given with {plan.table!r}: steps of splitting methods have a fixed size"
@@ -220,8 +223,6 @@ def _make_control(
     first = None if first_step is None else check_step("first_step", first_step)
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    max_steps = options["max_steps"]
-    max_steps = DEFAULT_MAX_STEPS if max_steps is None else check_count("max_steps", max_steps)
     return Control(None, rtol, atol, largest, first, max_steps)
 
 

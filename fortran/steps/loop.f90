@@ -117,7 +117,10 @@ contains
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return
-    if (abs(x%h) > longest_turn(x)) x%phase = phase_choose_step     ! shorter, now that it is known
+    if (x%control%step_size > longest_turn(x)) then    ! chosen again, shorter, now that it is known
+      x%control%attempts = x%control%attempts - 1
+      x%phase = phase_choose_step
+    end if
     if (.not. x%control%step_size > 0) x%phase = phase_guess_size
   end subroutine store_slope
 

@@ -130,11 +130,11 @@ contains
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
   end function limited
 
-  ! The longest step. Without an end, where a terminal event may never come, it is a turn: events are
-  ! looked for in each part of a turn, so that steps of ever more turns would take ever longer.
+  ! The longest step. Without an end, where a terminal event may never come, it is a turn at most:
+  ! events are looked for in each part of a turn, so that steps of ever more would take ever longer.
   real(wp) function longest_turn(x)
     type(trajectory_t), intent(in) :: x
-    real(wp), parameter :: turn = 2 * acos(-1.0_wp)
+    real(wp), parameter :: turn = 1.98_wp * acos(-1.0_wp)    ! before the pole of dexp^-1 at 2 pi
     real(wp) :: rate
 
     longest_turn = x%tolerances%max_step
@@ -223,7 +223,12 @@ contains
     real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
-    associate (h_next => x%control%step_size)
+    associate (h_next => x%control%step_size, attempts => x%control%attempts)
+      if (attempts >= x%problem%record%max_steps) then
+        call fail(x, too_many_steps, x%t)
+        return
+      end if
+      attempts = attempts + 1
       v = 0.0_wp
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp

@@ -138,6 +138,20 @@ def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
         assert np.isnan(together.y[-1, :, 0]).tolist() == [not success, False]
 
 
+@pytest.mark.parametrize("method", ["auto", "CF5(4)", "CG5(4)", "DP5(4)", "RadauIIA5"])
+def test_steps_of_the_largest_size_are_counted_once(method):
+    """Rounding makes ends of steps differ from their sizes; checks of stiffness look on the way."""
+    options = {"frame": Euclidean(1), "method": method, "max_step": 0.1}
+    f = lambda t, y: [1.0]
+    for end in (80.0, 1200.0)[: 1 + (method == "auto")]:
+        most = round(end / 0.1) + 4
+        run = cg.solve_ivp(f, (0, end), [0.0], max_steps=most, **options)
+        assert run.success
+        assert most - 6 < run.steps <= most
+    single = cg.solve_ivp(f, (0, 80.0), [0.0], max_steps=400, **options)
+    assert (single.success, single.steps + single.nrejected) == (False, 400)
+
+
 def test_names_of_linear_equations_and_derivatives_are_other_defaults():
     def equal(one, other):
         assert np.array_equal(one.y, other.y)

@@ -124,6 +124,15 @@ def test_what_is_refused(options, message):
     refuses(ValueError, message, run, 0.5, 1, **options)
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
+def test_steps_that_shrink_are_as_many_as_max_steps():
+    tiny = run(0.5, 1, step_function=lambda t, y: 1e-9, max_steps=50)
+    assert (tiny.success, tiny.steps) == (False, 50)
+    assert "max_steps = 50 steps" in tiny.message
+    assert run(0.5, 1).steps > 50
+    refuses(ValueError, "max_steps must be at least 1, got 0", run, 0.5, 1, max_steps=0)
+
+
 def test_a_list_is_refused_and_an_exception_of_the_function_is_its_own():
     refuses(TypeError, "step_function must be callable as", run, 0.5, 1, step_function=[size, size])
     own = TypeError("observe my own words")

@@ -48,12 +48,12 @@ class StepCheck:
 
     def steps_left(self) -> int:
         """Return the number of steps of a single trajectory until the next check."""
-        return self._next - self._taken if self._run.members == 1 else 2**62
+        return max(self._next - self._taken, 1) if self._run.members == 1 else 2**62
 
-    def update(self, taken: int) -> None:
-        """Check the member that has taken most steps, if it is time, after some more steps."""
+    def update(self) -> None:
+        """Check the member that has taken most steps, if it is time."""
         run = self._run
-        self._taken += taken
+        self._taken = int(run.counts[:, _COUNTS].sum())
         if self._taken < self._next:
             return
         active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
@@ -125,7 +125,7 @@ def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str],
             return
         check = check or StepCheck(run, warn)
         budget.stop(max(steps - record.budget, 1))
-        check.update(steps - record.budget)
+        check.update()
 
 
 class StepBudget:
