@@ -14,12 +14,14 @@ may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights``
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Hashable, Iterator, Mapping
 from functools import cache, cached_property
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from cg.construction.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
@@ -173,6 +175,9 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     if isinstance(method, Method):
         return method
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):
+        if not Path(method).exists():
+            text = "method must be a name in the catalogue or a file that exists"
+            raise FileNotFoundError(errno.ENOENT, text, str(method))
         return load(method)
     if not isinstance(method, str):
         hint = similar_names(getattr(method, "__name__", None))
