@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.plot import style
 from cg.support.arrays import real_array
+from cg.support.checks import short
 
 Entry = int | tuple[int, ...] | Callable[[Any], Any]
 _HATCHES = ("", "////", "...", "xxxx", "||||")
@@ -39,8 +40,10 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
     ['impact']
     """
     style.check_solution(solution)
-    if np.ndim(solution.status) or solution.t_events is None:
-        raise ValueError("solution must have events, and be of one member, such as run[0]")
+    if np.ndim(solution.status):
+        raise ValueError(f"solution must be of one member, such as run[0], got {short(solution)}")
+    if solution.t_events is None:
+        raise ValueError(f"solution must have events, got {short(solution)}")
     rows, (times, points, _) = solution.t_events, _path(solution)
     names = [f"event {i}" for i in range(len(rows))]
     if events is not None:
@@ -150,7 +153,7 @@ def _values(entry: Entry, name: str, points: Any) -> Any:
     if not len(points) or values.shape != points.shape[:1]:
         raise ValueError(
             f"{name} must be an index of an entry of points of shape {points.shape[1:]}, or a "
-            f"function that returns one value for each of some, got {entry!r}"
+            f"function that returns one value for each of several points, got {entry!r}"
         )
     return values
 

@@ -433,7 +433,11 @@ class EnsembleSolution(_SolutionBase):
         return len(self.status)
 
     def __getitem__(self, member: int) -> Solution:
-        member = range(len(self))[member]  # which refuses those beyond, and takes negative ones
+        try:
+            member = range(len(self))[member]  # which takes negative ones
+        except IndexError:
+            allowed = range(-len(self), len(self))
+            raise IndexError(f"member must be in {allowed}, got {member}") from None
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
         ends = self._direction, self.t_end[member], self.status[member], counts
         fields = member_fields(self, member, *ends)

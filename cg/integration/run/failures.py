@@ -12,6 +12,7 @@ from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongEr
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
+from cg.support.checks import short
 from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
@@ -85,7 +86,8 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
             error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            error = ValueError(f"{_not_finite(run)} {where}")
+            got = _value_at_start(run, member) if t == run.t0 else ""
+            error = ValueError(f"{_not_finite(run)}{got} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))
@@ -110,6 +112,12 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
 def _not_finite(run: Run) -> str:
     unwritten = ", and write each of them," if isinstance(run.rhs, CompiledRhs) else ""
     return f"{run.rhs.failed_name} must return finite numbers{unwritten}"
+
+
+def _value_at_start(run: Run, member: int) -> str:
+    """Return what ``f`` returned at the start, for a message, if that isn't finite."""
+    value = run.rhs.answer(member, run.t0, run.plan.points(run.end[member].copy(), ()))
+    return "" if np.isfinite(value).all() else f", got {short(value)}"
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
