@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from numbers import Real
+from os import PathLike
 from typing import Any, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
@@ -277,7 +278,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class StepOptions(TypedDict, total=False):
     """Options of all integrations, also of a `cg.Stepper`."""
 
-    method: str | HasTable
+    method: str | PathLike[str] | HasTable
     h: float | None
     rtol: ArrayLike | None
     atol: ArrayLike | None

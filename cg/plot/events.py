@@ -10,7 +10,6 @@ import numpy as np
 
 from cg.plot import style
 from cg.support.arrays import real_array
-from cg.support.checks import short
 
 Entry = int | tuple[int, ...] | Callable[[Any], Any]
 _HATCHES = ("", "////", "...", "xxxx", "||||")
@@ -40,10 +39,9 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
     ['impact']
     """
     style.check_solution(solution)
-    if np.ndim(solution.status):
-        raise ValueError(f"solution must be of one member, such as run[0], got {short(solution)}")
-    if solution.t_events is None:
-        raise ValueError(f"solution must have events, got {short(solution)}")
+    if np.ndim(solution.status) or solution.t_events is None:
+        what = "be of one member, such as run[0]" if np.ndim(solution.status) else "have events"
+        raise ValueError(f"solution must {what}, got {solution!r}")
     rows, (times, points, _) = solution.t_events, _path(solution)
     names = [f"event {i}" for i in range(len(rows))]
     if events is not None:

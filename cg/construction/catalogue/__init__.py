@@ -14,7 +14,6 @@ may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights``
 
 from __future__ import annotations
 
-import errno
 import json
 from collections.abc import Hashable, Iterator, Mapping
 from functools import cache, cached_property
@@ -176,12 +175,11 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         return method
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):
         if not Path(method).exists():
-            text = "method must be a name in the catalogue or a file that exists"
-            raise FileNotFoundError(errno.ENOENT, text, str(method))
+            raise FileNotFoundError(f"method must be a name or an existing file, got {method!r}")
         return load(method)
     if not isinstance(method, str):
         hint = similar_names(getattr(method, "__name__", None))
-        raise TypeError(f"method must be a name or a Method, got {method!r}{hint}")
+        raise TypeError(f"method must be a name, a path, or a Method, got {method!r}{hint}")
     if (stored := find_method(method)) is not None:
         return stored
     hint = similar_names(method) or f"; {_ALL}"

@@ -37,7 +37,6 @@ from cg.integration.rhs.compiled import CompiledRhs, call_field
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Derivative, context_of, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
-from cg.support.checks import short
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 # Largest share of a cotangent along fields that don't move the point; differences have some
@@ -230,7 +229,7 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
     if problem.events is not None:
         raise ValueError(
             "events must be None with derivatives='adjoint', which doesn't go through their jumps "
-            f"and ends, got {short(problem.events.events)}"
+            f"and ends, got {len(problem.events)} of them"
         )
     if problem.t_eval is not None and not len(problem.t_eval):
         raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")

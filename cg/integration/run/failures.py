@@ -86,7 +86,9 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
             error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            got = _value_at_start(run, member) if t == run.t0 else ""
+            point = run.plan.points(run.end[member].copy(), ())  # that of later stages is unknown
+            value = run.rhs.answer(member, t, point) if t == run.t0 else np.zeros(1)
+            got = "" if np.isfinite(value).all() else f", got {short(value)}"
             error = ValueError(f"{_not_finite(run)}{got} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
@@ -112,12 +114,6 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
 def _not_finite(run: Run) -> str:
     unwritten = ", and write each of them," if isinstance(run.rhs, CompiledRhs) else ""
     return f"{run.rhs.failed_name} must return finite numbers{unwritten}"
-
-
-def _value_at_start(run: Run, member: int) -> str:
-    """Return what ``f`` returned at the start, for a message, if that isn't finite."""
-    value = run.rhs.answer(member, run.t0, run.plan.points(run.end[member].copy(), ()))
-    return "" if np.isfinite(value).all() else f", got {short(value)}"
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
