@@ -26,16 +26,17 @@ from tests.model.spaces import reals
 TOLERANCES = 50  # admitted, times the growth of errors
 EPS = float(np.finfo(float).eps)
 EVENTS, COUNTS = ("t_events", "y_events", "y_after"), ("steps", "nrejected")
+NO_BOUND = "derivatives with fixed steps have no bound"
 DERIVATIVES = ("transition", "sensitivity", "covariance")
-CALLS = ("nfev", "nexp", "njev", "nlu")
+EVALUATIONS = ("nfev", "nexp", "njev", "nlu")
 
 
 class Difference(AssertionError):
-    """What differs, and the lines that show it behind the script of the program."""
+    """What differs, of which kind, and the lines that show it behind the script of the program."""
 
-    def __init__(self, text: str, code: str = ""):
+    def __init__(self, kind: str, text: str, code: str = ""):
         super().__init__(text)
-        self.code = code
+        self.kind, self.code = kind, code
 
 
 class Unclear(Exception):
@@ -62,7 +63,8 @@ class Case:
         except Exception as error:
             if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
                 raise Unclear("steps are too long for the method") from error
-            raise Difference(f"raised {type(error).__name__}: {error}", code) from error
+            name = type(error).__name__
+            raise Difference(name, f"raised {name}: {error}", code) from error
         return names
 
     def solve(self, code: str = CALL, **changed: Any) -> Any:
@@ -165,7 +167,7 @@ def accurate(case: Case, s: Any, code: str) -> None:
     """Raise unless a solution is that of the model, within the bound."""
     for name, array in vars(s).items():
         if isinstance(array, np.ndarray) and not np.isfinite(array).all():
-            raise Difference(f"{name} is not finite", f"{code}\nprint(s.{name})")
+            raise Difference(name, f"{name} is not finite", f"{code}\nprint(s.{name})")
     if np.isinf(case.bound):
         raise Unclear("steps are too long")
     _reached(case, s, code)
@@ -190,16 +192,17 @@ def _reached(case: Case, s: Any, code: str) -> None:
         raise Unclear("points are nearly singular matrices, without accurate coordinates")
     if s.success and s.status != int(path.terminated):
         _doubt(case)
-    wanted = program.times((0.0, 1.0) if program.output is None else program.output)
+    expected = program.times((0.0, 1.0) if program.output is None else program.output)
     reached = times if program.output is not None else [times[0], times[-1]]
-    for is_right, text in (
-        (s.success, s.message),
-        (s.status == int(path.terminated), f"{s.message} The model: {path.terminated=}"),
-        (np.all(np.diff(s.t) * np.sign(program.length) > 0), "times aren't in order"),
-        (path.terminated or program.length == 0 or reached == wanted, f"{reached} not {wanted}"),
+    all_times = path.terminated or program.length == 0 or reached == expected
+    for kind, is_right, text in (
+        ("success", s.success, s.message),
+        ("status", s.status == int(path.terminated), f"{s.message} The model: {path.terminated=}"),
+        ("order", np.all(np.diff(s.t) * np.sign(program.length) > 0), "times aren't in order"),
+        ("times", all_times, f"{reached} not {expected}"),
     ):
         if not is_right:
-            raise Difference(text, f"{code}\nprint(s)")
+            raise Difference(kind, text, f"{code}\nprint(s)")
 
 
 def _singular(case: Case) -> bool:
@@ -227,7 +230,7 @@ def _near(case: Case, times: Sequence[float], values: Any, code: str) -> None:
     _doubt(case)
     if error > (bound := case.grown()):
         text = f"at t = {t!r} off by {error:.2e}, bound {bound:.2e}; the model has "
-        raise Difference(text + str(expected.tolist()), code)
+        raise Difference("point", text + str(expected.tolist()), code)
 
 
 def _events(case: Case, s: Any, code: str) -> None:
@@ -235,12 +238,13 @@ def _events(case: Case, s: Any, code: str) -> None:
     expected = [[t for t, *_ in events] for events in path.events]
     if [len(times) for times in s.t_events] != [len(times) for times in expected]:
         _doubt(case)
-        raise Difference(f"events {s.t_events}, of the model {expected}", code)
+        raise Difference("events", f"events {s.t_events}, of the model {expected}", code)
     for k, model in enumerate(path.events):
         for i, (exact, _, behind, jumps) in enumerate(model):
             t, before, after = (getattr(s, name)[k][i] for name in EVENTS)
             if not np.array_equal(reals(after), behind if jumps else reals(before)):
-                raise Difference(f"y_after[{k}][{i}] isn't what the jump returns", code)
+                text = f"y_after[{k}][{i}] isn't what the jump returns"
+                raise Difference("jump", text, code)
             slope = path.slopes[k][i]
             rounding = 1e-9 * case.length + 8 * np.spacing(abs(exact))
             if abs(t - exact) <= case.bound / slope + rounding:
@@ -248,6 +252,7 @@ def _events(case: Case, s: Any, code: str) -> None:
             _doubt(case)
             if abs(t - exact) > case.grown() / slope + rounding:
                 raise Difference(
+                    "time of an event",
                     f"event {k}, {i} at {t!r}, of the model {exact!r}",
                     f"{code}\nprint(s.t_events[{k}][{i}], 'is not', {exact!r})",
                 )
@@ -292,7 +297,7 @@ def same(ours: Any, theirs: Any, names: Sequence[str], code: str) -> None:
         a, b = (value if isinstance(value, list) else [value] for value in pair)
         if len(a) != len(b) or not all(map(np.array_equal, a, b)):
             lines = f"{CALL}\nprint(s.{name})\n{code}\nprint(s.{name})"
-            raise Difference(f"{name} is {pair[0]}, in the other run {pair[1]}", lines)
+            raise Difference(name, f"{name} is {pair[0]}, in the other run {pair[1]}", lines)
 
 
 def alone(case: Case) -> None:
@@ -309,14 +314,14 @@ def observed(case: Case) -> None:
     s = run["s"]
     own = [run["observe"](t, y) for t, y in zip(solution.t, solution.y, strict=True)]
     if not np.array_equal(s.observed, np.array(own).reshape(s.observed.shape)):
-        raise Difference("observed isn't the function of the points", code)
+        raise Difference("observed", "observed isn't the function of the points", code)
     same(solution, s, ("t", "nfev", *EVENTS, *COUNTS), code)
     calls = run["calls"][0]
     # calls of compiled functions aren't seen, differences and the search for friction not counted,
     # and f is evaluated again for the message of a failure
     exempt = case.program.compiled or case.program.derivatives == "forward" or not s.success
     if calls != s.nfev and not exempt and case.program.method not in SPLITTINGS:
-        raise Difference(f"nfev is {s.nfev}, there are {calls} calls", code)
+        raise Difference("nfev", f"nfev is {s.nfev}, there are {calls} calls", code)
 
 
 def same_without_output(case: Case) -> None:
@@ -330,7 +335,8 @@ def same_without_output(case: Case) -> None:
     at_steps = {t: y for t, y in zip(plain.t, plain.y, strict=True) if t not in of_events}
     for t, y in zip(solution.t, solution.y, strict=True):
         if t in at_steps and not np.array_equal(y, at_steps[t]):
-            raise Difference(f"the point at the end of a step, {t!r}, changes with output", CALL)
+            text = f"the point at the end of a step, {t!r}, changes with output"
+            raise Difference("output", text, CALL)
 
 
 def with_fixed_steps(case: Case) -> None:
@@ -354,12 +360,14 @@ def step_by_step(case: Case) -> None:
     ends = (*case.path.jumps, case.path.end) if case.path.terminated else case.path.jumps
     met = any(abs(t - stop) < 1e-9 * case.length for t in ends for stop in stops)
     # a stepper keeps the interpolant of a step at whose end the solution jumps or ends
-    same(plain, run["s"], EVENTS if met else (*EVENTS, *CALLS, "nrejected"), code)
+    same(plain, run["s"], EVENTS if met else (*EVENTS, *EVALUATIONS, "nrejected"), code)
     t, y = np.array(run["t"]), np.array(run["y"])
     if not np.array_equal(plain.y, y):
-        raise Difference("points of a Stepper differ", f"{CALL}\nprint(s.y)\n{code}\nprint(y)")
+        lines = f"{CALL}\nprint(s.y)\n{code}\nprint(y)"
+        raise Difference("y", "points of a Stepper differ", lines)
     if not np.array_equal(plain.t, t):
-        raise Difference("times of a Stepper differ", f"{CALL}\nprint(s.t)\n{code}\nprint(t)")
+        lines = f"{CALL}\nprint(s.t)\n{code}\nprint(t)"
+        raise Difference("t", "times of a Stepper differ", lines)
 
 
 def advanced(case: Case) -> None:
@@ -394,8 +402,14 @@ def together(case: Case) -> None:
     way = ways[program.seed % len(ways)]
     copied = program.compiled == "numba" or "many" in way
     goals = [program.at(share) for share in (0.31, 0.77, 0.77, 1.0)]
-    values = (copied, program.dense or program.endless, CALLS, EVENTS if events else (), goals)
-    begin = f"{_data_of_members(program)}COPIES, DENSE, CALLS, EVENTS, GOALS = {values}\n"
+    values = (
+        copied,
+        program.dense or program.endless,
+        EVALUATIONS,
+        EVENTS if events else (),
+        goals,
+    )
+    begin = f"{_data_of_members(program)}COPIES, DENSE, EVALUATIONS, EVENTS, GOALS = {values}\n"
     last_jump = any(zero.jump and zero.terminal for zero in events)  # a single stepper makes it too
     for code in (
         scripts.COMMON_STEPS * (not case.jumps()),  # refused
@@ -459,10 +473,11 @@ def members(
             continue
         for i, own in enumerate((case.solution, single, case.solution)):
             # without times of output an ensemble stores the ends alone
-            compared = ("t", "y", *DERIVATIVES, *CALLS) if program.output is not None else ()
+            compared = ("t", "y", *DERIVATIVES, *EVALUATIONS) if program.output is not None else ()
             same(own, s[i], (*compared, *EVENTS, *COUNTS), f"{code}{way})[{i}]")
             if own.status == 0 and not np.array_equal(s[i].y[-1:], own.y[-1:]):
-                raise Difference(f"the end of member {i} differs", f"{code}{way})\nprint(s.y)")
+                text = f"the end of member {i} differs"
+                raise Difference("end", text, f"{code}{way})\nprint(s.y)")
     if case.jumps() or apart:
         return  # refused with common steps
     for way in (way for way in common if not (program.compiled and "vectorized" in way)):
@@ -504,12 +519,16 @@ def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
         bound = case.grown() * (1 + floor / case.bound)
         if error > bound:
             text = f"a derivative is off by {error:.2e}, bound {bound:.2e}"
-            raise Difference(f"{text}: {np.array(ours)}, of the model {np.array(expected)}", code)
+            text += f": {np.array(ours)}, of the model {np.array(expected)}"
+            raise Difference("derivative", text, code)
 
 
 def derivatives(case: Case) -> None:
-    if case.program.derivatives and np.isfinite(case.bound) and not case.program.steps:
-        forward(case) if case.program.derivatives == "forward" else backward(case)
+    if not case.program.derivatives or np.isinf(case.bound):
+        return
+    if case.program.steps:  # `_bound` is that of points
+        raise Unclear(NO_BOUND)
+    forward(case) if case.program.derivatives == "forward" else backward(case)
 
 
 def forward(case: Case) -> None:
