@@ -5,7 +5,8 @@ import pytest
 
 import cg
 from tests.model.__main__ import run
-from tests.model.compare import NO_BOUND, check
+from tests.model.compare import check
+from tests.model.derivatives import NO_BOUND
 from tests.model.drawing import admitted
 from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
