@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from os import PathLike
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from cg.support.arrays import Array, Points, real_array
 from cg.tables import HasTable, table_of
 
 
-def Solver(frame: Frame, method: str | HasTable = AUTO) -> type[OdeSolver]:
+def Solver(frame: Frame, method: str | PathLike[str] | HasTable = AUTO) -> type[OdeSolver]:
     """Return a solver on a manifold, for ``method=`` of `scipy.integrate.solve_ivp`.
 
     It takes functions that return derivatives as they are, and keeps all points on the manifold,

@@ -57,6 +57,9 @@ MARKS = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    known = {path.stem for path in Path(__file__).parent.rglob("*")}
+    if unknown := set(" ".join(MARKS.values()).split()) - known:
+        raise pytest.UsageError(f"MARKS must name folders or files of tests, got {unknown}")
     for item in items:
         names = {item.path.stem, item.path.parent.name}
         for mark, marked in MARKS.items():

@@ -46,6 +46,10 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
+            if not (cmd_name.startswith("-") or ctx.resilient_parsing):
+                from cg.support.checks import similar_names  # which imports NumPy
+
+                ctx.fail(f"no command is named {cmd_name!r}{similar_names(cmd_name, _MODULES)}")
             return None
         module = import_module(f"cg.command.{_MODULES[cmd_name]}")
         command: click.Command = getattr(module, f"{cmd_name}_command")

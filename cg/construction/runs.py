@@ -48,6 +48,8 @@ def check_path(value: Any) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"store must be a path, got {value!r}")
     path = Path(value)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"store must be in an existing folder, got {str(path)!r}")
     # reading from a device or a pipe may never end
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError(f"store must be a file, got {path}, which isn't a regular file")

@@ -222,8 +222,8 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
             raise ValueError(
                 f"generators must have one shape, got {matrices[0].shape} and {matrix.shape}"
             )
-        if not np.isfinite(matrix.data).all():
-            raise ValueError(f"generators[{i}] must be finite")
+        if len(wrong := matrix.data[~np.isfinite(matrix.data)]):
+            raise ValueError(f"generators[{i}] must be finite, got {wrong[0]}")
         matrices.append(matrix)
     if not matrices:
         raise ValueError("generators must have at least one matrix, got none")

@@ -150,8 +150,8 @@ class Manifold(ABC):
             nearest = self.project(point)
         except NotImplementedError:
             return ""
-        except ValueError as error:
-            return f"; {error}"
+        except ValueError as error:  # about ``y``, as `project` calls the point
+            return f"; {'it' if '(' in name else name} {str(error).removeprefix('y ')}"
         if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
             return ""
         argument = "it" if "(" in name else name.partition("[")[0]

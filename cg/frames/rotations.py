@@ -53,6 +53,8 @@ def hat(v: ArrayLike) -> Array:
 def vee(matrix: ArrayLike) -> Array:
     """Return the vectors, ``(..., 3)``, whose ``hat`` is the skew part of ``matrix``.
 
+    The symmetric part is dropped, while `SO3.vee` refuses matrices that have one.
+
     Examples
     --------
     >>> vee(hat([1.0, 2.0, 3.0]))

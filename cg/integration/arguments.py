@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from numbers import Real
+from os import PathLike
 from typing import Any, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
@@ -277,7 +278,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class StepOptions(TypedDict, total=False):
     """Options of all integrations, also of a `cg.Stepper`."""
 
-    method: str | HasTable
+    method: str | PathLike[str] | HasTable
     h: float | None
     rtol: ArrayLike | None
     atol: ArrayLike | None
@@ -325,6 +326,13 @@ class EnsembleOptions(Options, total=False):
 
 
 _KINDS = (StepOptions, Options, EnsembleOptions)
+_HINTS = {
+    **dict.fromkeys(EnsembleOptions.__annotations__, "; cg.solve_ensemble takes it"),
+    **dict.fromkeys(Options.__annotations__, "; cg.solve_ivp takes it"),
+    "save_every": "; cg.integrate takes it",
+    "dense": "; the option is called dense_output",
+    "dt": "; the option is called h",
+}
 FLAGS = ("linear", "vectorized", "common_steps", "dense_output", "control_derivatives")
 """Options that are True or False, by default False."""
 _DEFAULTS: dict[str, Any] = {
@@ -349,7 +357,8 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
         caller = function.__qualname__.removesuffix(".__init__")
         wrong = next(iter(options.keys() - function.options.keys()))
         names = [*function.__kwdefaults__, *function.options]
-        hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
+        hint = _HINTS.get(wrong) or similar_names(wrong, names)
+        hint = hint or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
     return {**_DEFAULTS, **function.options, **options}  # type: ignore[typeddict-item]
 

@@ -46,9 +46,7 @@ def solve_ivp(
         *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, a
         ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns zero,
         or else ends the call. The integration is then compiled as a whole, without Python's lock,
-        on SO(n), SU(n), U(n), unit quaternions, SE(3), the sphere in space, Euclidean space, their
-        products, powers and phase spaces; on isospectral orbits of real matrices, Grassmann
-        manifolds, linear actions of sparse matrices, and powers of one of these.
+        on the frames that ``docs/howto/compiled.md`` lists.
     t_span
         Initial and final time. If the final time is smaller, integration runs backward. It may
         be infinite with a terminal event; steps then turn by no more than a full turn.
@@ -57,12 +55,13 @@ def solve_ivp(
     frame
         The frame that holds the points and supplies the flows.
     method
-        Name of a method of the catalogue, or a method. The result of higher order of a pair is
-        used. Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with brackets.
-        The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
-        estimates: ``"RKMK8(5,3)"`` on frames with brackets, on others ``"CF5(4)"``, and
-        ``"DOP853"`` for ``rtol`` below 1e-4. With ``h`` it is ``"CF5(4)"``. ``"RadauIIA5"`` is
-        for stiff equations, with Newton's method. ``solution.method`` is the method used.
+        Name of a method of the catalogue, the path of a file, or a method. The result of higher
+        order of a pair is used. Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a
+        frame with brackets. The default, ``"auto"``, is the fastest in the benchmarks of the pairs
+        with reliable error estimates: ``"RKMK8(5,3)"`` on frames with brackets, on others
+        ``"CF5(4)"``, and ``"DOP853"`` for ``rtol`` below 1e-4. With ``h`` it is ``"CF5(4)"``.
+        ``"RadauIIA5"`` is for stiff equations, with Newton's method. ``solution.method`` is the
+        method used.
 
         With ``linear`` also a `cg.MagnusMethod`. By default ``"Magnus8(4)"``, where flows are in
         closed form (rotations, rigid motions, SU(2)) or there is no `Frame.bracket` ``"CFM8(4)"``,

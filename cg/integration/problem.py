@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import pickle
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from types import FunctionType
 from typing import Any
@@ -62,6 +64,7 @@ from cg.support.arrays import Array, Points, apart
 from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
+_FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
 
 
@@ -403,6 +406,21 @@ def _read_inputs(
     return own[0], own
 
 
+def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
+    """Raise ValueError if an argument can't be sent to the processes that are asked for."""
+    executor, sent = options["executor"], {name: options[name] for name in _FUNCTIONS}
+    if executor != "processes" and not isinstance(executor, ProcessPoolExecutor):
+        return
+    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.given.args, **sent}.items():
+        try:
+            pickle.dumps(value)
+        except Exception as error:
+            raise ValueError(
+                f"{name} must be picklable for other processes, got {short(value)}; a "
+                "cg.CompiledFunction or a function of a module is"
+            ) from error
+
+
 def make_problem(
     f: Any,
     t_span: Any,
@@ -427,6 +445,7 @@ def make_problem(
     check_thermostat(options["thermostat"], plan.table, options, stop < start)
     inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
+    _check_picklable(f, rhs, options)
     refuse_friction(plan, rhs, [start], points[None])
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start
         refuse_friction(plan, rhs, [stop], points[None])

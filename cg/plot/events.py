@@ -40,7 +40,8 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
     """
     style.check_solution(solution)
     if np.ndim(solution.status) or solution.t_events is None:
-        raise ValueError("solution must have events, and be of one member, such as run[0]")
+        what = "be of one member, such as run[0]" if np.ndim(solution.status) else "have events"
+        raise ValueError(f"solution must {what}, got {solution!r}")
     rows, (times, points, _) = solution.t_events, _path(solution)
     names = [f"event {i}" for i in range(len(rows))]
     if events is not None:
@@ -150,7 +151,7 @@ def _values(entry: Entry, name: str, points: Any) -> Any:
     if not len(points) or values.shape != points.shape[:1]:
         raise ValueError(
             f"{name} must be an index of an entry of points of shape {points.shape[1:]}, or a "
-            f"function that returns one value for each of some, got {entry!r}"
+            f"function that returns one value for each of several points, got {entry!r}"
         )
     return values
 

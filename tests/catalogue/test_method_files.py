@@ -75,7 +75,8 @@ class TestPaths:
             MethodError, match=r"long.toml: a file must have at most 10000000 bytes"
         ):
             resolve_method(tmp_path / "long.toml")
-        refuses(FileNotFoundError, r"missing\.toml", resolve_method, "missing.toml")
+        message = r"method must be .* or an existing file, got 'missing\.toml'"
+        refuses(FileNotFoundError, message, resolve_method, "missing.toml")
         with pytest.raises(IsADirectoryError):
             resolve_method(tmp_path)
 

@@ -55,6 +55,17 @@ def test_paths_on_the_page_exist():
     assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
+def test_names_on_the_page_are_in_their_files():
+    pairs = re.findall(r"`(\w+)`(?: and `(\w+)`)? (?:in|of) `([\w/.]+\.\w+)`", PAGE)
+    assert len(pairs) > 20
+    assert [
+        (name, path)
+        for *names, path in pairs
+        for name in filter(None, names)
+        if not re.search(rf"\b{name}\b", (ROOT / path).read_text("utf-8"))
+    ] == []
+
+
 def rooms_of(path):
     """Folders and files of a package, which have names of their own in its map."""
     files = {file.stem for file in path.glob("*.py")} - {"__init__", "__main__"}

@@ -92,9 +92,20 @@ def test_misspelt_or_missing_frame(function, valid):
     refuses(TypeError, r"frame must be a Frame such as .*, got None", function, **arguments)
 
 
-def test_output_options_of_a_stepper():
-    with pytest.raises(TypeError, match=r"unexpected keyword argument 't_eval'; the options are"):
-        cg.Stepper(never, 0.0, np.eye(3), frame=SO3(), t_eval=[0.0])
+@pytest.mark.parametrize(("function", "name", "hint"), [
+    (cg.Stepper, "t_eval", "; cg.solve_ivp takes it"),
+    (cg.Stepper, "executor", "; cg.solve_ensemble takes it"),
+    (cg.solve_linear, "common_steps", "; cg.solve_ensemble takes it"),
+    (cg.solve_ensemble, "save_every", "; cg.integrate takes it"),
+    (cg.integrate, "dt", "; the option is called h"),
+    (cg.solve_ivp, "dense", "; the option is called dense_output"),
+    (cg.solve_ivp, "zzz", "; the options are frame, method, h"),
+])  # fmt: skip
+def test_options_of_other_functions_and_other_names(function, name, hint):
+    message = f"{function.__name__}.* unexpected keyword argument '{name}'{hint}"
+    names = inspect.signature(function).parameters
+    valid = {given: value for given, value in dict(CALLS)[function].items() if given in names}
+    refuses(TypeError, message, function, **valid, **{name: 1})
 
 
 def test_signatures_show_all_options():
@@ -182,7 +193,7 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     ({"y0": np.eye(2)}, ValueError, r"y0 must have shape \(3, 3\), got \(2, 2\)"),
     ({"y0": np.full((3, 3), np.nan)}, ValueError, "y0 must be finite"),
     ({"y0": np.diag([1, 1, 1.001])}, ValueError, "y0 must be a point of SO3.* is 0.001, more"),
-    ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "is 2, .* determinant .* got -1, of a left"),
+    ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "is 2.*; y0 must .* got -1, of a left"),
     ({"y0": np.diag([-0.9, 1.0, 1.1])}, ValueError, "determinant .* got -0.99, of a left"),
     ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
     ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
@@ -207,6 +218,7 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"y0": np.ones((2, 2, 3, 3))}, ValueError, r"y0 must have one axis before shape \(3, 3\)"),
     ({"y0": np.ones((0, 3, 3))}, ValueError, "y0 must hold at least one point"),
     ({"y0": [np.eye(3), 1.1 * np.eye(3)]}, ValueError, r"y0\[1\] must be a point of .* 0.1"),
+    ({"y0": [np.eye(3), -np.eye(3)]}, ValueError, r"is 2.*; y0\[1\] must have a positive det"),
     ({"y0": [np.eye(3), np.inf * np.ones((3, 3))]}, ValueError, r"y0\[1\] must be finite"),
     ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
     ({"y0": np.eye(3), "parameters": [1.0, 2.0]}, ValueError, r"shape \(members, k\), got"),

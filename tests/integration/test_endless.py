@@ -137,7 +137,10 @@ class TestConstantJacobian:
         assert np.allclose(run.y, reference.y, rtol=0.0, atol=1e-11)
 
     def test_another_shape_is_refused(self):
-        refuses(ValueError, r"jac must return an array of shape \(2, 2\)", self.solve, np.eye(3))
+        message = r"jac must have shape \(2, 2\), got \(3, 3\)"
+        for matrix in (np.eye(3), np.eye(3).tolist(), csc_array(np.eye(3))):
+            refuses(ValueError, message, self.solve, matrix)
+        refuses(ValueError, "jac must be an array of real", self.solve, [[1.0], [1.0, 2.0]])
 
 
 @pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)", "CG5(4)"])

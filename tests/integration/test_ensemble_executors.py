@@ -4,6 +4,8 @@ import ctypes
 import math
 import pickle
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -87,10 +89,28 @@ def test_pointers_do_not_travel(path):
     doubles = ctypes.POINTER(ctypes.c_double)
     pointer.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
     pointer.restype = ctypes.c_int
-    with pytest.raises(ValueError, match="pointers cannot be pickled"):
-        cg.solve_ensemble(
-            pointer, (0, 1), POINTS, frame=FRAME, parameters=RATES, executor="processes"
-        )
+    message = "f must be picklable .*; a cg.CompiledFunction or"
+    refuses(ValueError, message, in_processes, pointer, parameters=RATES)
+
+
+def in_processes(f, executor="processes", **options):
+    """Integrate in other processes."""
+    return cg.solve_ensemble(f, (0, 1), POINTS, frame=FRAME, executor=executor, **options)
+
+
+@pytest.mark.parametrize(("name", "options"), [
+    ("args", {}), ("events", {}), ("observe", {}), ("jac", {"method": "RadauIIA5"}),
+    ("noise", {"derivatives": "forward"}), ("df_dp", {"derivatives": "forward"}),
+])  # fmt: skip
+def test_functions_that_cannot_be_pickled_are_named_before_any_call(name, options):
+    def local(*arguments):
+        raise AssertionError
+
+    options = options | {name: (local,) if name == "args" else local}
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        for executor in ("processes", pool):
+            refuses(ValueError, "f must be picklable", in_processes, local, executor)
+            refuses(ValueError, f"{name} must be pickl", in_processes, field, executor, **options)
 
 
 LINE = Euclidean(1)

@@ -75,7 +75,7 @@ def test_a_function_far_from_zero_is_called_twice_a_step():
     (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
     (None, r"events\[1\] must return a real number, got None"),
     ("zero", r"events\[1\] must return a real number, got 'zero'"),
-    ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
+    ([1.0, 2.0], r"events\[1\] must return one number, got shape \(2,\)"),
     (True, r"events\[1\] must return a real number"),
     (np.bool_(False), r"events\[1\] must return a real number"),
     (np.array(True), r"events\[1\] must return a real number"),

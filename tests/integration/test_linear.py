@@ -143,7 +143,7 @@ def test_objects_of_qutip_are_named():
         ValueError,
         r"^f must return 3 real numbers.*of a Qobj.*full\(\)",
     ),
-    ({"f": lambda t: [np.nan] * 3}, ValueError, "^f must return finite numbers"),
+    ({"f": lambda t: [np.nan] * 3}, ValueError, "^f must return finite numbers, got .*nan"),
 ])  # fmt: skip
 def test_bad_input_is_refused(change, error, message):
     call = {"f": lambda t: [1.0, 0.0, 0.0], "h": 0.5} | change

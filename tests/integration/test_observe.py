@@ -55,7 +55,7 @@ def test_results_can_be_pickled():
 class TestFailures:
     @pytest.mark.parametrize(("value", "match"), [
         (np.nan, "observe must return finite numbers, got nan at t = 1"),
-        ([1.0, 2.0], r"observe must return an array of shape \(\), got shape \(2,\)"),
+        ([1.0, 2.0], r"observe must return one number, got shape \(2,\)"),
         ("text", "observe must return a real number, got 'text'"),
         (1j, "observe must return a real number"),
     ])  # fmt: skip

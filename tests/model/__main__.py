@@ -22,11 +22,15 @@ def failure(program: Program) -> Exception | None:
     return None
 
 
+def kind_of(error: Exception | None) -> str:
+    """Return the kind of a difference, or the name of another exception."""
+    return getattr(error, "kind", type(error).__name__)
+
+
 def report(program: Program, error: Exception, shrink: bool) -> str:
     """Return the script that fails alone, of a simpler program if one fails too."""
     if shrink:
-        kind = f"{error}".split(" ")[0]  # of a difference: what a simpler program raises is another
-        program = simplest(program, lambda other: f"{failure(other) or ''}".split(" ")[0] == kind)
+        program = simplest(program, lambda other: kind_of(failure(other)) == kind_of(error))
         error = failure(program) or error
     what = f"{type(error).__name__}: {error}"
     return f"# {program!r}\n# {what}\n{program.script()}\n{getattr(error, 'code', '')}\n"

@@ -63,7 +63,7 @@ def program(seed: int, index: int) -> Program:
         form=one("state", "state", "state", "time", "constant"),
         turns=one(0.0, 0.3, 1.0, 3.0, 8.0, 30.0), speed=one(0.0, 1.0, 5.0),
         endless=one(False, True),
-        method=one(*(FIXED + SPLITTINGS * SPACES[space].phase if fixed else PAIRS)),
+        method=one(*(FIXED + SPLITTINGS * (5 * SPACES[space].phase) if fixed else PAIRS)),
         steps=one(3.0, 10.0, 20.3) if fixed else 0.0,
         rtol=rtol, atol=atol, arrays=one("", "", "atol", "rtol, atol"),
         first_step=one(0.0, 0.0, 1e-3, 0.4), max_step=one(0.0, 0.0, 0.13),
@@ -74,6 +74,7 @@ def program(seed: int, index: int) -> Program:
         parameters=one(False, True), compiled=one("", "", "", "c", "c", one("c", "numba")),
         rhs=one("coefficients", "coefficients", "derivative"),
         linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
+        # compiling for JAX takes seconds, so that few programs do; `test_in_jax` has others
         callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
     ))  # fmt: skip
 

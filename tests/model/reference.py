@@ -162,8 +162,8 @@ def _take(path, solution, begin, end, signs):
     grid = np.linspace(begin, end, 12 + int(GRID * length))
     roots, after = [], []
     for k, event in enumerate(task.events):
-        found, sign = _roots(path, k, event, solution, grid, signs[k])
-        roots += [(t, k, slope) for t, slope in found]
+        own, sign = _roots(path, k, event, solution, grid, signs[k])
+        roots += [(t, k, slope) for t, slope in own]
         after.append(sign)
     for t, group in _together(task, roots, begin < end):
         stays = solution(t)
@@ -193,7 +193,7 @@ def _roots(path, k, event, solution, grid, sign):
         return value_of(task, event, within(t, begin, end), solution(t))
 
     values = np.array([value(t) for t in grid])
-    found, last = [], 0
+    roots, last = [], 0
     for i, g in enumerate(values):
         least = 1e-9 if i == 0 and not sign else 1e-11  # behind an event, see `_signs`
         new = 0.0 if abs(g) < least and i in (0, len(grid) - 1) else np.sign(g)
@@ -202,14 +202,14 @@ def _roots(path, k, event, solution, grid, sign):
             root = brentq(value, grid[last], grid[i], xtol=1e-15) if bracketed else begin
             if event.direction * new >= 0:
                 j = max(i, 1)
-                found.append((float(root), abs((values[j] - values[j - 1]) / (grid[1] - grid[0]))))
+                roots.append((float(root), abs((values[j] - values[j - 1]) / (grid[1] - grid[0]))))
         if new:
             sign, last = new, i
     size = np.abs(values)
     dips = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
     dips &= (np.sign(values[:-2]) == np.sign(values[2:])) & (values[1:-1] * values[:-2] > 0)
     path.nearest[k] = min([path.nearest[k], *size[1:-1][dips]])
-    return found, sign
+    return roots, sign
 
 
 def _together(task, roots, forward):

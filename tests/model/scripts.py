@@ -44,7 +44,8 @@ AS_ENSEMBLE = """equal(s.stopped, e.status == 1)
 equal([getattr(s, name) for name in EVENTS], [getattr(e, name) for name in EVENTS])
 equal(s.y[~s.stopped], e.y[-1, ~s.stopped])
 if not DENSE:
-    equal([getattr(s, name) for name in CALLS], [getattr(e, name).sum() for name in CALLS])
+    counts = [getattr(s, name) for name in EVALUATIONS]
+    equal(counts, [getattr(e, name).sum() for name in EVALUATIONS])
 """
 COMMON_STEPS = f"""COMMON = True\n{MEMBERS}{STEPS}{AS_ENSEMBLE}
 for rows, t, output in middles:
@@ -75,8 +76,8 @@ equal(points, list(map(np.stack, zip(*courses))))
 for name in EVENTS:
     equal(getattr(s, name), list(map(list, zip(*(getattr(single, name) for single in singles)))))
 if not any(event.jump or event.terminal for event in events):  # where single ones interpolate
-    equal([getattr(s, name) for name in CALLS],
-          [sum(getattr(single, name) for single in singles) for name in CALLS])
+    equal([getattr(s, name) for name in EVALUATIONS],
+          [sum(getattr(single, name) for single in singles) for name in EVALUATIONS])
 """
 GOALS = """y = []
 for goal in GOALS:

@@ -6,6 +6,8 @@ import pytest
 import cg
 from tests.model.__main__ import run
 from tests.model.compare import check
+from tests.model.derivatives import NO_BOUND
+from tests.model.drawing import admitted
 from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
 
@@ -17,7 +19,19 @@ def test_programs(part):
     outcomes = run(0, range(COUNT * part, COUNT * (part + 1)), shrink=False)
     assert not outcomes["failed"], "printed above"
     # others have no definite answer; were these most of a test, it would compare little
-    assert outcomes["compared"] >= 0.5 * COUNT
+    compared = outcomes["compared"] + outcomes[NO_BOUND]  # all but derivatives of the latter
+    assert compared >= 0.5 * COUNT, outcomes
+
+
+@pytest.mark.parametrize("program", [
+    Program(space=0, method="CF5(4)", parameters=True, callers=("in_jax",)),
+    Program(space=0, method="RKMK5(4)", turns=0.3, form="time", length=-1.0, parameters=True,
+            callers=("in_jax",)),
+])  # fmt: skip
+def test_in_jax(program):
+    pytest.importorskip("diffrax")
+    assert program == admitted(program)
+    assert check(program) == "compared"
 
 
 def test_output_does_not_change_which_events_are_found():

@@ -188,3 +188,6 @@ def test_bad_arguments_are_named():
     assert not plt.get_fignums()
     observed = bouncing(observe=lambda t, y: y[0], store="observed")
     refuses(ValueError, "solution must have points", cg.plot.timeline, observed)
+    refuses(ValueError, r"solution must be of one member.*got Ens", cg.plot.timeline, runs)
+    refuses(ValueError, "solution must have events, got Solution", cg.plot.timeline, runs[0])
+    refuses(ValueError, "for each of several points, got", cg.plot.phase_plane, run, 0, np.sum)

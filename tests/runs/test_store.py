@@ -153,8 +153,8 @@ def test_full_disk(path, monkeypatch):
 
 
 def test_rejects_impossible_paths(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        search(**SMALL, starts=1, store=tmp_path / "none" / "runs.jsonl")
+    path = tmp_path / "none" / "runs.jsonl"
+    refuses(FileNotFoundError, "store must be in an", search, **SMALL, starts=1, store=path)
     with pytest.raises(IsADirectoryError):
         search(**SMALL, starts=1, store=tmp_path)
     refuses(ValueError, "store must", search, **SMALL, starts=1, store="/dev/null")

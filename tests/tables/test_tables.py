@@ -112,5 +112,5 @@ def test_methods_that_are_none():
 
     assert table_of("CF4") is stored_table("CF4")
     refuses(TypeError, r"method.table\(\) must return a MethodTable, got 3", table_of, Wrong())
-    refuses(TypeError, "method must be a name or a Method, got 3", table_of, 3)
+    refuses(TypeError, "method must be a name, a path, or a Method, got 3", table_of, 3)
     refuses(ValueError, "method must be the name of a method, got 'CF'", table_of, "CF")

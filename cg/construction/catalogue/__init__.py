@@ -20,6 +20,7 @@ from functools import cache, cached_property
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from cg.construction.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
@@ -173,10 +174,12 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     if isinstance(method, Method):
         return method
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):
+        if not Path(method).exists():
+            raise FileNotFoundError(f"method must be a name or an existing file, got {method!r}")
         return load(method)
     if not isinstance(method, str):
         hint = similar_names(getattr(method, "__name__", None))
-        raise TypeError(f"method must be a name or a Method, got {method!r}{hint}")
+        raise TypeError(f"method must be a name, a path, or a Method, got {method!r}{hint}")
     if (stored := find_method(method)) is not None:
         return stored
     hint = similar_names(method) or f"; {_ALL}"

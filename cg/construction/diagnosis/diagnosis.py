@@ -133,7 +133,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     Parameters
     ----------
     method
-        A method, or the name of one in the catalogue.
+        A method, the name of one in the catalogue, or the path of its file.
     c
         Sequence of s numbers. Abscissae to compare the row sums of a with.
 

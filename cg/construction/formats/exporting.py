@@ -48,7 +48,7 @@ def export(
     Parameters
     ----------
     method
-        A method, or the name of one in the catalogue.
+        A method, the name of one in the catalogue, or the path of its file.
     format
         One of `FORMATS`.
     digits

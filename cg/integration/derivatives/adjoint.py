@@ -229,7 +229,7 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
     if problem.events is not None:
         raise ValueError(
             "events must be None with derivatives='adjoint', which doesn't go through their jumps "
-            "and ends"
+            f"and ends, got {len(problem.events)} of them"
         )
     if problem.t_eval is not None and not len(problem.t_eval):
         raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")

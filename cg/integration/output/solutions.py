@@ -433,7 +433,10 @@ class EnsembleSolution(_SolutionBase):
         return len(self.status)
 
     def __getitem__(self, member: int) -> Solution:
-        member = range(len(self))[member]  # which refuses those beyond, and takes negative ones
+        allowed = range(-len(self), len(self))
+        if isinstance(member, int | np.integer) and member not in allowed:
+            raise IndexError(f"member must be in {allowed}, got {member}")
+        member = range(len(self))[member]  # which takes negative ones
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
         ends = self._direction, self.t_end[member], self.status[member], counts
         fields = member_fields(self, member, *ends)

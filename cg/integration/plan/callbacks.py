@@ -16,7 +16,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import Derivative, Rhs, derivative_of, read_only, when
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, real_array
 from cg.support.shared_numbers import Operation
 from cg.tables import Kind, MethodTable
 
@@ -104,13 +104,16 @@ def jacobian_of(
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     if table.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac must be None unless method="RadauIIA5", got it with {table!r}')
+        raise ValueError(f'jac must be None without "RadauIIA5" or derivatives, got {table!r}')
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
+    shape = frame.dim, frame.dim
     if constant:
         matrix = jac.toarray() if is_sparse and rhs.vectorized else jac
-        jac = partial(_constant, matrix if hasattr(matrix, "tocsc") else np.asarray(matrix))
-    shape = frame.dim, frame.dim
+        matrix = matrix if hasattr(matrix, "tocsc") else real_array(matrix, "jac")
+        if matrix.shape != shape:
+            raise ValueError(f"jac must have shape {shape}, got {matrix.shape}")
+        jac = partial(_constant, matrix)
     derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.given.inputs)
     assert derivative is not None
     sparse = False

@@ -60,9 +60,9 @@ def read_value(
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
     if array.shape != shape:
+        expected = f"an array of shape {shape}{per_row}" if shape else "one number"
         raise ValueError(
-            f"{name} must return an array of shape {shape}{per_row}, got shape {array.shape} at "
-            f"{when(t)}{hint}"
+            f"{name} must return {expected}, got shape {array.shape} at {when(t)}{hint}"
         )
     return array
 

@@ -12,6 +12,7 @@ from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongEr
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
+from cg.support.checks import short
 from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
@@ -85,7 +86,10 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
             error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            error = ValueError(f"{_not_finite(run)} {where}")
+            point = run.plan.points(run.end[member].copy(), ())  # that of later stages is unknown
+            value = run.rhs.answer(member, t, point) if t == run.t0 else np.zeros(1)
+            got = "" if np.isfinite(value).all() else f", got {short(value)}"
+            error = ValueError(f"{_not_finite(run)}{got} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))

@@ -1,0 +1,241 @@
+"""A program and its solutions, and whether these are those of the model, within a bound."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+import cg
+from tests.model.programs import Program
+from tests.model.reference import Path, growth, value_of
+from tests.model.scripts import CALL
+from tests.model.spaces import reals
+
+TOLERANCES = 50  # admitted, times the growth of errors
+EPS = float(np.finfo(float).eps)
+EVENTS = "t_events", "y_events", "y_after"
+
+
+class Difference(AssertionError):
+    """What differs, of which kind, and the lines that show it behind the script of the program."""
+
+    def __init__(self, kind: str, text: str, code: str = ""):
+        super().__init__(text)
+        self.kind, self.code = kind, code
+
+
+class Unclear(Exception):
+    """The program has no definite answer: it depends on errors smaller than the tolerances."""
+
+
+@dataclass
+class Case:
+    """A program, the names of its script, and its solutions: the model's, and that of `CALL`."""
+
+    program: Program
+    names: dict[str, Any]
+    path: Path
+    bound: float = 0.0  # largest distance of points
+    solution: Any = None
+
+    def run(self, code: str) -> dict[str, Any]:
+        """Run a text behind the script; return all names."""
+        names = dict(self.names)
+        try:
+            exec(code, names)
+        except ModuleNotFoundError as error:  # JAX is an extra
+            raise Unclear(str(error)) from error
+        except Exception as error:
+            if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
+                raise Unclear("steps are too long for the method") from error
+            name = type(error).__name__
+            raise Difference(name, f"raised {name}: {error}", code) from error
+        return names
+
+    def solve(self, code: str = CALL, **changed: Any) -> Any:
+        if changed:
+            code = code.replace("**options", f"**{{**options, **{changed}}}")
+        return self.run(code)["s"]
+
+    @property
+    def length(self) -> float:
+        return abs(self.path.end - self.path.task.span[0]) or 1.0
+
+    def grid(self, n: int = 23) -> Sequence[float]:
+        return np.linspace(self.path.task.span[0], self.path.end, n)
+
+    def grown(self) -> float:
+        """Return the bound of points times the growth of errors, which is computed when needed."""
+        factor = growth(self.path, list(self.grid()))
+        if factor > 1e4:  # which makes one half of 50 tolerances of 1e-6
+            raise Unclear("errors grow too much")
+        return factor * self.bound
+
+    def near_jump(self, t: float) -> bool:
+        # the times of jumps have errors, and points between these times are off by the jump
+        return any(abs(t - jump) < 1e-2 * self.length for jump in self.path.jumps)
+
+    def jumps(self) -> bool:
+        return any(zero.jump for zero in self.program.events)
+
+
+def bound_of(case: Case) -> float:
+    """Return 50 tolerances; or with fixed steps five times the changes with shorter ones.
+
+    These must become smaller as in a method of order one, or the steps are too long for a bound.
+    Steps end at breakpoints and samples, so that shorter ones are shorter than what is between.
+    """
+    program = case.program
+    size = max([1.0, *(float(np.abs(case.path(t)).max()) for t in case.grid())])
+    floor = 1e-9 * size
+    if not program.steps:
+        return TOLERANCES * (program.atol + program.rtol * size) + floor
+    ends = [float(t) for t in case.grid()[:-1]]
+    task, h = case.path.task, case.names["options"]["h"]
+    gaps = np.diff(np.unique([task.span[0], *task.breakpoints, *task.knots, case.path.end]))
+    short = min([h, *gaps[gaps > 1e-3 * case.length]])
+    try:
+        runs = [case.solve(h=float(size), t_eval=ends) for size in (h, short / 4, short / 16)]
+    except Unclear:
+        return np.inf
+    first, second = (_change(case, *pair) for pair in pairwise(runs))
+    return 5 * max(first, second) + floor if second < 0.4 * first + floor else np.inf
+
+
+def _change(case: Case, coarse: Any, fine: Any) -> float:
+    """Return by how much points and events of two solutions differ."""
+    if len(fine.t) != len(coarse.t):
+        return np.inf
+    changes = [float(np.abs(fine.y - coarse.y).max())]
+    for k, (near, far) in enumerate(zip(fine.t_events or (), coarse.t_events or (), strict=True)):
+        if len(near) != len(far):
+            return np.inf
+        changes += [*(np.abs(near - far) * max([1.0, *case.path.slopes[k]]))]
+        changes += [float(np.abs(fine.y_events[k] - coarse.y_events[k]).max(initial=0.0))]
+    return max(changes)
+
+
+def accurate(case: Case, s: Any, code: str) -> None:
+    """Raise unless a solution is that of the model, within the bound."""
+    for name, array in vars(s).items():
+        if isinstance(array, np.ndarray) and not np.isfinite(array).all():
+            raise Difference(name, f"{name} is not finite", f"{code}\nprint(s.{name})")
+    if np.isinf(case.bound):
+        raise Unclear("steps are too long")
+    _reached(case, s, code)
+    between = case.program.method != "RadauIIA5"  # whose output between steps errs by O(h⁴)
+    if between or case.program.output is None:
+        near(case, s.t, s.y, f"{code}\nprint(s.t, s.y)")
+    if s.sol is not None and between:
+        grid = np.clip(case.grid(), s.sol.t_min, s.sol.t_max)
+        near(case, grid, s.sol(grid), f"{code}\nprint(s.sol({grid.tolist()}))")
+    if case.program.events and between:
+        _events(case, s, code)
+
+
+def _reached(case: Case, s: Any, code: str) -> None:
+    """Raise unless the status is that of the model, and times are those asked for."""
+    program, path, times = case.program, case.path, s.t.tolist()
+    slopes = sorted(slope for slopes in path.slopes for slope in slopes)
+    if "leaves its function at zero" in s.message and slopes[0] < 0.1 * slopes[-1]:
+        # rounding decides which of them is the last
+        raise Unclear("jumps come ever faster")
+    if not s.success and _singular(case):
+        raise Unclear("points are nearly singular matrices, without accurate coordinates")
+    if s.success and s.status != int(path.terminated):
+        doubt(case)
+    expected = program.times((0.0, 1.0) if program.output is None else program.output)
+    reached = times if program.output is not None else [times[0], times[-1]]
+    all_times = path.terminated or program.length == 0 or reached == expected
+    for kind, is_right, text in (
+        ("success", s.success, s.message),
+        ("status", s.status == int(path.terminated), f"{s.message} The model: {path.terminated=}"),
+        ("order", np.all(np.diff(s.t) * np.sign(program.length) > 0), "times aren't in order"),
+        ("times", all_times, f"{reached} not {expected}"),
+    ):
+        if not is_right:
+            raise Difference(kind, text, f"{code}\nprint(s)")
+
+
+def _singular(case: Case) -> bool:
+    """Whether rounding changes coordinates of a point of a matrix group by a tolerance."""
+    base = case.program.frame.base
+    if base.ndim != 2 or base.shape[0] != base.shape[1]:
+        return False
+    points = [case.path(t).view(base.dtype).reshape(base.shape) for t in case.grid()]
+    return EPS * max(map(np.linalg.cond, points)) > 0.1 * case.program.rtol
+
+
+def near(case: Case, times: Sequence[float], values: Any, code: str) -> None:
+    """Raise unless points are those of the model; near jumps none counts."""
+    path, worst = case.path, (0.0, 0.0, np.zeros(0))
+    for t, value in zip(map(float, times), values, strict=True):
+        if case.near_jump(t):
+            continue
+        beyond = path.terminated and (t - path.end) * np.sign(case.program.length) > 0
+        expected = path(path.end if beyond else t)
+        error = float(np.abs(reals(value) - expected).max())
+        worst = max(worst, (error, t, expected), key=lambda entry: entry[0])
+    error, t, expected = worst
+    if error <= case.bound:
+        return
+    doubt(case)
+    if error > (bound := case.grown()):
+        text = f"at t = {t!r} off by {error:.2e}, bound {bound:.2e}; the model has "
+        raise Difference("point", text + str(expected.tolist()), code)
+
+
+def _events(case: Case, s: Any, code: str) -> None:
+    path = case.path
+    expected = [[t for t, *_ in events] for events in path.events]
+    if [len(times) for times in s.t_events] != [len(times) for times in expected]:
+        doubt(case)
+        raise Difference("events", f"events {s.t_events}, of the model {expected}", code)
+    for k, model in enumerate(path.events):
+        for i, (exact, _, behind, jumps) in enumerate(model):
+            t, before, after = (getattr(s, name)[k][i] for name in EVENTS)
+            if not np.array_equal(reals(after), behind if jumps else reals(before)):
+                text = f"y_after[{k}][{i}] isn't what the jump returns"
+                raise Difference("jump", text, code)
+            slope = path.slopes[k][i]
+            rounding = 1e-9 * case.length + 8 * np.spacing(abs(exact))
+            if abs(t - exact) <= case.bound / slope + rounding:
+                continue
+            doubt(case)
+            if abs(t - exact) > case.grown() / slope + rounding:
+                raise Difference(
+                    "time of an event",
+                    f"event {k}, {i} at {t!r}, of the model {exact!r}",
+                    f"{code}\nprint(s.t_events[{k}][{i}], 'is not', {exact!r})",
+                )
+
+
+def doubt(case: Case) -> None:
+    """Raise Unclear where events of the model depend on errors within the tolerance."""
+    if not case.program.events:
+        return
+    bound, path, task = case.grown(), case.path, case.path.task
+    for k, nearest in enumerate(path.nearest):
+        if nearest < 2 * bound:
+            raise Unclear(f"event {k} is nearly missed")
+        if min(path.slopes[k], default=np.inf) * case.length * 0.05 < bound:
+            raise Unclear(f"event {k} is slow")
+        begin, end = (
+            abs(value_of(task, task.events[k], t, path(t))) for t in (task.span[0], path.end)
+        )
+        least = -1.0 if case.program.derivatives else 1e-9  # is zero for other points
+        if least < begin < 2 * bound or (end < 2 * bound and not path.terminated):
+            raise Unclear(f"event {k} is at an end")
+    times = sorted(t for events in path.events for t, *_ in events)
+    stops = (*task.breakpoints, *task.knots)
+    if path.jumps and any(0 < abs(t - p) < 1e-9 * case.length for t in times for p in stops):
+        raise Unclear("an event is nearly at a stop")
+    slope = min((slope for slopes in path.slopes for slope in slopes), default=1.0)
+    copied = (path.jumps or path.terminated) and any(e.kind == "copy" for e in case.program.events)
+    if copied and any(16 * EPS * abs(t) * min(slope, 1.0) < 1e-10 or t in stops for t in times):
+        raise Unclear("events are 1e-10 apart, more than the resolution of time, or at a stop")
+    gap = 2 * bound / slope
+    if path.jumps and any(1e-9 * case.length < b - a < gap for a, b in pairwise(times)):
+        raise Unclear("events come in an order that depends on errors")
