@@ -103,17 +103,17 @@ contains
     end do
   end subroutine sizes
 
-  ! x^T y in body axes and y x^T in space axes. With the difference of two rotations as y it is the
+  ! X^T Y in body axes and Y X^T in space axes. With the difference of two rotations as Y it is the
   ! rotation between them less the identity, without cancellation for small angles.
   pure function quotient(block, x, y)
     type(block_t), intent(in) :: block
-    real(wp), intent(in) :: x(3, 3), y(3, 3)
+    real(wp), intent(in) :: x(3, 3), y(3, 3)   ! X and Y by rows
     real(wp) :: quotient(3, 3)
 
     if (block%space) then
-      quotient = matmul(y, transpose(x))
+      quotient = matmul(transpose(y), x)
     else
-      quotient = matmul(transpose(x), y)
+      quotient = matmul(x, transpose(y))
     end if
   end function quotient
 
@@ -163,7 +163,7 @@ contains
     real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
     integer :: i
 
-    r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :) - x(1:3, :)))
+    r = quotient(block, x(1:3, :), y(1:3, :) - x(1:3, :))
     v = logarithm(quaternion_of(r))
     twist(:, 0) = v
     half = max(sqrt(dot_product(v, v)) / 2, smallest)

@@ -82,12 +82,11 @@ contains
     end do
   end subroutine make_tangential
 
-  ! Adds the velocities and what they do to the momenta of rigid bodies.
+  ! Sets the velocities, and adds to forces what they do to the momenta of bodies.
   pure subroutine add_free_motion(frame, y, f)
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
-    real(wp) :: own(frame%forces)
     integer :: i, k
 
     k = frame%before
@@ -95,8 +94,7 @@ contains
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
                  m => frame%forces)
         associate (momentum => y(k + v:k + last), velocity => f(v:last), slope => f(m + v:m + last))
-          call find_velocities(body, size(velocity), momentum, own(v:last))
-          velocity = velocity + own(v:last)
+          call find_velocities(body, size(velocity), momentum, velocity)
           if (body%turns) slope = slope + cross(momentum, velocity)
           if (allocated(body%gyroscopic)) slope = slope + matmul(body%gyroscopic, velocity)
         end associate
@@ -293,14 +291,13 @@ contains
     end do
   end subroutine remove_opening
 
-  ! Closes the joints of a point between steps, unless it has none or they can't be closed.
+  ! Closes the joints of a point between steps, unless they can't be closed.
   subroutine without_opening(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)
     real(wp) :: closed(size(y))
     integer :: status
 
-    if (.not. frame%jointed) return
     closed = y
     call close_joints(frame, closed, status)
     if (status == finished) y = closed

@@ -190,9 +190,9 @@ contains
     real(wp), contiguous, intent(in) :: x(:)
     real(wp), intent(in) :: norm
     real(wp), intent(inout) :: y(action%point_size)
-    real(wp), allocatable :: old(:), now(:), next(:)
+    real(wp) :: p(size(y), 0:2)              ! P_k in column modulo(k, 3)
     real(wp) :: bessel(0:max_terms), bound
-    integer :: k, last
+    integer :: k, last, next, now
 
     bound = 1.0_wp                           ! J_k(norm) is at most (norm / 2)^k / k!
     last = 0
@@ -203,18 +203,17 @@ contains
     bessel(:last) = bessel_jn(0, last, norm)
     last = max(1, findloc(abs(bessel(:last)) >= epsilon(norm) / 8, .true., 1, back=.true.) - 1)
     products = products + int(last, int64)
-    allocate (old(size(y)), now(size(y)), next(size(y)))
-    old = y
-    call multiply(action, action%first, action%column, x, y, now)
-    now = now / norm
-    y = bessel(0) * y + 2 * bessel(1) * now
+    p(:, 0) = y
+    call multiply(action, action%first, action%column, x, y, p(:, 1))
+    p(:, 1) = p(:, 1) / norm
+    y = bessel(0) * y + 2 * bessel(1) * p(:, 1)
+    now = 1
     do k = 2, last
-      call multiply(action, action%first, action%column, x, now, next)
-      next = old + (2 / norm) * next
-      y = y + 2 * bessel(k) * next
-      call move_alloc(now, old)
-      call move_alloc(next, now)
-      allocate (next(size(y)))
+      next = modulo(k, 3)
+      call multiply(action, action%first, action%column, x, p(:, now), p(:, next))
+      p(:, next) = p(:, 3 - now - next) + (2 / norm) * p(:, next)
+      y = y + 2 * bessel(k) * p(:, next)
+      now = next
     end do
   end subroutine apply_chebyshev
 

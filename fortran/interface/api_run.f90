@@ -223,27 +223,35 @@ contains
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
-    type(frame_t), target :: frame
+    type(frame_t), pointer :: frame
+    type(frame_t), target :: own             ! with this call's context
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
     integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
-    frame = plan%frame
-    python%context = transfer(context, c_null_ptr)
-    if (context /= 0) frame%callback => python
+    frame => plan%frame
+    if (context /= 0) then
+      own = plan%frame
+      python%context = transfer(context, c_null_ptr)
+      own%callback => python
+      frame => own
+    end if
     call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
     if (memory /= 0) return
     interpolant%known = plan%method%scheme%nodes
     i = 0
+    k = 0
     do while (i < count)
       i = i + 1
-      k = which(i) + 1
-      interpolant%h = rows(3, k)
-      interpolant%on_algebra = rows(5, k) > 0
-      interpolant%y0(:) = rows(6:5 + n, k)
-      interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
+      if (k /= which(i) + 1) then
+        k = which(i) + 1
+        interpolant%h = rows(3, k)
+        interpolant%on_algebra = rows(5, k) > 0
+        interpolant%y0(:) = rows(6:5 + n, k)
+        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
+      end if
       if (.not. theta(i) > 0) then
         y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then

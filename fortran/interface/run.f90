@@ -21,7 +21,7 @@ module run_m
   use output_m, only: output_t, store_point, store_step
   use requests_m, only: check_coefficients
   use shared_numbers
-  use step_m, only: store_answers, times_of_request
+  use step_m, only: get_times, store_answers, times_asked
   use trajectory_m, only: exchange_state, fail, problem_t, reserve_trajectory, set_start, &
                           trajectory_t
   implicit none
@@ -372,7 +372,7 @@ contains
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     n = run%frame%point_size
     if (run%frame%derivatives) m = n
-    asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+    asked = [(times_asked(run%lanes(requests(i))), i=1, size(requests))]
     k = sum(asked)
     allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=memory)
     if (memory /= 0) run%lanes(requests)%status = out_of_memory
@@ -380,7 +380,7 @@ contains
     k = 0
     do i = 1, size(requests)
       associate (lane => run%lanes(requests(i)))
-        times(k + 1:k + asked(i)) = times_of_request(lane)
+        call get_times(lane, times(k + 1:k + asked(i)))
         members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
         points((i - 1) * n + 1:i * n) = lane%request%y
       end associate

@@ -33,6 +33,7 @@ contains
   subroutine examine_step(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
+    integer :: i
 
     x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
@@ -43,9 +44,13 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table) &
-               .and. (x%events%after /= 0 .or. may_cut(x)))
+    do i = 1, size(x%events)
+      associate (event => x%events(i))
+        if (event%came_from /= 0 .or. &
+            (crosses(event%before, event%after, x%problem%events%table(i)) &
+             .and. (event%after /= 0 .or. may_cut(x, i)))) x%needs_interpolant = .true.
+      end associate
+    end do
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -59,14 +64,14 @@ contains
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
-  ! Whether each event may end a step whose interpolant may be requested
-  pure function may_cut(x)
+  ! Whether an event may end a step whose interpolant may be requested
+  pure logical function may_cut(x, event)
     type(trajectory_t), intent(in) :: x
-    logical :: may_cut(size(x%events))
+    integer, intent(in) :: event             ! its number
 
-    associate (events => x%problem%events)
-      may_cut = x%problem%record%goes_on .and. (events%table%jumps /= 0 .or. &
-                                     x%events%count + 1 >= events%table%limit)
+    associate (row => x%problem%events%table(event))
+      may_cut = x%problem%record%goes_on .and. (row%jumps /= 0 .or. &
+                                                x%events(event)%count + 1 >= row%limit)
     end associate
   end function may_cut
 
@@ -76,14 +81,18 @@ contains
   subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
-    logical :: cuts(size(x%events))
+    integer :: k
 
     call find_zeros(x)
     if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
-    cuts = may_cut(x)
-    x%needs_interpolant = any(x%zeros%at < 1 .or. cuts(x%zeros%event) &
-                              .or. x%events(x%zeros%event)%after /= 0)
+    x%needs_interpolant = .false.
+    do k = 1, size(x%zeros)
+      associate (zero => x%zeros(k))
+        if (zero%at < 1 .or. may_cut(x, zero%event) .or. x%events(zero%event)%after /= 0) &
+          x%needs_interpolant = .true.
+      end associate
+    end do
     x%seeks_events = size(x%zeros) > 0
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
@@ -180,7 +189,8 @@ contains
         return
       end if
     end if
-    x%interpolant%path = flows_of_step(x, x%interpolant%h)
+    if (any(x%frame%blocks%kind == callback_block)) &
+      x%interpolant%path = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
@@ -199,8 +209,7 @@ contains
     integer :: path
 
     allocate (flows(0))
-    if (.not. any(x%frame%blocks%kind == callback_block) .or. &
-        x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
+    if (x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
     allocate (v(size(x%f, 1), size(x%method%flows%first) - 1))
     call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
@@ -248,7 +257,7 @@ contains
   subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, y(x%frame%point_size)
+    real(wp) :: until
     logical :: ended
 
     if (x%interpolate_only) then
@@ -260,12 +269,13 @@ contains
     end if
     ended = .false.
     if (x%seeks_events) then
-      call store_zeros(x, output, until, ended, y)
+      ! the interpolant has all its nodes, so that their memory is free
+      call store_zeros(x, output, until, ended, x%interpolant%y)
       if (x%status /= finished) return
       deallocate (x%zeros)
     end if
     if (ended) then
-      call store_until(x, time_at(x, until), y, ended, output)
+      call store_until(x, time_at(x, until), x%interpolant%y, ended, output)
     else
       call store_until(x, x%t_end, x%y(:, x%result), ended, output)
     end if

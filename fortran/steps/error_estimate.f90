@@ -108,7 +108,8 @@ contains
   subroutine find_differences(x, errors)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)
-    real(wp) :: rest(size(x%u)), error
+    real(wp), allocatable :: weight(:)       ! (columns) of the coefficients
+    real(wp) :: error
     integer :: i, part, place
 
     errors = 0.0_wp
@@ -121,17 +122,17 @@ contains
         part = 1
         if (method%in_parts .and. method%third == 0 .and. method%kind == linear_kind) &
           part = 2 - mod(i, 2)
-        rest = 0.0_wp
+        weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
-          call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, x%u)
+          call combine(size(x%u), size(x%f, 2), weight, x%added, x%u)
           call remove_isotropy(x%frame, x%y(:, x%result), x%u)
           call raise(errors(2, place), norm_of_u(x))
-          rest = x%u
+          x%v(:, 1) = x%u                    ! the rest; all paths have been followed
         end if
-        call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%f, x%u)
+        call combine(size(x%u), size(x%f, 2), weight, x%f, x%u)
         if (method%kind == collocation_kind) call filtered(x)
         call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-        x%u = x%u - rest
+        if (size(x%added) > 0) x%u = x%u - x%v(:, 1)
         error = norm_of_u(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
@@ -186,8 +187,9 @@ contains
     real(wp) :: excess
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
-    excess = (abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle) &
-             **(1 / x%tolerances%exponent)
+    excess = abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle
+    if (excess <= least_excess) return       ! a power above one makes it smaller still
+    excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     if (.not. variation(x) <= 1) x%error = excess
   end subroutine limit_angle

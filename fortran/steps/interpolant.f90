@@ -232,7 +232,10 @@ contains
         self%known = final
         call find_mean(self, exists)
         k(:, final) = last
-        if (exists) call dexpinv(self%frame, self%scheme%series, h * k(:, 2), k(:, final), exists)
+        if (exists) then
+          self%u = h * k(:, 2)
+          call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
+        end if
       end if
     end associate
     call finish_or_fall_back(self, exists)
@@ -260,22 +263,23 @@ contains
   subroutine find_mean(self, exists)
     type(interpolant_t), intent(inout) :: self
     logical, intent(out) :: exists
-    real(wp) :: u(self%frame%dimension), v(self%frame%dimension), y(self%frame%point_size)
     integer :: i
 
-    u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
-    do i = 1, iterations
-      y = self%y0
-      call apply_flows(self%frame, 1, u, y)
-      self%nexp = self%nexp + 1
-      call difference_nearby(self%frame, y, self%y1, nearby_operation, v)
-      call dexpinv(self%frame, self%scheme%series, u, v, exists)
-      if (.not. exists) return
-      u = u + v
-      exists = all(abs(v) <= converged * max(1.0_wp, maxval(abs(u))))   ! not if v is NaN
-      if (exists) exit
-    end do
-    self%next(:, 2) = u / self%h
+    associate (u => self%u, y => self%y, v => self%v(:, 1))
+      u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
+      do i = 1, iterations
+        y(:) = self%y0
+        call apply_flows(self%frame, 1, u, y)
+        self%nexp = self%nexp + 1
+        call difference_nearby(self%frame, y, self%y1, nearby_operation, v)
+        call dexpinv(self%frame, self%scheme%series, u, v, exists)
+        if (.not. exists) return
+        u = u + v
+        exists = all(abs(v) <= converged * max(1.0_wp, maxval(abs(u))))   ! not if v is NaN
+        if (exists) exit
+      end do
+      self%next(:, 2) = u / self%h
+    end associate
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the
@@ -371,7 +375,7 @@ contains
     else
       call follow_flows(self, theta, y)
     end if
-    call without_opening(self%frame, y)
+    if (self%frame%jointed) call without_opening(self%frame, y)
   end subroutine evaluate_interpolant
 
   ! Evaluates the interpolant at some fractions by one flow along a polynomial.

@@ -183,12 +183,11 @@ contains
     integer, intent(in) :: event
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp) :: y(x%frame%point_size)
     logical :: failed
     integer :: i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), before => 2 + size(y) + max(event, 1))
+    associate (query => x%query(:, :x%answered), before => 2 + x%frame%point_size + max(event, 1))
       if (x%answered > 0) &
         k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
       if (k > 0) then
@@ -197,21 +196,22 @@ contains
         return
       end if
     end associate
-    call point_at(x, theta, y)
-    if (x%problem%events%vectorized) then
-      if (x%queries == size(x%query, 2)) &            ! more capacity
-        x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
-      x%queries = x%queries + 1
-      x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
-      x%status = needs_events
-      return
-    end if
-    do i = 1, size(values)
-      call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, values(i), &
-                                  failed)
-      if (failed) call fail(x, raised, time_at(x, theta))
-      if (failed) return
-    end do
+    associate (y => x%request%y, t => time_at(x, theta))     ! y is free: no request is pending
+      call point_at(x, theta, y)
+      if (x%problem%events%vectorized) then
+        if (x%queries == size(x%query, 2)) &          ! more capacity
+          x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
+        x%queries = x%queries + 1
+        x%query(:3 + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%status = needs_events
+        return
+      end if
+      do i = 1, size(values)
+        call x%problem%events%value(x%member, max(event - 1, 0) + i, t, y, values(i), failed)
+        if (failed) call fail(x, raised, t)
+        if (failed) return
+      end do
+    end associate
   end subroutine evaluate_events
 
   ! Evaluates the solution at a fraction theta of the step.

@@ -18,7 +18,7 @@ module step_m
   implicit none
   private
   public :: store_answers, store_error, store_stage, finish_step, accept_or_reject, &
-            request_stage, times_of_request
+            request_stage, get_times, times_asked
 
 contains
 
@@ -64,17 +64,25 @@ contains
     if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
-  ! The times for which a vectorized function is asked together: a function of time for all stages
-  ! that are left.
-  pure function times_of_request(x) result(times)
+  ! The number of times for which a vectorized function is asked together: a function of time is
+  ! for all stages that are left.
+  pure integer function times_asked(x)
     type(trajectory_t), intent(in) :: x
-    real(wp), allocatable :: times(:)
 
-    times = [x%request%t]
+    times_asked = 1
     if (x%problem%record%of_time .and. x%phase == phase_stage_received &
         .and. all(x%method%kind /= [collocation_kind, implicit_kind])) &
-      times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
-  end function times_of_request
+      times_asked = stages(x) - x%stage + 1
+  end function times_asked
+
+  ! Gets these times.
+  pure subroutine get_times(x, times)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(out) :: times(:)        ! (times_asked)
+
+    times = x%request%t
+    if (size(times) > 1) times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
+  end subroutine get_times
 
   ! Stores the coefficients at stages up to the last one, or the first that isn't finite, which
   ! becomes the answer to the request.
@@ -104,7 +112,7 @@ contains
     if (x%method%kind /= registers_kind) then
       last = x%method%result
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
-      call add_brackets(x)
+      if (size(x%method%bracket, 3) > 0) call add_brackets(x)
       call follow_paths(x, last)
       if (x%status /= finished) return
     end if
@@ -191,7 +199,8 @@ contains
       end if
       if (collocation) call keep_step(x)
       ! other methods than RATTLE have moved along forces that keep joints closed up to their error
-      if (size(x%joints%impulse) == 0) call without_opening(x%frame, x%y(:, x%result))
+      if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
+        call without_opening(x%frame, x%y(:, x%result))
     end associate
   end subroutine accept_or_reject
 

@@ -99,12 +99,12 @@ contains
   ! only detected: their times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
-    type(event_state_t) :: events(size(x%events))
+    type(event_state_t), allocatable :: events(:)
 
-    events = x%events
+    if (x%problem%events%vectorized) events = x%events
     call seek_zeros(x)
-    if (x%status == needs_events) then
-      x%events = events
+    if (x%status == needs_events .and. allocated(events)) then
+      x%events(:) = events
       if (allocated(x%zeros)) deallocate (x%zeros)
     end if
   end subroutine find_zeros
@@ -113,6 +113,7 @@ contains
   subroutine seek_zeros(x)
     type(trajectory_t), intent(inout) :: x
     logical :: waits
+    real(wp) :: middle(size(x%events))       ! values there
     ! (0:parts), (events, 0:parts), (0:parts) values of one event
     real(wp), allocatable :: theta(:), values(:, :), own(:)
     integer :: first, i, k, memory, n
@@ -129,6 +130,13 @@ contains
       call fail(x, step_too_long_for_events, x%t)
       return
     end if
+    if (allocated(x%zeros)) deallocate (x%zeros)
+    allocate (x%zeros(0))
+    if (n == min_parts) then
+      call evaluate_events(x, 0, 0.5_wp, middle)
+      if (x%status /= finished) return
+      if (keeps_signs(x%events, middle)) return
+    end if
     allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
@@ -137,20 +145,14 @@ contains
     theta(:) = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    x%zeros = [zero_t ::]
-    ! First every second inner point, of four parts the middle. If no function can reach zero by the
-    ! differences of these values, the other points aren't evaluated.
-    do first = 2, 1, -1
+    if (n == min_parts) values(:, 2) = middle
+    ! every second inner point if they aren't known, then the others
+    do first = merge(1, 2, n == min_parts), 1, -1
       do k = first, n - 1, 2
         call evaluate_events(x, 0, theta(k), values(:, k))
         if (x%status == raised) return
       end do
       if (x%status == needs_events) return
-      if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
-        associate (low => minval(values(:, ::2), 2), high => maxval(values(:, ::2), 2))
-          if (all(max(low, -high) > high - low)) return
-        end associate
-      end if
     end do
     waits = .false.
     do i = 1, size(values, 1)
@@ -167,18 +169,39 @@ contains
     if (waits) x%status = needs_events
   end subroutine seek_zeros
 
-  ! The number of parts whose ends are compared
-  pure integer function parts(x)
-    type(trajectory_t), intent(in) :: x
-    real(wp) :: angle, rate(x%frame%dimension, 2)
+  ! Whether no function can reach zero by the differences of its values at the ends of a step and in
+  ! the middle, so that the other points aren't evaluated
+  pure logical function keeps_signs(events, middle)
+    type(event_state_t), intent(in) :: events(:)
+    real(wp), intent(in) :: middle(:)        ! (events)
+    real(wp) :: high, low
+    integer :: i
 
-    rate = reshape([x%slope, x%end_slope], shape(rate))
-    if (x%method%kind == splitting_kind) then   ! its coefficients are forces alone
-      call add_free_motion(x%frame, x%y(:, 0), rate(:, 1))
-      call add_free_motion(x%frame, x%y(:, x%result), rate(:, 2))
-    end if
-    angle = max(turning(x%frame, x%h * rate(:, 1), .false.), &
-                turning(x%frame, x%h * rate(:, 2), .false.))
+    keeps_signs = .false.
+    do i = 1, size(events)
+      low = min(events(i)%before, middle(i), events(i)%after)
+      high = max(events(i)%before, middle(i), events(i)%after)
+      if (events(i)%came_from /= 0 .or. .not. max(low, -high) > high - low) return
+    end do
+    keeps_signs = .true.
+  end function keeps_signs
+
+  ! The number of parts whose ends are compared
+  integer function parts(x)
+    type(trajectory_t), intent(inout) :: x   ! its u is free
+    real(wp) :: angle
+    integer :: column, i
+
+    angle = 0.0_wp
+    do i = 1, 2                              ! both ends of the step
+      column = merge(0, x%result, i == 1)
+      x%u = x%slope
+      if (i == 2) x%u = x%end_slope
+      ! coefficients of splitting methods are forces alone
+      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%u)
+      x%u = x%h * x%u
+      angle = max(angle, turning(x%frame, x%u, .false.))
+    end do
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
