@@ -19,8 +19,8 @@ module coordinates_m
   use vectors_m, only: cross, nan
   implicit none
   private
-  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, sizes, &
-            tangent, tolerances_t
+  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, &
+            sizes, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow

@@ -242,8 +242,8 @@ contains
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the
-  ! momenta that would open them. Points that have moved by far more than the size of the system have
-  ! diverged.
+  ! momenta that would open them. Points that have moved by far more than the size of the system
+  ! have diverged.
   subroutine close_joints(frame, y, status)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)

@@ -1,5 +1,5 @@
-! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along the
-! fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
+! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along
+! the fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
 !
 ! Every joint is a few rows. A row is the dot product of two vectors of these three: d, from a point
 ! of the second body to one of the first, and one axis of each body. A body is an attitude and a

@@ -160,9 +160,9 @@ contains
     if (what == 2) rows = run%output%events(:, :used)
   end subroutine loop_rows
 
-  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
-  ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
-  ! has ended. There are as many lanes as members.
+  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants
+  ! of their last steps, which the next call of loop_drive stores; not of members that a terminal
+  ! event has ended. There are as many lanes as members.
   subroutine loop_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: interpolating

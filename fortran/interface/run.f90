@@ -4,8 +4,8 @@
 ! event. A run is opened from its record, a structure of numbers and addresses that Python fills
 ! (RECORD in cg/support/shared_records.py).
 module run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_int64_t, c_intptr_t, &
-                                         c_null_funptr, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
+                                         c_intptr_t, c_null_funptr, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int8, int64
   use blocks_m, only: body_t
   use callback_m, only: callback_t

@@ -55,8 +55,8 @@ contains
         end if
       end if
       call predict(x)
-      ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with each
-      ! step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
+      ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with
+      ! each step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
       x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
       x%newton%iteration = 1
       x%stage = 2

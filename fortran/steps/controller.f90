@@ -15,8 +15,8 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
 
-  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
-  ! the factored matrices, and Newton's method has this many iterations.
+  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake
+  ! of the factored matrices, and Newton's method has this many iterations.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7

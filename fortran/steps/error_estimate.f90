@@ -11,10 +11,10 @@
 ! divisor: the larger of e1 and factor e2 counts. With two such sums e2^2 / hypot(e2, e3) takes the
 ! place of e2.
 !
-! Two such differences have two parts: that of the quadratures, where all values of f commute, and the
-! rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is all
-! quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a quotient
-! of their own, and the estimate is the larger one, or their sum for Magnus methods.
+! Two such differences have two parts: that of the quadratures, where all values of f commute, and
+! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
+! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
+! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the power of the quotient makes
 ! much of that. The rest of e2, which is O(h^3), times the change of the angle as often as the order
@@ -42,8 +42,8 @@ module error_estimate_m
   private
   public :: estimate_error
 
-  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
-  ! chance, unless all values of f commute
+  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish
+  ! by chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
 

@@ -1,10 +1,10 @@
 ! The solution within one step, on the manifold and as accurate as the step, in one of two forms,
 ! whose coefficients cg/construction/methods/interpolant.py derives: by flows, or on a Lie algebra.
 !
-! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at
-! nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
-! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
-! One more flow moves z(1) to y1:
+! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P
+! at nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve z' = h
+! sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f. One more
+! flow moves z(1) to y1:
 !
 !   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
 !
@@ -16,9 +16,9 @@
 ! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. That of the nearest tangent
-! removes the leading error of P too, whose direction is a combination of fields; what is left of
-! y1 - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may
-! be far from the error of P, and matters where isotropy turns much within the step, as near singular
+! removes the leading error of P too, whose direction is a combination of fields; what is left of y1
+! - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may be
+! far from the error of P, and matters where isotropy turns much within the step, as near singular
 ! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
 !
 ! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
@@ -100,8 +100,8 @@ contains
     if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
   end function next_count
 
-  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of the
-  ! step.
+  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of
+  ! the step.
   subroutine add_last_flow(nodes, self)
     integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
@@ -324,8 +324,8 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the coefficients
-  ! at all inner ones are known.
+  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the
+  ! coefficients at all inner ones are known.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self

@@ -1,6 +1,6 @@
-! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by flows
-! of the frame. On a path the flow of the lowest stage comes first. How a path is followed depends on
-! the kind of the method.
+! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
+! flows of the frame. On a path the flow of the lowest stage comes first. How a path is followed
+! depends on the kind of the method.
 !
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
@@ -13,11 +13,10 @@
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
-! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor
-! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
-! that continue those of the two steps before. Between the drifts of a
-! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
-! free motion of the bodies.
+! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also
+! removes what opens the joints from the momentum at the end of a step. It starts from impulses that
+! continue those of the two steps before. Between the drifts of a step nothing has to be removed,
+! since the next impulses would replace it. The drift is the exact free motion of the bodies.
 !
 ! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
 ! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
@@ -162,10 +161,10 @@ contains
     end associate
   end subroutine drift_closed
 
-  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose matrices
-  ! aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, 7.3): with
-  ! the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z / (1 - s.z / |s|^2).
-  ! The last factor is left out where it would more than double z.
+  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose
+  ! matrices aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations,
+  ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
+  ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
   pure subroutine correct_change(i, change)
     integer, intent(in) :: i
     real(wp), intent(inout) :: change(:, :)
@@ -181,8 +180,8 @@ contains
     end associate
   end subroutine correct_change
 
-  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results only,
-  ! since it doesn't accumulate in stages.
+  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results
+  ! only, since it doesn't accumulate in stages.
   subroutine follow_paths(x, last)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last

@@ -15,8 +15,9 @@ module requests_m
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, reject_accepted_step, &
-            reject_stage, request, retry_step, share, share_error, time_at, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, &
+            reject_accepted_step, reject_stage, request, retry_step, share, share_error, time_at, &
+            within_segment
 
 contains
 
@@ -39,9 +40,9 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point itself,
-  ! since loads from a copy that was just written would stall. x%request%y keeps the entries, which
-  ! are restored if the field has overwritten them.
+  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point
+  ! itself, since loads from a copy that was just written would stall. x%request%y keeps the
+  ! entries, which are restored if the field has overwritten them.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -68,8 +69,8 @@ contains
     call check_coefficients(x)
   end subroutine request
 
-  ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
-  ! Answers of mechanical systems are forces; splitting methods take them alone.
+  ! Checks the answer to a request: finite coefficients go to the next phase, others reject the
+  ! step. Answers of mechanical systems are forces; splitting methods take them alone.
   subroutine check_coefficients(x)
     type(trajectory_t), intent(inout) :: x
     logical :: splits

@@ -1,6 +1,6 @@
-! One step: its stages, its results and whether it is accepted. What a stage needs is in one file for
-! each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90. For
-! the error see error_estimate.f90.
+! One step: its stages, its results and whether it is accepted. What a stage needs is in one file
+! for each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90.
+! For the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
   use free_motion_m, only: without_opening

@@ -1,8 +1,8 @@
 ! Events within a step. An event is a zero of a function along the solution. The signs of the
-! function are compared at the ends of parts of the step, and where a parabola through three of these
-! values comes near to zero, since a function may change sign twice within a part. A step has at
-! least four parts, and more if it rotates by more than 120 degrees. With four parts only the middle
-! is evaluated if the values of each function there and at the ends differ by less than their
+! function are compared at the ends of parts of the step, and where a parabola through three of
+! these values comes near to zero, since a function may change sign twice within a part. A step has
+! at least four parts, and more if it rotates by more than 120 degrees. With four parts only the
+! middle is evaluated if the values of each function there and at the ends differ by less than their
 ! distance from zero.
 !
 ! A zero between two points where the function has opposite signs is found by interpolation where a
@@ -15,8 +15,8 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, &
-       out_of_memory, raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
+  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
+            raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private
@@ -28,9 +28,9 @@ module step_events_m
   integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or of
-  ! common steps without an end those that rotate by more than a turn, are tried again with a smaller
-  ! size; fixed ones that need more than `max_parts` fail.
+  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or
+  ! of common steps without an end those that rotate by more than a turn, are tried again with a
+  ! smaller size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
@@ -83,8 +83,8 @@ contains
   end subroutine find_root
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
-  ! at the end of the interval before, or it is the initial point. A change by more than half a period
-  ! is a wrap.
+  ! at the end of the interval before, or it is the initial point. A change by more than half a
+  ! period is a wrap.
   pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
     type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
@@ -233,8 +233,8 @@ contains
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
   ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
   ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
-  ! middle is tried of an outer part at whose end the function does. So it is for detection along the
-  ! cubic, which isn't accurate.
+  ! middle is tried of an outer part at whose end the function does. So it is for detection along
+  ! the cubic, which isn't accurate.
   subroutine find_turning_point(x, event, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -314,8 +314,8 @@ contains
     end if
   end subroutine narrow
 
-  ! Adds the zero of an event between two points if there is one, any number in between if it is only
-  ! detected.
+  ! Adds the zero of an event between two points if there is one, any number in between if it is
+  ! only detected.
   subroutine add_zero(x, event, low, high)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
