@@ -9,7 +9,7 @@ module accepted_step_m
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, find_zeros, store_zeros
+  use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
   use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
   use trajectory_m
   use iso_fortran_env, only: int64
@@ -33,7 +33,6 @@ contains
   subroutine examine_step(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
-    integer :: i
 
     x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
@@ -44,13 +43,11 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    do i = 1, size(x%events)
-      associate (event => x%events(i))
-        if (event%came_from /= 0 .or. &
-            (crosses(event%before, event%after, x%problem%events%table(i)) &
-             .and. (event%after /= 0 .or. may_cut(x, i)))) x%needs_interpolant = .true.
-      end associate
-    end do
+    associate (events => x%events, table => x%problem%events%table, cuts => x%problem%record%goes_on)
+      if (x%seeks_events) x%needs_interpolant = any(events%came_from /= 0 .or. &
+        (crosses(events%before, events%after, table) .and. &
+         (events%after /= 0 .or. (cuts .and. ends_step(events, table)))))
+    end associate
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -64,17 +61,6 @@ contains
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
-  ! Whether an event may end a step whose interpolant may be requested
-  pure logical function may_cut(x, event)
-    type(trajectory_t), intent(in) :: x
-    integer, intent(in) :: event             ! its number
-
-    associate (row => x%problem%events%table(event))
-      may_cut = x%problem%record%goes_on .and. (row%jumps /= 0 .or. &
-                                                x%events(event)%count + 1 >= row%limit)
-    end associate
-  end function may_cut
-
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
   ! output. Zeros just at the end of the step don't need it. Events are sought along the cubic first
   ! where there is output too, so that output doesn't change which are found.
@@ -87,10 +73,10 @@ contains
     if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
     x%needs_interpolant = .false.
-    do k = 1, size(x%zeros)
-      associate (zero => x%zeros(k))
-        if (zero%at < 1 .or. may_cut(x, zero%event) .or. x%events(zero%event)%after /= 0) &
-          x%needs_interpolant = .true.
+    do k = 1, size(x%zeros)                  ! where one may end the step, it may be requested
+      associate (i => x%zeros(k)%event)
+        if (x%zeros(k)%at < 1 .or. x%events(i)%after /= 0 .or. (x%problem%record%goes_on .and. &
+            ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
       end associate
     end do
     x%seeks_events = size(x%zeros) > 0

@@ -20,7 +20,7 @@ module step_events_m
   use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
   implicit none
   private
-  public :: crosses, find_zeros, store_zeros
+  public :: crosses, ends_step, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
@@ -93,6 +93,14 @@ contains
               .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
     if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
   end function crosses
+
+  ! Whether an event ends the step, by a jump or since it is the last one
+  pure elemental logical function ends_step(event, row)
+    type(event_state_t), intent(in) :: event
+    type(event_record_t), intent(in) :: row  ! of the table
+
+    ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
+  end function ends_step
 
   ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
   ! requested: then the trajectory is left as it was. While the interpolant isn't complete, they are
@@ -190,13 +198,12 @@ contains
   integer function parts(x)
     type(trajectory_t), intent(inout) :: x   ! its u is free
     real(wp) :: angle
-    integer :: column, i
+    integer :: column
 
     angle = 0.0_wp
-    do i = 1, 2                              ! both ends of the step
-      column = merge(0, x%result, i == 1)
+    do column = 0, x%result, x%result        ! both ends of the step
       x%u = x%slope
-      if (i == 2) x%u = x%end_slope
+      if (column > 0) x%u = x%end_slope
       ! coefficients of splitting methods are forces alone
       if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%u)
       x%u = x%h * x%u
@@ -446,8 +453,7 @@ contains
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
-                    (events%table(zeros%event)%jumps /= 0 .or. &
-                     state(zeros%event)%count + 1 >= events%table(zeros%event)%limit))
+                    ends_step(state(zeros%event), events%table(zeros%event)))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
