@@ -10,7 +10,7 @@ module blocks_m
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
             find_velocities, flow_sequence_t, velocities
 
-  integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied without BLAS
+  integer, parameter, public :: largest_own = 12   ! rows of matrices multiplied without BLAS
 
   ! Of the series of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's
   ! numbers
@@ -41,7 +41,7 @@ module blocks_m
     integer :: kind = 0
     logical :: space = .false., scalar_first = .false., polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
-    integer :: k = 0            ! their columns, where they aren't square
+    integer :: k = 0            ! their columns, where they aren't square; of SE(3) the translations
     integer :: constants = 0    ! constants of the blocks before
     integer :: v1 = 1, v2 = 0   ! the first and the last of its coefficients among all
     integer :: p1 = 1, p2 = 0   ! and of the entries of its point

@@ -35,7 +35,7 @@ module coordinates_m
     real(wp), allocatable :: rtols(:)      ! (width)
     real(wp) :: rtol = 0.0_wp              ! the smallest one
     logical :: in_coordinates = .true.     ! whether differences are in coordinates
-    integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
+    integer :: reals_per_entry = 1         ! 2 if entries are complex
     real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
     real(wp) :: max_step = 0.0_wp
   end type tolerances_t
@@ -251,7 +251,7 @@ contains
     end if
     counted = count(tolerances%atol <= huge(1.0_wp))
     magnitudes = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
-            / sqrt(real(counted / tolerances%parts, wp))
+            / sqrt(real(counted / tolerances%reals_per_entry, wp))
   end subroutine point_sizes
 
   ! Computes the tolerances at the larger of two points, all positive.
@@ -275,7 +275,7 @@ contains
     integer :: counted
 
     counted = max(count(scale <= huge(1.0_wp)), 1)
-    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%parts, wp)))
+    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%reals_per_entry, wp)))
   end function norm
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.

@@ -27,7 +27,7 @@ module frames_m
     type(callback_t), pointer :: callback => null()
     ! numbers of momenta of a mechanical system, and of the entries of a point before them;
     ! right-hand sides give as many forces
-    integer :: forces = 0, before = 0
+    integer :: forces = 0, momenta_offset = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta
     type(body_t), pointer :: bodies(:) => null()       ! one for each block but the last
     logical :: jointed = .false.             ! whether it has joints or other constraints
@@ -89,7 +89,7 @@ contains
           block%dimension = block%action%generators
           block%point_size = block%action%point_size
           used = used + length
-        case (callback_block)
+        case (callback_block)                          ! the only one of its frame
           block%dimension = block%n
           block%point_size = options
           used = used + block%dimension

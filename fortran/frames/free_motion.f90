@@ -87,12 +87,11 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
-    integer :: i, k
+    integer :: i
 
-    k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
-                 m => frame%forces)
+                 m => frame%forces, k => frame%momenta_offset)
         associate (momentum => y(k + v:k + last), velocity => f(v:last), slope => f(m + v:m + last))
           call find_velocities(body, size(velocity), momentum, velocity)
           if (body%turns) slope = slope + cross(momentum, velocity)
@@ -110,7 +109,7 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j
 
-    associate (m => frame%forces, momentum => y(frame%before + 1:))
+    associate (m => frame%forces, momentum => y(frame%momenta_offset + 1:))
       do j = 1, size(times)
         momentum = momentum + impulse(m + 1:, j)
         call make_tangential(frame, y, momentum)
@@ -128,9 +127,9 @@ contains
     real(wp), allocatable :: parts(:)
     integer :: i, k
 
-    momenta = y(frame%before + 1:frame%before + frame%forces)
+    momenta = y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces)
     if (frame%tangents > 0) &
-      call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
+      call carry_tangents(frame, time, momenta, y(frame%momenta_offset + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
         associate (momentum => momenta(block%v1:block%v2), point => y(block%p1:block%p2))
@@ -152,7 +151,7 @@ contains
         end associate
       end associate
     end do
-    y(frame%before + 1:frame%before + frame%forces) = momenta
+    y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces) = momenta
   end subroutine drift
 
   ! Moves the body of block i freely.
@@ -261,7 +260,7 @@ contains
       if (status /= finished) return
       if (i == 1) size_before = maxval(max(c%scale, c%least))
       if (is_closed(c, last)) then
-        call remove_opening(frame, c, y(frame%linkage%before + 1:frame%linkage%after))
+        call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%after))
         if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
         if (c%exchanged) status = joints_not_solved
         return

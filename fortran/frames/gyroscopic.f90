@@ -141,7 +141,7 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: angle = 0.02_wp   ! that a difference turns by; its error is below rounding
+    real(wp), parameter :: angle = 0.02_wp   ! of a difference, whose error is below rounding
     real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side

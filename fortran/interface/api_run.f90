@@ -50,7 +50,7 @@ contains
     type(plan_t), pointer :: plan
 
     plan => plan_at(address)
-    plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
+    plan%frame%momenta_offset = plan%frame%blocks(bodies + 1)%p1 - 1
     plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
     plan%frame%tangents = tangents
     allocate (plan%frame%bodies(bodies))

@@ -10,7 +10,7 @@ module accepted_step_m
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
+  use requests_m, only: evaluate_events, reject_accepted_step, request, share
   use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers
@@ -18,7 +18,7 @@ module accepted_step_m
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
-            request_ends, request_node, store_end, store_node, store_output
+            request_ends, request_node, receive_end, receive_node, store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
@@ -43,11 +43,10 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    associate (events => x%events, table => x%problem%events%table, cuts => x%problem%record%goes_on)
-      if (x%seeks_events) x%needs_interpolant = any(events%came_from /= 0 .or. &
-        (crosses(events%before, events%after, table) .and. &
-         (events%after /= 0 .or. (cuts .and. ends_step(events, table)))))
-    end associate
+    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0 .or. &
+      (crosses(x%events%before, x%events%after, x%problem%events%table) .and. &
+       (x%events%after /= 0 .or. (x%problem%record%goes_on .and. &
+                                  ends_step(x%events, x%problem%events%table)))))
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -107,10 +106,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
-      call request(x, x%last%t, x%last_y, phase_begin_received)
+      call request(x, x%last%t, x%last_y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), &
-                   merge(phase_end_received, phase_begin_received, x%interpolate_only))
+                   merge(phase_end_received, phase_interpolant_start_received, x%interpolate_only))
     else if (.not. (x%interpolate_only .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
@@ -119,10 +118,10 @@ contains
   end subroutine request_ends
 
   ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
-  subroutine store_end(x)
+  subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (begins => x%phase == phase_begin_received)
+    associate (begins => x%phase == phase_interpolant_start_received)
       if (begins .and. x%interpolate_only) then
         x%last_slope(:) = x%request%answer
       else if (begins .or. x%interpolate_only) then
@@ -138,7 +137,7 @@ contains
         call interpolate(x)
       end if
     end associate
-  end subroutine store_end
+  end subroutine receive_end
 
   ! Starts the interpolant of the present step, or of the one before. If only events may need it,
   ! they are sought first along what is known of it from the ends of the step.
@@ -231,13 +230,13 @@ contains
   end subroutine request_node
 
   ! Stores the coefficients at a node.
-  subroutine store_node(x)
+  subroutine receive_node(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
     call add_node(x%request%answer, x%interpolant, exists)
     call advance_interpolant(x, exists)
-  end subroutine store_node
+  end subroutine receive_node
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
   subroutine store_output(x, output)

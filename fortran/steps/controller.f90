@@ -16,10 +16,10 @@ module controller_m
             suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
 
   ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake
-  ! of the factored matrices, and Newton's method has this many iterations.
+  ! of the factored matrices.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
-  integer, parameter :: max_iterations = 7
+  integer, parameter :: max_iterations = 7             ! of Newton's method
 
 contains
 

@@ -73,9 +73,9 @@ contains
     call limit_angle(x)
     if (.not. x%method%uses_last_nodes) return
     if (x%h_before /= 0) then
-      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
-      x%u = x%h * x%u
-      call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%work)
+      x%work = x%h * x%work
+      call remove_isotropy(x%frame, x%y(:, x%result), x%work)
       x%error = max(x%error, norm_of_u(x))
     else if (x%counts%steps == 0) then
       ! without parts the second one is no estimate of its own
@@ -95,7 +95,7 @@ contains
 
     variation = 0.0_wp
     do k = 2, size(x%method%c)
-      x%u = x%h * (x%f(:, k) - x%f(:, 1))
+      x%work = x%h * (x%f(:, k) - x%f(:, 1))
       call raise(variation, norm_of_u(x))
     end do
   end function variation
@@ -124,15 +124,16 @@ contains
           part = 2 - mod(i, 2)
         weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
-          call combine(size(x%u), size(x%f, 2), weight, x%added, x%u)
-          call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+          call combine(size(x%work), size(x%f, 2), weight, x%added, x%work)
+          call remove_isotropy(x%frame, x%y(:, x%result), x%work)
           call raise(errors(2, place), norm_of_u(x))
-          x%v(:, 1) = x%u                    ! the rest; all paths have been followed
+          x%v(:, 1) = x%work                    ! the rest; all paths have been followed
         end if
-        call combine(size(x%u), size(x%f, 2), weight, x%f, x%u)
+        ! of collocation methods request_error needs what the last pass leaves in x%work
+        call combine(size(x%work), size(x%f, 2), weight, x%f, x%work)
         if (method%kind == collocation_kind) call filtered(x)
-        call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-        if (size(x%added) > 0) x%u = x%u - x%v(:, 1)
+        call remove_isotropy(x%frame, x%y(:, x%result), x%work)
+        if (size(x%added) > 0) x%work = x%work - x%v(:, 1)
         error = norm_of_u(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
@@ -160,8 +161,8 @@ contains
 
     change = 0.0_wp
     do i = 2, size(x%method%c)
-      x%u = x%f(:, i) - x%f(:, 1)
-      change = max(change, abs(x%h) * turning(x%frame, x%u, .true.))
+      x%work = x%f(:, i) - x%f(:, 1)
+      change = max(change, abs(x%h) * turning(x%frame, x%work, .true.))
     end do
     associate (power => 1 / x%tolerances%exponent)
       ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
@@ -245,7 +246,7 @@ contains
   real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%space%work)
+    call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%space%work)
     norm_of_u = norm(x%tolerances, x%space%work, x%space%scale)
   end function norm_of_u
 

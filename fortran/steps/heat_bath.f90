@@ -48,7 +48,7 @@ contains
     end do
     kept = exp(-record%friction * time)
     deviation = sqrt(record%temperature * (1 - kept) * (1 + kept))
-    k = frame%before
+    k = frame%momenta_offset
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
         associate (momentum => y(k + v:k + last), xi => noise(v:last))

@@ -167,7 +167,7 @@ contains
       if (allocated(self%scheme%drift)) then
         call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
-        call make_tangential(self%frame, y, y(self%frame%before + 1:))
+        call make_tangential(self%frame, y, y(self%frame%momenta_offset + 1:))
       else if (present(inner)) then
         call move_polynomially(self%frame%blocks(1)%action, v, 0.0_wp, y, inner)
       else
@@ -232,10 +232,7 @@ contains
         self%known = final
         call find_mean(self, exists)
         k(:, final) = last
-        if (exists) then
-          self%u = h * k(:, 2)
-          call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
-        end if
+        if (exists) call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
       end if
     end associate
     call finish_or_fall_back(self, exists)
@@ -265,21 +262,21 @@ contains
     logical, intent(out) :: exists
     integer :: i
 
-    associate (u => self%u, y => self%y, v => self%v(:, 1))
-      u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
-      do i = 1, iterations
-        y(:) = self%y0
-        call apply_flows(self%frame, 1, u, y)
-        self%nexp = self%nexp + 1
-        call difference_nearby(self%frame, y, self%y1, nearby_operation, v)
-        call dexpinv(self%frame, self%scheme%series, u, v, exists)
-        if (.not. exists) return
-        u = u + v
-        exists = all(abs(v) <= converged * max(1.0_wp, maxval(abs(u))))   ! not if v is NaN
-        if (exists) exit
-      end do
-      self%next(:, 2) = u / self%h
-    end associate
+    self%u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
+    do i = 1, iterations
+      self%y(:) = self%y0
+      call apply_flows(self%frame, 1, self%u, self%y)
+      self%nexp = self%nexp + 1
+      call difference_nearby(self%frame, self%y, self%y1, nearby_operation, self%v(:, 1))
+      call dexpinv(self%frame, self%scheme%series, self%u, self%v(:, 1), exists)
+      if (.not. exists) return
+      self%u = self%u + self%v(:, 1)
+      ! not if a correction is NaN
+      exists = all(abs(self%v(:, 1)) <= converged * max(1.0_wp, maxval(abs(self%u))))
+      if (exists) exit
+    end do
+    self%next(:, 2) = self%u / self%h
+    self%u = self%h * self%next(:, 2)
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the

@@ -11,13 +11,11 @@ module requests_m
   use shared_numbers
   use trajectory_m
   use inputs_m, only: evaluate
-  use interpolant_m, only: evaluate_interpolant
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, &
-            reject_accepted_step, reject_stage, request, retry_step, share, share_error, time_at, &
-            within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_accepted_step, &
+            reject_stage, request, retry_step, share, share_error, within_segment
 
 contains
 
@@ -58,10 +56,11 @@ contains
     if (x%problem%record%vectorized) return
     x%problem%field%member = x%member
     if (x%frame%derivatives) then
-      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
+      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, &
+                    x%request%detail)
     else
-      call evaluate(x%problem%field, size(y), size(x%u), x%request%t, y, x%request%answer, &
-                    x%request%flag)
+      call evaluate(x%problem%field, size(y), size(x%work), x%request%t, y, x%request%answer, &
+                    x%request%detail)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
     if (x%frame%derivatives) &
@@ -76,7 +75,7 @@ contains
     logical :: splits
     integer :: status
 
-    associate (y => x%request%y, f => x%request%answer, flag => x%request%flag)
+    associate (y => x%request%y, f => x%request%answer, flag => x%request%detail)
       if (flag == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
@@ -214,32 +213,6 @@ contains
       end do
     end associate
   end subroutine evaluate_events
-
-  ! Evaluates the solution at a fraction theta of the step.
-  subroutine point_at(x, theta, y)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: theta
-    real(wp), contiguous, intent(out) :: y(:)
-
-    if (.not. theta < 1) then
-      y = x%y(:, x%result)
-    else if (.not. theta > 0) then
-      y = x%y(:, 0)
-    else
-      call evaluate_interpolant(x%interpolant, theta, y)
-    end if
-  end subroutine point_at
-
-  ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
-  ! whose time rounds to it gets the next number, so that times increase.
-  pure real(wp) function time_at(x, theta)
-    type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: theta
-
-    time_at = x%t_end
-    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
-    if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
-  end function time_at
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.

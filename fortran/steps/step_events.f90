@@ -14,10 +14,10 @@ module step_events_m
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
+  use requests_m, only: evaluate_events, reject_accepted_step
   use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
             raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
-  use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
+  use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private
   public :: crosses, ends_step, find_zeros, store_zeros
@@ -33,7 +33,8 @@ module step_events_m
   ! smaller size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
-  real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
+  ! Frames in Python give only a bound of the angle; larger ones count as two turns.
+  real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
@@ -43,7 +44,7 @@ module step_events_m
 contains
 
   ! Finds a zero of an event between two points, as far as there are values.
-  subroutine find_root(x, event, low, high, zero)
+  subroutine find_zero(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: low(2), high(2)  ! points, and values there, of opposite signs
@@ -80,7 +81,7 @@ contains
                + (c(1) - a(1)) / (b(1) - a(1)) * a(2) / (c(2) - a(2)) * b(2) / (c(2) - b(2))
       part = min(1 - least, max(least, part))
     end do
-  end subroutine find_root
+  end subroutine find_zero
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
   ! at the end of the interval before, or it is the initial point. A change by more than half a
@@ -110,7 +111,7 @@ contains
     type(event_state_t), allocatable :: events(:)
 
     if (x%problem%events%vectorized) events = x%events
-    call seek_zeros(x)
+    call try_to_find_zeros(x)
     if (x%status == needs_events .and. allocated(events)) then
       x%events(:) = events
       if (allocated(x%zeros)) deallocate (x%zeros)
@@ -118,7 +119,7 @@ contains
   end subroutine find_zeros
 
   ! Finds the zeros of all events in a step, as far as values are known.
-  subroutine seek_zeros(x)
+  subroutine try_to_find_zeros(x)
     type(trajectory_t), intent(inout) :: x
     logical :: waits
     real(wp) :: middle(size(x%events))       ! values there
@@ -127,23 +128,20 @@ contains
     integer :: first, i, k, memory, n
 
     n = parts(x)
-    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
-      if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
-                                             x%problem%record%common .and. endless)) then
-        call reject_accepted_step(x, step_too_long, x%t)
-        return
-      end if
-    end associate
+    if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, x%problem%record%common &
+                                 .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))) then
+      call reject_accepted_step(x, step_too_long, x%t)
+      return
+    end if
     if (n > max_parts) then
       call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    if (allocated(x%zeros)) deallocate (x%zeros)
-    allocate (x%zeros(0))
+    x%zeros = [zero_t ::]
     if (n == min_parts) then
       call evaluate_events(x, 0, 0.5_wp, middle)
       if (x%status /= finished) return
-      if (keeps_signs(x%events, middle)) return
+      if (all(keeps_sign(x%events, middle))) return
     end if
     allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
@@ -166,7 +164,7 @@ contains
     do i = 1, size(values, 1)
       own(:) = values(i, :)
       if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, own)
-      if (x%status == finished) call find_zeros_of(x, i, theta, own)
+      if (x%status == finished) call find_zeros_of_event(x, i, theta, own)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
         x%status = finished
@@ -175,24 +173,19 @@ contains
       end if
     end do
     if (waits) x%status = needs_events
-  end subroutine seek_zeros
+  end subroutine try_to_find_zeros
 
-  ! Whether no function can reach zero by the differences of its values at the ends of a step and in
-  ! the middle, so that the other points aren't evaluated
-  pure logical function keeps_signs(events, middle)
-    type(event_state_t), intent(in) :: events(:)
-    real(wp), intent(in) :: middle(:)        ! (events)
+  ! Whether a function can't reach zero by the differences of its values at the ends of a step and
+  ! in the middle, so that the other points aren't evaluated
+  pure elemental logical function keeps_sign(event, middle)
+    type(event_state_t), intent(in) :: event
+    real(wp), intent(in) :: middle
     real(wp) :: high, low
-    integer :: i
 
-    keeps_signs = .false.
-    do i = 1, size(events)
-      low = min(events(i)%before, middle(i), events(i)%after)
-      high = max(events(i)%before, middle(i), events(i)%after)
-      if (events(i)%came_from /= 0 .or. .not. max(low, -high) > high - low) return
-    end do
-    keeps_signs = .true.
-  end function keeps_signs
+    low = min(event%before, middle, event%after)
+    high = max(event%before, middle, event%after)
+    keeps_sign = event%came_from == 0 .and. max(low, -high) > high - low
+  end function keeps_sign
 
   ! The number of parts whose ends are compared
   integer function parts(x)
@@ -202,19 +195,19 @@ contains
 
     angle = 0.0_wp
     do column = 0, x%result, x%result        ! both ends of the step
-      x%u = x%slope
-      if (column > 0) x%u = x%end_slope
+      x%work = x%slope
+      if (column > 0) x%work = x%end_slope
       ! coefficients of splitting methods are forces alone
-      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%u)
-      x%u = x%h * x%u
-      angle = max(angle, turning(x%frame, x%u, .false.))
+      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%work)
+      x%work = x%h * x%work
+      angle = max(angle, turning(x%frame, x%work, .false.))
     end do
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(x, event, theta, values)
+  subroutine find_zeros_of_event(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
@@ -235,7 +228,7 @@ contains
         call add_zero(x, event, extremum, [theta(last), values(last)])
       if (x%status /= finished) return
     end do
-  end subroutine find_zeros_of
+  end subroutine find_zeros_of_event
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
   ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
@@ -331,7 +324,7 @@ contains
 
     if (.not. crosses(low(2), high(2), x%problem%events%table(event))) return
     zero = high(1)
-    if (high(2) /= 0 .and. x%interpolant%complete) call find_root(x, event, low, high, zero)
+    if (high(2) /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero

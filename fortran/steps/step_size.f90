@@ -88,8 +88,8 @@ contains
       x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
-      x%u = x%h * x%slope
-      call apply_flows(x%frame, 1, x%u, moved)
+      x%work = x%h * x%slope
+      call apply_flows(x%frame, 1, x%work, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t + x%h, moved, phase_curvature_received)
