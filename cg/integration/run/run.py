@@ -53,8 +53,9 @@ class Run:
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
     times; ``status``, ``detail`` and ``failed_at`` a `Stop`, what a compiled function returned or a
-    failure was due to, and when it failed; ``last_start`` and ``next_step`` the start of the last step, and the size that
-    the next one tries; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
+    failure was due to, and when it failed; ``last_start`` and ``next_step`` the start of the last
+    step, and the size that the next one tries; ``counts`` has the shape ``(members, 6)``, see
+    `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
