@@ -52,15 +52,14 @@ RECORD = {
     "body_numbers": "integer",  # constants of a member
     "bodies": "address",  # C integers, columns of the inertia of each body
     "body_constants": "address",
-    # input of each call
-    "budget": "integer",  # steps to try until the call returns
-    "state_size": "integer",  # output: bytes of the saved state of a member
+    "state_size": "integer",  # bytes of the saved state of a member, which opening the run sets
+    "budget": "integer",  # steps to try until a call returns, which leaves the rest
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "integer",  # whether a function failed: by an exception, or an invalid number
-    "step_size": "real",  # signed, of the last step of a single trajectory
-    "residual": "real",  # that of stage equations in the last iteration of a single trajectory
+    "step_size": "real",  # signed, of the first lane that no terminal event has ended
+    "residual": "real",  # that of stage equations in the last iteration of the first lane
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member
@@ -137,7 +136,7 @@ METHOD = {
 
 COUNTERS = {
     "status": "integer",  # a `Stop`
-    "flag": "integer",  # what a compiled function returned
+    "detail": "integer",  # what a compiled function returned, or what a failure was due to
     "nfev": "integer",
     "nexp": "integer",  # flows
     "njev": "integer",

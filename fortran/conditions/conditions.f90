@@ -59,7 +59,7 @@ contains
     do t = 2, weights%stage_trees
       change = e(1:n, t)
       do i = split_start(t) + 1, split_start(t + 1) - 2
-        change = change + e(1:n, head(i))*right(:, tail(i))
+        change = change + e(1:n, head(i)) * right(:, tail(i))
       end do
       do r = 1, size(start) - 1
         total = 0.0_wp
@@ -102,8 +102,8 @@ contains
           i = place(weights%pattern%point(k))
           if (i == 0) cycle
           associate (at => weights%pattern%at(k))
-            jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
-            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
+            jac(c, k) = jac(c, k) + weights%chi(at, u) * z(i, m)
+            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k) * z(i, m)
           end associate
         end do
       end do
@@ -130,7 +130,7 @@ contains
         k = node_count(trees(c)) - 1
         adjoint(c, trees(c), r) = 1.0_wp
         adjoint(c, abscissa, r) = adjoint(c, abscissa, r) &
-          - real(k, wp)*weights%chi(r, abscissa)**(k - 1)/real(density(trees(c)), wp)
+          - real(k, wp) * weights%chi(r, abscissa)**(k - 1) / real(density(trees(c)), wp)
       end if
     end do
   end subroutine seed_assumptions
@@ -161,7 +161,7 @@ contains
             adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
             do i = split_start(t) + 1, split_start(t + 1) - 2
               adjoint(c0:, head(i), origin) = adjoint(c0:, head(i), origin) &
-                + whole(s, tail(i))*adjoint(c0:, t, s)
+                + whole(s, tail(i)) * adjoint(c0:, t, s)
             end do
           end associate
         end do
@@ -170,9 +170,9 @@ contains
           u = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
             associate (at => pattern%at(k), p => pattern%point(k), own => pattern%segment(k))
-              direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
+              direct(t, k) = direct(t, k) + weights%chi(at, u) * z(p, m)
               if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                + (weights%x(k)*z(p, m))*adjoint(c0:, t, own)
+                + (weights%x(k) * z(p, m)) * adjoint(c0:, t, own)
             end associate
           end do
         end do
@@ -196,10 +196,11 @@ contains
       z(:, m) = 0.0_wp
       do p = 0, m - 1
         before = head(split_start(tail(split + m - 1 - p)) + p)
-        earlier = left(1:n, head(split + m - 1 - p))*e(1:n, before)
+        earlier = left(1:n, head(split + m - 1 - p)) * e(1:n, before)
         do q = 0, children - m
           after = head(split_start(tail(split + m)) + q)
-          z(:, m) = z(:, m) + share(p, q)*earlier*e(1:n, after)*right(1:n, tail(split + m + q))
+          z(:, m) = z(:, m) &
+            + share(p, q) * earlier * e(1:n, after) * right(1:n, tail(split + m + q))
         end do
       end do
     end do
@@ -210,9 +211,9 @@ contains
     integer, intent(in) :: p, q
     integer :: i
 
-    share = 1.0_wp/real(p + 1, wp)
+    share = 1.0_wp / real(p + 1, wp)
     do i = 1, q
-      share = share*real(i, wp)/real(p + 1 + i, wp)
+      share = share * real(i, wp) / real(p + 1 + i, wp)
     end do
   end function share
 
@@ -229,7 +230,7 @@ contains
     call self%weights%set_up(order, layout)
     self%trees = trees
     self%owner = owner
-    self%target = merge(1.0_wp/real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
+    self%target = merge(1.0_wp / real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
   ! Computes the residuals of all conditions.
@@ -249,10 +250,10 @@ contains
         c = self%weights%chi(self%weights%pattern%stage_segment(k), abscissa)
         if (self%trees(i) == middle_abscissa) then
           b = self%weights%pattern%weight_start(self%weights%result_path(1))
-          f(i) = c - sum(x(b:b + k - 2)) - x(b + k - 1)/2.0_wp
+          f(i) = c - sum(x(b:b + k - 2)) - x(b + k - 1) / 2.0_wp
         else
           f(i) = self%weights%chi(self%weights%pattern%stage_segment(k), self%trees(i)) &
-            - self%target(i)*c**(node_count(self%trees(i)) - 1)
+            - self%target(i) * c**(node_count(self%trees(i)) - 1)
         end if
       else if (self%trees(i) > 0) then
         f(i) = self%weights%weight(self%trees(i), self%owner(i) == second_result) - self%target(i)
@@ -290,7 +291,7 @@ contains
       do t = 2, weights%stage_trees
         c0 = first_for(node_count(t))
         do k = 1, unknowns
-          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
+          jac(c0:, k) = jac(c0:, k) + direct(t, k) * adjoint(c0:, t, pattern%segment(k))
         end do
       end do
     end associate

@@ -55,7 +55,7 @@ contains
     if (f <= ftol) status = solved
     call linearise()
     if (flag < 0) status = not_finite
-    damping = max(first_damping*largest, min_damping)
+    damping = max(first_damping * largest, min_damping)
     growth = 2.0_wp
 
     do iteration = 1, max_iterations
@@ -76,8 +76,8 @@ contains
       evaluations = evaluations + 2
       f_trial = sum(r_trial**2)
       if (flag >= 0 .and. f_trial < f) then
-        gain = (f - f_trial)/max(f - sum((damping*y)**2), tiny(f))
-        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), &
+        gain = (f - f_trial) / max(f - sum((damping * y)**2), tiny(f))
+        damping = max(damping * max(1.0_wp / 3.0_wp, 1.0_wp - (2.0_wp * gain - 1.0_wp)**3), &
                       min_damping)
         growth = 2.0_wp
         x = trial
@@ -90,8 +90,8 @@ contains
           if (flag < 0) status = no_descent
         end if
       else
-        damping = damping*growth
-        growth = 2.0_wp*growth
+        damping = damping * growth
+        growth = 2.0_wp * growth
         if (damping > max_damping) status = no_descent
       end if
     end do
@@ -115,14 +115,14 @@ contains
       real(wp) :: second(conditions), acceleration(size(moving))
 
       trial = x
-      trial(moving) = x(moving) + probe*step
+      trial(moving) = x(moving) + probe * step
       flag = 0
       call problem%residual(trial, r_trial, flag)
       if (flag < 0) return
-      second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
+      second = (2.0_wp / probe) * ((r_trial - r) / probe - matmul(jac, step))
       call dpotrs('L', conditions, 1, factor, conditions, second, conditions, info)
       acceleration = -matmul(second, jac)
-      if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
+      if (norm2(acceleration) <= max_bend * norm2(step)) step = step + 0.5_wp * acceleration
     end subroutine add_acceleration
 
     ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
@@ -136,7 +136,7 @@ contains
         end do
         call dpotrf('L', conditions, factor, conditions, info)
         if (info == 0) exit
-        damping = 4.0_wp*damping
+        damping = 4.0_wp * damping
       end do
     end subroutine factorise
   end subroutine minimise_norm

@@ -166,7 +166,7 @@ contains
     do m = 1, pattern%points
       total = 0.0_wp
       do k = pattern%weight_start(m), pattern%weight_start(m + 1) - 1
-        total = total + x(k)*chi(pattern%at(k))
+        total = total + x(k) * chi(pattern%at(k))
       end do
       letter(m) = total
     end do
@@ -213,13 +213,14 @@ contains
 
     children = child_start(t + 1) - child_start(t)
     if (iand(children, children - 1) == 0) then        ! a product is exact, too, and faster
-      e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))*(1.0_wp/real(children, wp))
+      e = self%e(begin:last, rest(t)) * self%letter(begin:last, first(t)) &
+          * (1.0_wp / real(children, wp))
     else
-      e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))/real(children, wp)
+      e = self%e(begin:last, rest(t)) * self%letter(begin:last, first(t)) / real(children, wp)
     end if
     change = e
     do i = split_start(t) + 1, split_start(t + 1) - 2
-      change = change + self%left(begin:last, head(i))*self%e(begin:last, tail(i))
+      change = change + self%left(begin:last, head(i)) * self%e(begin:last, tail(i))
     end do
   end subroutine flow
 end module weights_m

@@ -10,7 +10,7 @@ module blocks_m
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
             find_velocities, flow_sequence_t, velocities
 
-  integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied without BLAS
+  integer, parameter, public :: largest_own = 12   ! rows of matrices multiplied without BLAS
 
   ! Of the series of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's
   ! numbers
@@ -22,8 +22,8 @@ module blocks_m
   ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
   ! precision, which no frame exceeds.
   integer, parameter, public :: last_term = 11
-  ! its radius, at a full turn of rotations, towards which dexp^-1 amplifies the rounding of brackets
-  ! that should vanish, from half of it on by more than one
+  ! its radius, at a full turn of rotations, towards which dexp^-1 amplifies the rounding of
+  ! brackets that should vanish, from half of it on by more than one
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
   real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)
@@ -41,7 +41,7 @@ module blocks_m
     integer :: kind = 0
     logical :: space = .false., scalar_first = .false., polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
-    integer :: k = 0            ! their columns, where they aren't square
+    integer :: k = 0            ! their columns, where they aren't square; of SE(3) the translations
     integer :: constants = 0    ! constants of the blocks before
     integer :: v1 = 1, v2 = 0   ! the first and the last of its coefficients among all
     integer :: p1 = 1, p2 = 0   ! and of the entries of its point

@@ -19,8 +19,8 @@ module coordinates_m
   use vectors_m, only: cross, nan
   implicit none
   private
-  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, sizes, &
-            tangent, tolerances_t
+  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, &
+            sizes, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow
@@ -35,7 +35,7 @@ module coordinates_m
     real(wp), allocatable :: rtols(:)      ! (width)
     real(wp) :: rtol = 0.0_wp              ! the smallest one
     logical :: in_coordinates = .true.     ! whether differences are in coordinates
-    integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
+    integer :: reals_per_entry = 1         ! 2 if entries are complex
     real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
     real(wp) :: max_step = 0.0_wp
   end type tolerances_t
@@ -103,17 +103,17 @@ contains
     end do
   end subroutine sizes
 
-  ! x^T y in body axes and y x^T in space axes. With the difference of two rotations as y it is the
+  ! X^T Y in body axes and Y X^T in space axes. With the difference of two rotations as Y it is the
   ! rotation between them less the identity, without cancellation for small angles.
   pure function quotient(block, x, y)
     type(block_t), intent(in) :: block
-    real(wp), intent(in) :: x(3, 3), y(3, 3)
+    real(wp), intent(in) :: x(3, 3), y(3, 3)   ! X and Y by rows
     real(wp) :: quotient(3, 3)
 
     if (block%space) then
-      quotient = matmul(y, transpose(x))
+      quotient = matmul(transpose(y), x)
     else
-      quotient = matmul(transpose(x), y)
+      quotient = matmul(x, transpose(y))
     end if
   end function quotient
 
@@ -163,7 +163,7 @@ contains
     real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
     integer :: i
 
-    r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :) - x(1:3, :)))
+    r = quotient(block, x(1:3, :), y(1:3, :) - x(1:3, :))
     v = logarithm(quaternion_of(r))
     twist(:, 0) = v
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
@@ -251,7 +251,7 @@ contains
     end if
     counted = count(tolerances%atol <= huge(1.0_wp))
     magnitudes = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
-            / sqrt(real(counted / tolerances%parts, wp))
+            / sqrt(real(counted / tolerances%reals_per_entry, wp))
   end subroutine point_sizes
 
   ! Computes the tolerances at the larger of two points, all positive.
@@ -275,7 +275,7 @@ contains
     integer :: counted
 
     counted = max(count(scale <= huge(1.0_wp)), 1)
-    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%parts, wp)))
+    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%reals_per_entry, wp)))
   end function norm
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.

@@ -26,10 +26,11 @@ contains
     real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
-    real(wp) :: answer(size(v) + 1)          ! of a frame in Python: also what is dropped
+    real(wp), allocatable :: answer(:)       ! of a frame in Python: also what is dropped
     integer :: i
 
     if (frame%python_derivatives) then
+      allocate (answer(size(v) + 1))
       call frame%callback%apply(coefficients_operation, y, slope, answer)
       v = answer(:size(v))
       dropped = answer(size(answer))
@@ -98,7 +99,7 @@ contains
     integer :: j
 
     r = y(1:3, 1:3)
-    x = quotient(block, transpose(r), transpose(slope(1:3, 1:3)))
+    x = quotient(block, r, slope(1:3, 1:3))
     v(:, 1) = [x(3, 2) - x(2, 3), x(1, 3) - x(3, 1), x(2, 1) - x(1, 2)] / 2
     dropped = sum((x + transpose(x))**2) / 4
     do j = 1, block%k

@@ -27,7 +27,7 @@ module frames_m
     type(callback_t), pointer :: callback => null()
     ! numbers of momenta of a mechanical system, and of the entries of a point before them;
     ! right-hand sides give as many forces
-    integer :: forces = 0, before = 0
+    integer :: forces = 0, momenta_offset = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta
     type(body_t), pointer :: bodies(:) => null()       ! one for each block but the last
     logical :: jointed = .false.             ! whether it has joints or other constraints
@@ -89,7 +89,7 @@ contains
           block%dimension = block%action%generators
           block%point_size = block%action%point_size
           used = used + length
-        case (callback_block)
+        case (callback_block)                          ! the only one of its frame
           block%dimension = block%n
           block%point_size = options
           used = used + block%dimension
@@ -116,7 +116,6 @@ contains
     turning = 0.0_wp
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i))
-        angle = norm2(v(block%v1:merge(block%v1 + 2, block%v2, block%kind == se3_block)))
         select case (block%kind)
         case (euclidean_block)
           cycle
@@ -126,8 +125,10 @@ contains
         case (linear_action_block)
           angle = spectral_bound(block%action, v(block%v1:block%v2))
           if (fields) angle = 2 * dot_product(abs(v(block%v1:block%v2)), block%action%norm)
-        case (so_block, isospectral_block)             ! su_block and u_block: see blocks_m
-          if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
+        case default
+          angle = norm2(v(block%v1:merge(block%v1 + 2, block%v2, block%kind == se3_block)))
+          if (fields .and. block%n > 3 .and. any(block%kind == [so_block, isospectral_block])) &
+            angle = sqrt(2.0_wp) * angle               ! su_block and u_block: see blocks_m
         end select
         turning = max(turning, angle)
       end associate

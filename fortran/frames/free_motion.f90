@@ -82,21 +82,18 @@ contains
     end do
   end subroutine make_tangential
 
-  ! Adds the velocities and what they do to the momenta of rigid bodies.
+  ! Sets the velocities, and adds to forces what they do to the momenta of bodies.
   pure subroutine add_free_motion(frame, y, f)
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
-    real(wp) :: own(frame%forces)
-    integer :: i, k
+    integer :: i
 
-    k = frame%before
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, body => frame%bodies(i), &
-                 m => frame%forces)
+                 m => frame%forces, k => frame%momenta_offset)
         associate (momentum => y(k + v:k + last), velocity => f(v:last), slope => f(m + v:m + last))
-          call find_velocities(body, size(velocity), momentum, own(v:last))
-          velocity = velocity + own(v:last)
+          call find_velocities(body, size(velocity), momentum, velocity)
           if (body%turns) slope = slope + cross(momentum, velocity)
           if (allocated(body%gyroscopic)) slope = slope + matmul(body%gyroscopic, velocity)
         end associate
@@ -112,7 +109,7 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j
 
-    associate (m => frame%forces, momentum => y(frame%before + 1:))
+    associate (m => frame%forces, momentum => y(frame%momenta_offset + 1:))
       do j = 1, size(times)
         momentum = momentum + impulse(m + 1:, j)
         call make_tangential(frame, y, momentum)
@@ -130,9 +127,9 @@ contains
     real(wp), allocatable :: parts(:)
     integer :: i, k
 
-    momenta = y(frame%before + 1:frame%before + frame%forces)
+    momenta = y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces)
     if (frame%tangents > 0) &
-      call carry_tangents(frame, time, momenta, y(frame%before + frame%forces + 1:))
+      call carry_tangents(frame, time, momenta, y(frame%momenta_offset + frame%forces + 1:))
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i), body => frame%bodies(i))
         associate (momentum => momenta(block%v1:block%v2), point => y(block%p1:block%p2))
@@ -154,7 +151,7 @@ contains
         end associate
       end associate
     end do
-    y(frame%before + 1:frame%before + frame%forces) = momenta
+    y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces) = momenta
   end subroutine drift
 
   ! Moves the body of block i freely.
@@ -244,8 +241,8 @@ contains
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the
-  ! momenta that would open them. Points that have moved by far more than the size of the system have
-  ! diverged.
+  ! momenta that would open them. Points that have moved by far more than the size of the system
+  ! have diverged.
   subroutine close_joints(frame, y, status)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
@@ -263,7 +260,7 @@ contains
       if (status /= finished) return
       if (i == 1) size_before = maxval(max(c%scale, c%least))
       if (is_closed(c, last)) then
-        call remove_opening(frame, c, y(frame%linkage%before + 1:frame%linkage%after))
+        call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%after))
         if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
         if (c%exchanged) status = joints_not_solved
         return
@@ -293,14 +290,13 @@ contains
     end do
   end subroutine remove_opening
 
-  ! Closes the joints of a point between steps, unless it has none or they can't be closed.
+  ! Closes the joints of a point between steps, unless they can't be closed.
   subroutine without_opening(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)
     real(wp) :: closed(size(y))
     integer :: status
 
-    if (.not. frame%jointed) return
     closed = y
     call close_joints(frame, closed, status)
     if (status == finished) y = closed

@@ -1,20 +1,21 @@
 ! Free motion with a force B omega, B antisymmetric and constant in the axes of the body.
 !
-! In vector spaces p' = B J^-1 p is linear, and solved by its series. On rotations B omega = l x omega
-! is that of a rotor with the constant momentum l. With the momentum M = mu + l of body and rotor the
-! energy is that of a free body, M . J^-1 M / 2, and a linear part, -M . a, a = J^-1 l, whose flow
-! turns M by the angle |a| t about a, and the body by the opposite one. Where the two flows don't
-! commute, nine leapfrog steps of W. Kahan and R.-C. Li, "Composition constants for raising the orders
-! of unconventional schemes", Math. Comp. 66 (1997), have order six, and are symplectic.
+! In vector spaces p' = B J^-1 p is linear, and solved by its series. On rotations B omega = l x
+! omega is that of a rotor with the constant momentum l. With the momentum M = mu + l of body and
+! rotor the energy is that of a free body, M . J^-1 M / 2, and a linear part, -M . a, a = J^-1 l,
+! whose flow turns M by the angle |a| t about a, and the body by the opposite one. Where the two
+! flows don't commute, nine leapfrog steps of W. Kahan and R.-C. Li, "Composition constants for
+! raising the orders of unconventional schemes", Math. Comp. 66 (1997), have order six, and are
+! symplectic.
 !
-! Derivatives of free motion: what a drift does to tangents (xi, eta), coordinates of a change of the
-! configuration and a change of the momentum,
+! Derivatives of free motion: what a drift does to tangents (xi, eta), coordinates of a change of
+! the configuration and a change of the momentum,
 !
 !   xi' = J^-1 eta + [omega, xi].
 !
 ! Where the velocity omega is constant, eta is too, and the series of the solution ends at rounding
-! after some terms for each piece of the motion. Of a rigid body the velocity changes; the derivatives
-! by the momentum are differences of the exact motion, of order eight.
+! after some terms for each piece of the motion. Of a rigid body the velocity changes; the
+! derivatives by the momentum are differences of the exact motion, of order eight.
 module gyroscopic_m
   use algebra_m, only: bracket
   use blocks_m, only: block_t, body_t, find_velocities, velocities
@@ -140,7 +141,7 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: angle = 0.02_wp   ! that a difference turns by; its error is below rounding
+    real(wp), parameter :: angle = 0.02_wp   ! of a difference, whose error is below rounding
     real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side

@@ -1,5 +1,5 @@
-! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along the
-! fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
+! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along
+! the fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
 !
 ! Every joint is a few rows. A row is the dot product of two vectors of these three: d, from a point
 ! of the second body to one of the first, and one axis of each body. A body is an attitude and a
@@ -33,9 +33,9 @@ module joints_m
   type :: linkage_t
     integer :: rows = 0, own = 0             ! rows of joints, and of one's own
     integer :: forces = 0                    ! momenta
-    integer :: before = 0                    ! entries of a point before the momenta
+    integer :: momenta_offset = 0            ! entries of a point before the momenta
     integer :: after = 0                     ! and up to their end
-    integer, allocatable :: places(:, :)     ! (2, 0:bodies) blocks of attitude and position, 0 for none
+    integer, allocatable :: places(:, :)     ! (2, 0:bodies) attitude's and position's block, or 0
     type(row_t), allocatable :: row(:)
     integer, allocatable :: span(:, :)       ! (2, rows + own) the blocks of a row, first and last
     integer, allocatable :: v1(:), v2(:)     ! (rows + own) their velocities, first and last
@@ -75,8 +75,8 @@ contains
     linkage%rows = size(integers, 2)
     linkage%own = own
     linkage%forces = forces
-    linkage%before = blocks(bodies)%p2
-    linkage%after = linkage%before + forces
+    linkage%momenta_offset = blocks(bodies)%p2
+    linkage%after = linkage%momenta_offset + forces
     allocate (linkage%places(2, 0:size(places, 2)), source=0)
     linkage%places(:, 1:) = places
     allocate (linkage%row(linkage%rows))
@@ -124,7 +124,7 @@ contains
     c%exchanged = .false.
     axis = 0.0_wp
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
-                                    y(linkage%before + 1:linkage%after), omega)
+                                    y(linkage%momenta_offset + 1:linkage%after), omega)
     velocity = 0.0_wp
     turning = 0.0_wp
     do i = 0, ubound(linkage%places, 2)
@@ -271,7 +271,7 @@ contains
 
     associate (n => linkage%own, m => linkage%forces, rows => linkage%rows)
       call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
-                                y(:linkage%before), answer, failed)
+                                y(:linkage%momenta_offset), answer, failed)
       c%g(rows + 1:) = answer(:n)
       if (depth == 0) return
       c%scale(rows + 1:) = answer(n + 1:2 * n)

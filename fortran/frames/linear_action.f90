@@ -29,30 +29,30 @@ module linear_action_m
     integer :: n = 0, generators = 0         ! n: entries of a point
     integer :: point_size = 0                ! real numbers of a point
     integer :: kind = real_entries
-    integer :: parts = 1                     ! numbers of an entry of X, 2 if it is complex
+    integer :: reals_per_entry = 1           ! of X, 2 if they are complex
     logical :: skew = .false.                ! whether all G_i are skew-Hermitian
     integer, allocatable :: first(:)         ! (n + 1) where rows of X begin
     integer, allocatable :: column(:)        ! (entries of X)
     ! (n generators + 1) the terms where rows of each generator begin, one generator after the other
     integer, allocatable :: row(:)
-    integer, allocatable :: place(:)         ! (parts, terms) number in X to which it adds
-    real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
+    integer, allocatable :: place(:)         ! (reals_per_entry, terms) number in X to which it adds
+    real(wp), allocatable :: value(:)        ! (reals_per_entry, terms) its coefficient
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp ! tolerances of the point, zero if steps are fixed
   end type linear_action_t
 
-  ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less
+  ! Bounds of norms of the pieces into which an exponent is divided. Taylor polynomials lose less
   ! than a digit to cancellation, Chebyshev polynomials none.
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
-  real(wp), parameter :: max_parts = 1e7_wp
+  real(wp), parameter :: max_pieces = 1e7_wp
   integer, parameter :: max_terms = 200
 
   ! Products of linear combinations of generators with points, for benchmarks; some are missing if
   ! several threads count.
   integer(int64), public :: products = 0
 
-  ! Norm of the parts of flows along polynomials. At 1.5 times this norm Taylor polynomials
+  ! Norm of the pieces of flows along polynomials. At 1.5 times this norm Taylor polynomials
   ! lose up to three digits to cancellation.
   real(wp), parameter :: polynomial_norm = 6.0_wp
   real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
@@ -67,7 +67,7 @@ contains
     real(wp), intent(in) :: numbers(:)
     type(linear_action_t), intent(out) :: action
     integer, intent(out) :: used
-    integer :: entries, i, j, terms
+    integer :: entries, i, j, m, terms
 
     action%n = nint(numbers(1))
     action%generators = nint(numbers(2))
@@ -76,17 +76,18 @@ contains
     action%kind = nint(numbers(5))
     action%skew = numbers(6) > 0
     action%point_size = merge(1, 2, action%kind == real_entries) * action%n
-    action%parts = merge(2, 1, action%kind == complex_entries)
+    m = merge(2, 1, action%kind == complex_entries)
+    action%reals_per_entry = m
     used = 6
     call take(action%n + 1, action%first)
     call take(entries, action%column)
     call take(action%n * action%generators + 1, action%row)
     call take(terms, action%term_column)
-    call take(action%parts * terms, action%place)
-    action%value = numbers(used + 1:used + action%parts * terms)
-    used = used + action%parts * terms
+    call take(m * terms, action%place)
+    action%value = numbers(used + 1:used + m * terms)
+    used = used + m * terms
     action%norm = [(maxval([(sum(abs(action%value( &
-      action%parts * (action%row(j) - 1) + 1:action%parts * (action%row(j + 1) - 1)))), &
+      m * (action%row(j) - 1) + 1:m * (action%row(j + 1) - 1)))), &
       j=(i - 1) * action%n + 1, i * action%n)]), i=1, action%generators)]
 
   contains
@@ -111,25 +112,25 @@ contains
     type(linear_action_t) :: whole           ! of the matrix X alone
     real(wp), allocatable :: x(:)
     real(wp) :: norm
-    integer :: j, part, parts
+    integer :: j, piece, pieces
 
     do j = 1, size(v, 2)
       call combine(action, v(:, j), x, norm)
-      if (.not. (norm / chebyshev_norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
+      if (.not. (norm / chebyshev_norm <= max_pieces .and. all(abs(v(:, j)) <= huge(v)))) then
         y = nan
         return
       end if
       if (.not. action%skew) then
         whole = linear_action_t(n=action%n, generators=1, point_size=action%point_size, &
-                                kind=action%kind, parts=action%parts, row=action%first, value=x, &
-                                term_column=action%column, norm=[norm])
+                                kind=action%kind, reals_per_entry=action%reals_per_entry, &
+                                row=action%first, value=x, term_column=action%column, norm=[norm])
         call move_polynomially(whole, reshape([1.0_wp], [1, 1]), 0.0_wp, y)
         cycle
       end if
-      parts = max(1, ceiling(norm / chebyshev_norm))
-      x = x / real(parts, wp)
-      do part = 1, parts
-        call apply_chebyshev(action, x, max(norm / real(parts, wp), epsilon(norm)), y)
+      pieces = max(1, ceiling(norm / chebyshev_norm))
+      x = x / real(pieces, wp)
+      do piece = 1, pieces
+        call apply_chebyshev(action, x, max(norm / real(pieces, wp), epsilon(norm)), y)
       end do
     end do
   end subroutine move_linearly
@@ -151,12 +152,12 @@ contains
   pure subroutine combine(action, v, x, norm)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:)             ! (generators)
-    real(wp), allocatable, intent(inout) :: x(:)   ! (parts, entries)
+    real(wp), allocatable, intent(inout) :: x(:)   ! (reals_per_entry, entries)
     real(wp), intent(out) :: norm
     real(wp) :: row
     integer :: i, k, m
 
-    m = action%parts
+    m = action%reals_per_entry
     if (.not. allocated(x)) allocate (x(m * size(action%column)))
     x = 0.0_wp
     do i = 1, action%generators
@@ -190,9 +191,9 @@ contains
     real(wp), contiguous, intent(in) :: x(:)
     real(wp), intent(in) :: norm
     real(wp), intent(inout) :: y(action%point_size)
-    real(wp), allocatable :: old(:), now(:), next(:)
+    real(wp) :: p(size(y), 0:2)              ! P_k in column modulo(k, 3)
     real(wp) :: bessel(0:max_terms), bound
-    integer :: k, last
+    integer :: k, last, next, now
 
     bound = 1.0_wp                           ! J_k(norm) is at most (norm / 2)^k / k!
     last = 0
@@ -203,18 +204,16 @@ contains
     bessel(:last) = bessel_jn(0, last, norm)
     last = max(1, findloc(abs(bessel(:last)) >= epsilon(norm) / 8, .true., 1, back=.true.) - 1)
     products = products + int(last, int64)
-    allocate (old(size(y)), now(size(y)), next(size(y)))
-    old = y
-    call multiply(action, action%first, action%column, x, y, now)
-    now = now / norm
-    y = bessel(0) * y + 2 * bessel(1) * now
+    p(:, 0) = y
+    call multiply(action, action%first, action%column, x, y, p(:, 1))
+    p(:, 1) = p(:, 1) / norm
+    y = bessel(0) * y + 2 * bessel(1) * p(:, 1)
     do k = 2, last
-      call multiply(action, action%first, action%column, x, now, next)
-      next = old + (2 / norm) * next
-      y = y + 2 * bessel(k) * next
-      call move_alloc(now, old)
-      call move_alloc(next, now)
-      allocate (next(size(y)))
+      now = modulo(k - 1, 3)
+      next = modulo(k, 3)
+      call multiply(action, action%first, action%column, x, p(:, now), p(:, next))
+      p(:, next) = p(:, 3 - now - next) + (2 / norm) * p(:, next)
+      y = y + 2 * bessel(k) * p(:, next)
     end do
   end subroutine apply_chebyshev
 
@@ -223,7 +222,7 @@ contains
     type(linear_action_t), intent(in) :: action
     integer, intent(in) :: first(*)          ! (n + 1) or more, where rows begin
     integer, intent(in) :: column(*)         ! (entries)
-    real(wp), intent(in) :: x(*)             ! (parts, entries)
+    real(wp), intent(in) :: x(*)             ! (reals_per_entry, entries)
     real(wp), intent(in) :: y(*)             ! (point_size)
     real(wp), intent(inout) :: product(*)    ! (point_size)
     real(wp) :: a, b
@@ -267,42 +266,42 @@ contains
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation; the parts share the tolerance that is granted, since their errors add up.
+  ! cancellation; the pieces share the tolerance that is granted, since their errors add up.
   ! Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their tolerance only.
   subroutine move_polynomially(action, v, granted, y, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
-    real(wp), intent(in) :: granted          ! part of the tolerances, 0 for the accuracy of rounding
+    real(wp), intent(in) :: granted          ! part of the tolerances, 0 for that of rounding
     real(wp), intent(inout) :: y(:)          ! (point_size)
     type(inner_points_t), optional, intent(inout) :: inner   ! its points are computed
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
-    integer :: first, i, last, part, parts
+    integer :: first, i, last, piece, pieces
 
     length = norm2(y)
     norm = dot_product(sum(abs(v), dim=2), action%norm) &
            / merge(taylor_norm, polynomial_norm, size(v, 2) == 1)
-    if (.not. norm <= max_parts) then
+    if (.not. norm <= max_pieces) then
       y = nan
       return
     end if
-    parts = max(1, ceiling(norm))
-    do while (max(bound(1), bound(parts)) > max_polynomial_norm)
-      parts = parts + (parts + 1) / 2        ! by half
+    pieces = max(1, ceiling(norm))
+    do while (max(bound(1), bound(pieces)) > max_polynomial_norm)
+      pieces = pieces + (pieces + 1) / 2        ! by half
     end do
     last = 0
-    do part = 1, parts
-      d = coefficients(part)
+    do piece = 1, pieces
+      d = coefficients(piece)
       do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
         where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
       end do
       first = last + 1
       if (present(inner)) &
-        last = count(inner%theta(:inner%count) <= real(part, wp) / real(parts, wp))
+        last = count(inner%theta(:inner%count) <= real(piece, wp) / real(pieces, wp))
       if (last < first) then
-        call apply_polynomial(action, d, granted / real(parts, wp), y)
+        call apply_polynomial(action, d, granted / real(pieces, wp), y)
       else
-        call apply_polynomial(action, d, granted / real(parts, wp), y, &
-                              real(parts, wp) * inner%theta(first:last) - real(part - 1, wp), &
+        call apply_polynomial(action, d, granted / real(pieces, wp), y, &
+                              real(pieces, wp) * inner%theta(first:last) - real(piece - 1, wp), &
                               inner%y(:, first:last))
         if (.not. (action%skew .and. length > 0)) cycle
         do i = first, last
@@ -314,13 +313,13 @@ contains
 
   contains
 
-    ! The coefficients in a part, by powers of its own time from 0 to 1
-    pure function coefficients(part) result(d)
-      integer, intent(in) :: part
+    ! The coefficients in a piece, by powers of its own time from 0 to 1
+    pure function coefficients(piece) result(d)
+      integer, intent(in) :: piece
       real(wp) :: d(size(v, 1), size(v, 2)), start
       integer :: j, k
 
-      start = 2 * real(part - 1, wp) / real(parts, wp) - 1
+      start = 2 * real(piece - 1, wp) / real(pieces, wp) - 1
       d = v
       do j = 1, size(v, 2) - 1                         ! synthetic division by 2 t - 1 - start
         do k = size(v, 2) - 1, j, -1
@@ -328,15 +327,15 @@ contains
         end do
       end do
       do j = 1, size(v, 2)
-        d(:, j) = d(:, j) * (2 / real(parts, wp))**(j - 1) / real(parts, wp)
+        d(:, j) = d(:, j) * (2 / real(pieces, wp))**(j - 1) / real(pieces, wp)
       end do
     end function coefficients
 
     ! The sum of their norms, largest at an end of the step
-    pure real(wp) function bound(part)
-      integer, intent(in) :: part
+    pure real(wp) function bound(piece)
+      integer, intent(in) :: piece
 
-      bound = dot_product(sum(abs(coefficients(part)), dim=2), action%norm)
+      bound = dot_product(sum(abs(coefficients(piece)), dim=2), action%norm)
     end function bound
 
   end subroutine move_polynomially

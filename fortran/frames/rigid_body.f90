@@ -35,8 +35,8 @@ module rigid_body_m
     real(wp) :: inverse(3) = 0.0_wp, gap(3) = 0.0_wp
   end type top_t
 
-  ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes. They have the digits of
-  ! double precision, since no other core has mechanical systems.
+  ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes. They have the digits
+  ! of double precision, since no other core has mechanical systems.
   real(wp), parameter :: square(7) = [0.01167587194014667_wp, 0.1018327040027696_wp, &
                                       0.2654811572689373_wp, 0.4723715370044845_wp, &
                                       0.6842620156531486_wp, 0.8619913332033933_wp, &
@@ -67,7 +67,7 @@ contains
     real(wp), intent(inout) :: momentum(3)
     real(wp), intent(out) :: q(4)
     real(wp) :: length, before(3), n(3), after(3), angle
-    real(wp) :: about(2)                     ! the larger one: of the smallest moment, or the largest
+    real(wp) :: about(2)                     ! the larger one: of the smallest or largest moment
     integer :: order(3)                      ! of the axes, which half turns make n3 positive in
     real(wp) :: signs(3)
     logical :: swapped

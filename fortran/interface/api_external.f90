@@ -142,7 +142,7 @@ contains
         g(:, i) = c%g
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
-        associate (momenta => y(frame%linkage%before + 1:frame%linkage%after, i))
+        associate (momenta => y(frame%linkage%momenta_offset + 1:frame%linkage%after, i))
           speed(:, i) = rates(frame%linkage, c%moved, momenta)
           size_of_speed(:, i) = rates(frame%linkage, abs(c%moved), abs(momenta))
         end associate

@@ -50,7 +50,7 @@ contains
     type(plan_t), pointer :: plan
 
     plan => plan_at(address)
-    plan%frame%before = plan%frame%blocks(bodies + 1)%p1 - 1
+    plan%frame%momenta_offset = plan%frame%blocks(bodies + 1)%p1 - 1
     plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
     plan%frame%tangents = tangents
     allocate (plan%frame%bodies(bodies))
@@ -160,9 +160,9 @@ contains
     if (what == 2) rows = run%output%events(:, :used)
   end subroutine loop_rows
 
-  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants of
-  ! their last steps, which the next call of loop_drive stores; not of members that a terminal event
-  ! has ended. There are as many lanes as members.
+  ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants
+  ! of their last steps, which the next call of loop_drive stores; not of members that a terminal
+  ! event has ended. There are as many lanes as members.
   subroutine loop_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: interpolating
@@ -223,27 +223,35 @@ contains
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
-    type(frame_t), target :: frame
+    type(frame_t), pointer :: frame
+    type(frame_t), target :: own             ! with this call's context
     type(callback_t), target :: python
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
     integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
-    frame = plan%frame
-    python%context = transfer(context, c_null_ptr)
-    if (context /= 0) frame%callback => python
+    frame => plan%frame
+    if (context /= 0) then
+      own = plan%frame
+      python%context = transfer(context, c_null_ptr)
+      own%callback => python
+      frame => own
+    end if
     call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
     if (memory /= 0) return
     interpolant%known = plan%method%scheme%nodes
     i = 0
+    k = 0
     do while (i < count)
       i = i + 1
-      k = which(i) + 1
-      interpolant%h = rows(3, k)
-      interpolant%on_algebra = rows(5, k) > 0
-      interpolant%y0(:) = rows(6:5 + n, k)
-      interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
+      if (k /= which(i) + 1) then
+        k = which(i) + 1
+        interpolant%h = rows(3, k)
+        interpolant%on_algebra = rows(5, k) > 0
+        interpolant%y0(:) = rows(6:5 + n, k)
+        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
+      end if
       if (.not. theta(i) > 0) then
         y(:, i) = interpolant%y0
       else if (.not. theta(i) < 1) then

@@ -1,11 +1,11 @@
 ! Runs of any number of trajectories. A run has lanes, each of which integrates one member at a time
-! and takes the next one when it has ended: one lane for functions of one point, many lanes for a
-! vectorized function, which is called once for all lanes that need coefficients, or values of an
-! event. A run is opened from its record, a structure of numbers and addresses that Python fills
-! (RECORD in cg/support/shared_records.py).
+! and takes the next one when it has ended: one lane for functions of one point; one for each member
+! with common steps or for a Stepper; many lanes for a vectorized function, which is called once for
+! all lanes that need coefficients, or values of an event. A run is opened from its record, a
+! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_int64_t, c_intptr_t, &
-                                         c_null_funptr, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
+                                         c_intptr_t, c_null_funptr, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int8, int64
   use blocks_m, only: body_t
   use callback_m, only: callback_t
@@ -21,7 +21,7 @@ module run_m
   use output_m, only: output_t, store_point, store_step
   use requests_m, only: check_coefficients
   use shared_numbers
-  use step_m, only: store_answers, times_of_request
+  use step_m, only: get_times, receive_answers, times_asked
   use trajectory_m, only: exchange_state, fail, problem_t, reserve_trajectory, set_start, &
                           trajectory_t
   implicit none
@@ -104,8 +104,8 @@ contains
       run%adaptive = .not. record%h > 0
       n = int(merge(run%frame%dimension, run%frame%point_size, record%in_coordinates), int64)
       run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
-        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), parts=int(record%parts), &
-        exponent=record%exponent, max_step=record%max_step)
+        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), &
+        reals_per_entry=int(record%parts), exponent=record%exponent, max_step=record%max_step)
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(run%tolerances%atol)
@@ -336,10 +336,11 @@ contains
 
     associate (lane => run%lanes(i), n => run%frame%point_size)
       run%states(:n, lane%member) = lane%y(:, 0)
-      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at, lane%last%t, lane%control%step_size]
+      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at, lane%last%t, &
+                                         lane%control%step_size]
       run%counters(lane%member) = lane%counts
       run%counters(lane%member)%status = int(lane%status, c_int64_t)
-      run%counters(lane%member)%flag = int(lane%request%flag, c_int64_t)
+      run%counters(lane%member)%detail = int(lane%request%detail, c_int64_t)
     end associate
   end subroutine store_lane
 
@@ -372,7 +373,7 @@ contains
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     n = run%frame%point_size
     if (run%frame%derivatives) m = n
-    asked = [(size(times_of_request(run%lanes(requests(i)))), i=1, size(requests))]
+    asked = [(times_asked(run%lanes(requests(i))), i=1, size(requests))]
     k = sum(asked)
     allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=memory)
     if (memory /= 0) run%lanes(requests)%status = out_of_memory
@@ -380,7 +381,7 @@ contains
     k = 0
     do i = 1, size(requests)
       associate (lane => run%lanes(requests(i)))
-        times(k + 1:k + asked(i)) = times_of_request(lane)
+        call get_times(lane, times(k + 1:k + asked(i)))
         members(k + 1:k + asked(i)) = real(lane%member - 1, wp)
         points((i - 1) * n + 1:i * n) = lane%request%y
       end associate
@@ -390,11 +391,11 @@ contains
     k = 0
     do i = 1, size(requests)
       associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
-        lane%request%flag = merge(raised_in_python, 0, failed)
+        lane%request%detail = merge(raised_in_python, 0, failed)
         if (run%frame%derivatives) then
           call coefficients_of(run%frame, lane%request%t, lane%request%y, own, lane%request%answer)
         else
-          call store_answers(lane, m, asked(i), own)
+          call receive_answers(lane, m, asked(i), own)
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (lane%status == needs_field) call check_coefficients(lane)

@@ -16,8 +16,8 @@ module variational_m
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, products_failed, &
-                            raised, raised_in_python, variation_t
+  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, &
+                            products_failed, raised, raised_in_python, variation_t
   use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
   implicit none
@@ -58,8 +58,8 @@ contains
     code = self%code
   end function variational_field
 
-  ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows. What isn't
-  ! given is found by differences, along directions by those along each.
+  ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows. What
+  ! isn't given is found by differences, along directions by those along each.
   subroutine evaluate(self, n, columns, y, x, f, slope)
     type(evaluation_t), intent(inout) :: self
     integer, intent(in) :: n, columns                  ! dimension, and columns of X

@@ -9,8 +9,8 @@ module accepted_step_m
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, request, share, time_at
+  use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
+  use requests_m, only: evaluate_events, reject_accepted_step, request, share
   use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers
@@ -18,7 +18,7 @@ module accepted_step_m
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
-            request_ends, request_node, store_end, store_node, store_output
+            request_ends, request_node, receive_end, receive_node, store_output
 
   ! jumps in a row, each within ten resolutions of time, after which they count as endless
   integer, parameter :: max_stuck = 20
@@ -43,9 +43,10 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, x%events%after, x%problem%events%table) &
-               .and. (x%events%after /= 0 .or. may_cut(x)))
+    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0 .or. &
+      (crosses(x%events%before, x%events%after, x%problem%events%table) .and. &
+       (x%events%after /= 0 .or. (x%problem%record%goes_on .and. &
+                                  ends_step(x%events, x%problem%events%table)))))
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -59,31 +60,24 @@ contains
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
-  ! Whether each event may end a step whose interpolant may be requested
-  pure function may_cut(x)
-    type(trajectory_t), intent(in) :: x
-    logical :: may_cut(size(x%events))
-
-    associate (events => x%problem%events)
-      may_cut = x%problem%record%goes_on .and. (events%table%jumps /= 0 .or. &
-                                     x%events%count + 1 >= events%table%limit)
-    end associate
-  end function may_cut
-
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
   ! output. Zeros just at the end of the step don't need it. Events are sought along the cubic first
   ! where there is output too, so that output doesn't change which are found.
   subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
-    logical :: cuts(size(x%events))
+    integer :: k
 
     call find_zeros(x)
     if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
     x%phase = phase_complete_step
-    cuts = may_cut(x)
-    x%needs_interpolant = any(x%zeros%at < 1 .or. cuts(x%zeros%event) &
-                              .or. x%events(x%zeros%event)%after /= 0)
+    x%needs_interpolant = .false.
+    do k = 1, size(x%zeros)                  ! where one may end the step, it may be requested
+      associate (i => x%zeros(k)%event)
+        if (x%zeros(k)%at < 1 .or. x%events(i)%after /= 0 .or. (x%problem%record%goes_on .and. &
+            ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
+      end associate
+    end do
     x%seeks_events = size(x%zeros) > 0
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
     x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
@@ -112,10 +106,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
-      call request(x, x%last%t, x%last_y, phase_begin_received)
+      call request(x, x%last%t, x%last_y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), &
-                   merge(phase_end_received, phase_begin_received, x%interpolate_only))
+                   merge(phase_end_received, phase_interpolant_start_received, x%interpolate_only))
     else if (.not. (x%interpolate_only .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
@@ -124,10 +118,10 @@ contains
   end subroutine request_ends
 
   ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
-  subroutine store_end(x)
+  subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (begins => x%phase == phase_begin_received)
+    associate (begins => x%phase == phase_interpolant_start_received)
       if (begins .and. x%interpolate_only) then
         x%last_slope(:) = x%request%answer
       else if (begins .or. x%interpolate_only) then
@@ -143,7 +137,7 @@ contains
         call interpolate(x)
       end if
     end associate
-  end subroutine store_end
+  end subroutine receive_end
 
   ! Starts the interpolant of the present step, or of the one before. If only events may need it,
   ! they are sought first along what is known of it from the ends of the step.
@@ -180,7 +174,8 @@ contains
         return
       end if
     end if
-    x%interpolant%path = flows_of_step(x, x%interpolant%h)
+    if (any(x%frame%blocks%kind == callback_block)) &
+      x%interpolant%path = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
@@ -199,8 +194,7 @@ contains
     integer :: path
 
     allocate (flows(0))
-    if (.not. any(x%frame%blocks%kind == callback_block) .or. &
-        x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
+    if (x%method%kind == registers_kind .or. x%method%kind == splitting_kind) return
     allocate (v(size(x%f, 1), size(x%method%flows%first) - 1))
     call combine_flows(x%method%flows, h * x%method%flows%weight, 1, size(v, 2), size(v, 1), x%f, v)
     path = x%method%result
@@ -236,19 +230,19 @@ contains
   end subroutine request_node
 
   ! Stores the coefficients at a node.
-  subroutine store_node(x)
+  subroutine receive_node(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
     call add_node(x%request%answer, x%interpolant, exists)
     call advance_interpolant(x, exists)
-  end subroutine store_node
+  end subroutine receive_node
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
   subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, y(x%frame%point_size)
+    real(wp) :: until
     logical :: ended
 
     if (x%interpolate_only) then
@@ -260,12 +254,13 @@ contains
     end if
     ended = .false.
     if (x%seeks_events) then
-      call store_zeros(x, output, until, ended, y)
+      ! the interpolant has all its nodes, so that their memory is free
+      call store_zeros(x, output, until, ended, x%interpolant%y)
       if (x%status /= finished) return
       deallocate (x%zeros)
     end if
     if (ended) then
-      call store_until(x, time_at(x, until), y, ended, output)
+      call store_until(x, time_at(x, until), x%interpolant%y, ended, output)
     else
       call store_until(x, x%t_end, x%y(:, x%result), ended, output)
     end if

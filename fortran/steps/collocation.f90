@@ -23,8 +23,8 @@ module collocation_m
                             solve_operation, sparse_jacobian, stages_not_solved, step_too_long
   implicit none
   private
-  public :: converges_fast, filtered, keep_step, refactor, request_collocation, store_collocation, &
-            store_column
+  public :: converges_fast, filtered, keep_step, receive_collocation, receive_column, refactor, &
+            request_collocation
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -55,8 +55,8 @@ contains
         end if
       end if
       call predict(x)
-      ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with each
-      ! step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
+      ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with
+      ! each step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
       x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
       x%newton%iteration = 1
       x%stage = 2
@@ -77,7 +77,7 @@ contains
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
-  subroutine store_collocation(x)
+  subroutine receive_collocation(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
@@ -90,13 +90,13 @@ contains
     x%stage = x%stage + 1
     x%phase = phase_next_stage
     if (x%stage > size(x%method%c)) call correct_stages(x)
-  end subroutine store_collocation
+  end subroutine receive_collocation
 
   ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order
   ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
   subroutine predict(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: powers(3), back(size(x%u))
+    real(wp) :: powers(3), back(size(x%work))
     logical :: exists
     integer :: d, i
 
@@ -149,12 +149,12 @@ contains
   subroutine solve(x, columns, b)
     type(trajectory_t), intent(in) :: x
     integer, intent(in) :: columns
-    real(wp), intent(inout) :: b(size(x%u), columns)
-    complex(wp) :: solution(size(x%u))
+    real(wp), intent(inout) :: b(size(x%work), columns)
+    complex(wp) :: solution(size(x%work))
     real(wp) :: numbers(size(b))
     integer :: info
 
-    associate (newton => x%newton, n => size(x%u))
+    associate (newton => x%newton, n => size(x%work))
       if (x%problem%record%jacobian == sparse_jacobian) then
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
@@ -173,7 +173,7 @@ contains
   ! A^-1 z / h, the derivatives at the stages
   pure function slopes(x)
     type(trajectory_t), intent(in) :: x
-    real(wp) :: slopes(size(x%u), 3)
+    real(wp) :: slopes(size(x%work), 3)
 
     slopes = matmul(x%newton%z, transpose(x%method%transformation%inverse / x%h))
   end function slopes
@@ -181,17 +181,17 @@ contains
   ! Applies (1 - h J / gamma)^-1 to u, which damps fast components of error estimates.
   subroutine filtered(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: v(size(x%u))
+    real(wp) :: v(size(x%work))
 
-    v = x%u * (x%method%transformation%gamma / x%newton%factored_h)
+    v = x%work * (x%method%transformation%gamma / x%newton%factored_h)
     call solve(x, 1, v)
-    x%u = v
+    x%work = v
   end subroutine filtered
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), dimension(size(x%u), 3) :: d, dz         ! corrections of z, d by matrices apart
+    real(wp), dimension(size(x%work), 3) :: d, dz         ! corrections of z, d by matrices apart
     real(wp) :: size_of, tolerance
     integer :: remaining
     logical :: slow, solved
@@ -203,7 +203,7 @@ contains
       call solve(x, 2, d(:, 2:3))
       dz = matmul(d, transpose(x%method%transformation%t))
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
-      ! the limit of RADAU5 for the error of Newton's method, as part of a tolerance
+      ! the limit and the numbers of RADAU5 for the error of Newton's method, as part of a tolerance
       tolerance = rounding
       if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
                                               min(0.03_wp, sqrt(rtol)))
@@ -242,10 +242,10 @@ contains
     integer :: i
 
     if (.not. x%problem%adaptive) then
-      call sizes(x%frame, x%y(:, 0), x%u)
+      call sizes(x%frame, x%y(:, 0), x%work)
       correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
       if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
-        / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
+        / max(maxval(x%work), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
       return
     end if
     call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
@@ -262,7 +262,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%newton%rate_factor = 1.0_wp
-    x%request%flag = x%newton%iteration
+    x%request%detail = x%newton%iteration
     if (x%newton%fresh) then
       call reject_stage(x, stages_not_solved, x%t)
     else
@@ -280,7 +280,7 @@ contains
 
     x%counts%njev = x%counts%njev + 1
     if (x%problem%record%jacobian == differences_jacobian) then
-      call displacements(x, x%newton%z(:, 1))
+      call displacements(x, x%newton%z(:, 1))          ! z is free until the Jacobian is complete
       x%newton%column = 1
       call request_column(x)
       return
@@ -327,10 +327,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (column => x%newton%column)
-      x%u = 0.0_wp
-      x%u(column) = x%newton%z(column, 1)
+      x%work = 0.0_wp
+      x%work(column) = x%newton%z(column, 1)
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%frame, 1, x%u, x%y(:, x%result))
+      call apply_flows(x%frame, 1, x%work, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t, x%y(:, x%result), phase_column_received)
     end associate
@@ -338,13 +338,13 @@ contains
 
   ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
   ! for derivatives of a solution it would be second differences, which have no digits.
-  subroutine store_column(x)
+  subroutine receive_column(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: exists, uncontrolled(size(x%u))
+    logical :: exists, uncontrolled(size(x%work))
 
     associate (newton => x%newton, column => x%newton%column, series => x%method%series)
       newton%jacobian(:, column) = x%request%answer
-      call dexpinv(x%frame, series, x%u, newton%jacobian(:, column), exists)
+      call dexpinv(x%frame, series, x%work, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
       uncontrolled = without_control(x)
       if (.not. uncontrolled(column)) &
@@ -356,18 +356,18 @@ contains
         call finish_jacobian(x)
       end if
     end associate
-  end subroutine store_column
+  end subroutine receive_column
 
   ! Adds the derivative of dexp^-1_u f at u = 0, -[u, f] / 2.
   subroutine add_brackets(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: change(size(x%u))
+    real(wp) :: change(size(x%work))
     integer :: j
 
-    do j = 1, size(x%u)
-      x%u = 0.0_wp
-      x%u(j) = -0.5_wp
-      call bracket(x%frame, x%u, x%slope, change)
+    do j = 1, size(x%work)
+      x%work = 0.0_wp
+      x%work(j) = -0.5_wp
+      call bracket(x%frame, x%work, x%slope, change)
       x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + change
     end do
   end subroutine add_brackets

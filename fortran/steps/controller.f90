@@ -15,11 +15,11 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
 
-  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
-  ! the factored matrices, and Newton's method has this many iterations.
+  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake
+  ! of the factored matrices.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
-  integer, parameter :: max_iterations = 7
+  integer, parameter :: max_iterations = 7             ! of Newton's method
 
 contains
 
@@ -99,16 +99,14 @@ contains
 
   ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
   ! That may be due to a rejection; before one the smallest size is tried.
-  pure real(wp) function tried_size(proposed, t, stop, max_step, after_rejection)
-    real(wp), intent(in) :: proposed, t, stop, max_step
+  pure real(wp) function tried_size(proposed, smallest, to_end, max_step, after_rejection)
+    real(wp), intent(in) :: proposed, smallest, to_end, max_step
     logical, intent(in) :: after_rejection
-    real(wp) :: smallest
 
-    smallest = smallest_size(t)
     tried_size = proposed
     if (.not. after_rejection) tried_size = max(proposed, smallest)
     tried_size = min(tried_size, max_step)
-    if (tried_size < min(smallest, abs(stop - t))) tried_size = -1.0_wp
+    if (tried_size < min(smallest, to_end)) tried_size = -1.0_wp
   end function tried_size
 
   ! A first guess from the norms, in tolerances, of the point and of its derivative

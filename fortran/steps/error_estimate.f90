@@ -11,10 +11,10 @@
 ! divisor: the larger of e1 and factor e2 counts. With two such sums e2^2 / hypot(e2, e3) takes the
 ! place of e2.
 !
-! Two such differences have two parts: that of the quadratures, where all values of f commute, and the
-! rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is all
-! quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a quotient
-! of their own, and the estimate is the larger one, or their sum for Magnus methods.
+! Two such differences have two parts: that of the quadratures, where all values of f commute, and
+! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
+! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
+! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the power of the quotient makes
 ! much of that. The rest of e2, which is O(h^3), times the change of the angle as often as the order
@@ -42,8 +42,8 @@ module error_estimate_m
   private
   public :: estimate_error
 
-  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish by
-  ! chance, unless all values of f commute
+  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish
+  ! by chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
 
@@ -73,9 +73,9 @@ contains
     call limit_angle(x)
     if (.not. x%method%uses_last_nodes) return
     if (x%h_before /= 0) then
-      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%u)
-      x%u = x%h * x%u
-      call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%work)
+      x%work = x%h * x%work
+      call remove_isotropy(x%frame, x%y(:, x%result), x%work)
       x%error = max(x%error, norm_of_u(x))
     else if (x%counts%steps == 0) then
       ! without parts the second one is no estimate of its own
@@ -95,7 +95,7 @@ contains
 
     variation = 0.0_wp
     do k = 2, size(x%method%c)
-      x%u = x%h * (x%f(:, k) - x%f(:, 1))
+      x%work = x%h * (x%f(:, k) - x%f(:, 1))
       call raise(variation, norm_of_u(x))
     end do
   end function variation
@@ -108,7 +108,8 @@ contains
   subroutine find_differences(x, errors)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)
-    real(wp) :: rest(size(x%u)), error
+    real(wp), allocatable :: weight(:)       ! (columns) of the coefficients
+    real(wp) :: error
     integer :: i, part, place
 
     errors = 0.0_wp
@@ -121,17 +122,18 @@ contains
         part = 1
         if (method%in_parts .and. method%third == 0 .and. method%kind == linear_kind) &
           part = 2 - mod(i, 2)
-        rest = 0.0_wp
+        weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
-          call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%added, x%u)
-          call remove_isotropy(x%frame, x%y(:, x%result), x%u)
+          call combine(size(x%work), size(x%f, 2), weight, x%added, x%work)
+          call remove_isotropy(x%frame, x%y(:, x%result), x%work)
           call raise(errors(2, place), norm_of_u(x))
-          rest = x%u
+          x%v(:, 1) = x%work                    ! the rest; all paths have been followed
         end if
-        call combine(size(x%u), size(x%f, 2), x%h * method%error(:, i), x%f, x%u)
+        ! of collocation methods request_error needs what the last pass leaves in x%work
+        call combine(size(x%work), size(x%f, 2), weight, x%f, x%work)
         if (method%kind == collocation_kind) call filtered(x)
-        call remove_isotropy(x%frame, x%y(:, x%result), x%u)
-        x%u = x%u - rest
+        call remove_isotropy(x%frame, x%y(:, x%result), x%work)
+        if (size(x%added) > 0) x%work = x%work - x%v(:, 1)
         error = norm_of_u(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
@@ -159,8 +161,8 @@ contains
 
     change = 0.0_wp
     do i = 2, size(x%method%c)
-      x%u = x%f(:, i) - x%f(:, 1)
-      change = max(change, abs(x%h) * turning(x%frame, x%u, .true.))
+      x%work = x%f(:, i) - x%f(:, 1)
+      change = max(change, abs(x%h) * turning(x%frame, x%work, .true.))
     end do
     associate (power => 1 / x%tolerances%exponent)
       ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
@@ -186,8 +188,9 @@ contains
     real(wp) :: excess
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
-    excess = (abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle) &
-             **(1 / x%tolerances%exponent)
+    excess = abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle
+    if (excess <= least_excess) return       ! a power above one makes it smaller still
+    excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     if (.not. variation(x) <= 1) x%error = excess
   end subroutine limit_angle
@@ -243,7 +246,7 @@ contains
   real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%u, x%y(:, x%result), x%space%work)
+    call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%space%work)
     norm_of_u = norm(x%tolerances, x%space%work, x%space%scale)
   end function norm_of_u
 

@@ -64,8 +64,8 @@ contains
         g = function(t, y, transfer(data, c_null_ptr))
         if (row%period > 0) g = g - row%period * anint(g / row%period)
       else
-        call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
-                                 answer)
+        call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], &
+                                 y, answer)
         g = answer(1)
       end if
     end associate

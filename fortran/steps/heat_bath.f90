@@ -3,8 +3,8 @@
 !   dp = (...) dt - gamma p dt + (2 gamma T J)^(1/2) dW,
 !
 ! whose part of friction and noise alone is solved exactly, in the middle of a step of a symmetric
-! splitting method. The noise is a function of the seed, the member and the time of the step, so that
-! neither the order of members nor an interruption changes it.
+! splitting method. The noise is a function of the seed, the member and the time of the step, so
+! that neither the order of members nor an interruption changes it.
 module heat_bath_m
   use kinds, only: wp
   use, intrinsic :: iso_c_binding, only: c_double, c_int64_t
@@ -48,7 +48,7 @@ contains
     end do
     kept = exp(-record%friction * time)
     deviation = sqrt(record%temperature * (1 - kept) * (1 + kept))
-    k = frame%before
+    k = frame%momenta_offset
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
         associate (momentum => y(k + v:k + last), xi => noise(v:last))

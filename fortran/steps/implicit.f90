@@ -21,7 +21,7 @@ module implicit_m
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private
-  public :: request_implicit, store_implicit
+  public :: request_implicit, receive_implicit
 
   real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
   real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
@@ -74,7 +74,7 @@ contains
 
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
-  subroutine store_implicit(x)
+  subroutine receive_implicit(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, flow, info
 
@@ -109,7 +109,7 @@ contains
         call correct(x, block)
       end if
     end associate
-  end subroutine store_implicit
+  end subroutine receive_implicit
 
   ! Goes on to the next column of the Jacobian of a block, if it is needed, or factors it after the
   ! last one; column 0 means that the unknowns can be corrected.
@@ -121,7 +121,7 @@ contains
     info = 0
     associate (solver => x%solver, n => size(x%f, 1))
       if (solver%column > 0) then
-        x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
+        x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%old
         solver%column = solver%column + 1
       else if (.not. (solver%fixed_point .or. solver%factored_h(block) == x%h)) then
         x%counts%njev = x%counts%njev + 1
@@ -144,9 +144,9 @@ contains
     associate (solver => x%solver, i => 1 + mod(x%solver%column - 1, size(x%f, 1)), &
                stage => x%solver%first + (x%solver%column - 1) / size(x%f, 1))
       call scale_of(x, x%f(:, stage), scale)
-      solver%before = x%f(i, stage)
-      x%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
-      solver%moved = x%f(i, stage) - solver%before
+      solver%old = x%f(i, stage)
+      x%f(i, stage) = solver%old + sqrt(epsilon(1.0_wp)) * scale(i)
+      solver%moved = x%f(i, stage) - solver%old
     end associate
   end subroutine move_unknown
 
@@ -222,7 +222,7 @@ contains
     integer, intent(in) :: block
 
     x%solver%factored_h(block) = 0.0_wp
-    x%request%flag = x%solver%iteration
+    x%request%detail = x%solver%iteration
     call reject_stage(x, stages_not_solved, x%t)
   end subroutine give_up
 

@@ -102,7 +102,7 @@ contains
     integer(c_intptr_t), intent(in) :: data
     real(wp), pointer, contiguous :: starts(:), coefficients(:, :, :), values(:)
     real(wp) :: s
-    integer :: i, k, piece
+    integer :: i, j, k, piece
 
     do i = 1, size(self%inputs, 2)
       associate (row => int(self%inputs(:4, i)), address => self%inputs(5:6, i))
@@ -112,9 +112,11 @@ contains
         call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
         piece = last_before(starts, t)
         s = t - starts(piece)
-        values = coefficients(:, piece, row(1))
-        do k = row(1) - 1, 1, -1
-          values = coefficients(:, piece, k) + s * values
+        do j = 1, row(3)                     ! of whole arrays, pointers, the compiler makes copies
+          values(j) = coefficients(j, piece, row(1))
+          do k = row(1) - 1, 1, -1
+            values(j) = coefficients(j, piece, k) + s * values(j)
+          end do
         end do
       end associate
     end do

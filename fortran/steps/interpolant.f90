@@ -1,10 +1,10 @@
 ! The solution within one step, on the manifold and as accurate as the step, in one of two forms,
 ! whose coefficients cg/construction/methods/interpolant.py derives: by flows, or on a Lie algebra.
 !
-! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at
-! nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
-! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
-! One more flow moves z(1) to y1:
+! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P
+! at nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve z' = h
+! sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f. One more
+! flow moves z(1) to y1:
 !
 !   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
 !
@@ -16,9 +16,9 @@
 ! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. That of the nearest tangent
-! removes the leading error of P too, whose direction is a combination of fields; what is left of
-! y1 - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may
-! be far from the error of P, and matters where isotropy turns much within the step, as near singular
+! removes the leading error of P too, whose direction is a combination of fields; what is left of y1
+! - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may be
+! far from the error of P, and matters where isotropy turns much within the step, as near singular
 ! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
 !
 ! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
@@ -100,8 +100,8 @@ contains
     if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
   end function next_count
 
-  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of the
-  ! step.
+  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of
+  ! the step.
   subroutine add_last_flow(nodes, self)
     integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
@@ -167,7 +167,7 @@ contains
       if (allocated(self%scheme%drift)) then
         call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
-        call make_tangential(self%frame, y, y(self%frame%before + 1:))
+        call make_tangential(self%frame, y, y(self%frame%momenta_offset + 1:))
       else if (present(inner)) then
         call move_polynomially(self%frame%blocks(1)%action, v, 0.0_wp, y, inner)
       else
@@ -232,7 +232,7 @@ contains
         self%known = final
         call find_mean(self, exists)
         k(:, final) = last
-        if (exists) call dexpinv(self%frame, self%scheme%series, h * k(:, 2), k(:, final), exists)
+        if (exists) call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
       end if
     end associate
     call finish_or_fall_back(self, exists)
@@ -260,22 +260,23 @@ contains
   subroutine find_mean(self, exists)
     type(interpolant_t), intent(inout) :: self
     logical, intent(out) :: exists
-    real(wp) :: u(self%frame%dimension), v(self%frame%dimension), y(self%frame%point_size)
     integer :: i
 
-    u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
+    self%u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
     do i = 1, iterations
-      y = self%y0
-      call apply_flows(self%frame, 1, u, y)
+      self%y(:) = self%y0
+      call apply_flows(self%frame, 1, self%u, self%y)
       self%nexp = self%nexp + 1
-      call difference_nearby(self%frame, y, self%y1, nearby_operation, v)
-      call dexpinv(self%frame, self%scheme%series, u, v, exists)
+      call difference_nearby(self%frame, self%y, self%y1, nearby_operation, self%v(:, 1))
+      call dexpinv(self%frame, self%scheme%series, self%u, self%v(:, 1), exists)
       if (.not. exists) return
-      u = u + v
-      exists = all(abs(v) <= converged * max(1.0_wp, maxval(abs(u))))   ! not if v is NaN
+      self%u = self%u + self%v(:, 1)
+      ! not if a correction is NaN
+      exists = all(abs(self%v(:, 1)) <= converged * max(1.0_wp, maxval(abs(self%u))))
       if (exists) exit
     end do
-    self%next(:, 2) = u / self%h
+    self%next(:, 2) = self%u / self%h
+    self%u = self%h * self%next(:, 2)
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the
@@ -320,8 +321,8 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the coefficients
-  ! at all inner ones are known.
+  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the
+  ! coefficients at all inner ones are known.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self
@@ -371,7 +372,7 @@ contains
     else
       call follow_flows(self, theta, y)
     end if
-    call without_opening(self%frame, y)
+    if (self%frame%jointed) call without_opening(self%frame, y)
   end subroutine evaluate_interpolant
 
   ! Evaluates the interpolant at some fractions by one flow along a polynomial.

@@ -17,9 +17,9 @@
 module loop_m
   use output_m, only: output_t
   use accepted_step_m, only: complete_step, detect_events, examine_step, prepare_inner, &
-                             request_ends, request_node, store_end, store_node, store_output
-  use collocation_m, only: store_column
-  use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
+                             request_ends, request_node, receive_end, receive_node, store_output
+  use collocation_m, only: receive_column
+  use step_m, only: receive_error, receive_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
                          request_curvature
   use requests_m, only: retry_step
@@ -73,15 +73,15 @@ contains
         call choose_step(x)
       end if
     case (phase_start_received)
-      call store_slope(x)
+      call receive_slope(x)
     case (phase_next_stage)
       call request_stage(x)
     case (phase_stage_received)
-      call store_stage(x)
+      call receive_stage(x)
     case (phase_column_received)
-      call store_column(x)
+      call receive_column(x)
     case (phase_error_received)
-      call store_error(x)
+      call receive_error(x)
     case (phase_finish_step)
       if (x%method%kind == polynomial_kind) call prepare_inner(x, output)
       call finish_step(x)
@@ -91,12 +91,12 @@ contains
       call examine_step(x, output)
     case (phase_request_ends)
       call request_ends(x)
-    case (phase_begin_received, phase_end_received)
-      call store_end(x)
+    case (phase_interpolant_start_received, phase_end_received)
+      call receive_end(x)
     case (phase_next_node)
       call request_node(x)
     case (phase_node_received)
-      call store_node(x)
+      call receive_node(x)
     case (phase_detect_events)
       call detect_events(x, output)
     case (phase_complete_step)
@@ -110,7 +110,7 @@ contains
   end subroutine advance
 
   ! Stores the coefficients at the start of a step.
-  subroutine store_slope(x)
+  subroutine receive_slope(x)
     type(trajectory_t), intent(inout) :: x
 
     x%slope(:) = x%request%answer
@@ -122,6 +122,6 @@ contains
       x%phase = phase_choose_step
     end if
     if (.not. x%control%step_size > 0) x%phase = phase_guess_size
-  end subroutine store_slope
+  end subroutine receive_slope
 
 end module loop_m

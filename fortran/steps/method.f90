@@ -36,7 +36,7 @@ module method_m
     real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
     real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
     real(wp), allocatable :: weight(:, :)    ! (stages, flows)
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, after the kicks of a splitting method
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, after kicks of splitting methods
   end type scheme_t
 
   type :: method_t
@@ -133,7 +133,8 @@ contains
       scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
       allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))
       scheme%node(:, :) = transpose(reshape(reals(record%node, n * (n - 1)), [n - 1, n]))
-      scheme%blend(:, :) = transpose(reshape(reals(record%blend, (n + 2) * (n - 1)), [n - 1, n + 2]))
+      scheme%blend(:, :) = transpose(reshape(reals(record%blend, (n + 2) * (n - 1)), &
+                                             [n - 1, n + 2]))
       scheme%weight = reshape(reals(record%flow_weights, stages * record%result_flows), &
                               [stages, record%result_flows])
     end associate

@@ -1,6 +1,6 @@
-! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by flows
-! of the frame. On a path the flow of the lowest stage comes first. How a path is followed depends on
-! the kind of the method.
+! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
+! flows of the frame. On a path the flow of the lowest stage comes first. How a path is followed
+! depends on the kind of the method.
 !
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
@@ -13,11 +13,10 @@
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
-! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor
-! also removes what opens the joints from the momentum at the end of a step. It starts from impulses
-! that continue those of the two steps before. Between the drifts of a
-! step nothing has to be removed, since the next impulses would replace it. The drift is the exact
-! free motion of the bodies.
+! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also
+! removes what opens the joints from the momentum at the end of a step. It starts from impulses that
+! continue those of the two steps before. Between the drifts of a step nothing has to be removed,
+! since the next impulses would replace it. The drift is the exact free motion of the bodies.
 !
 ! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
 ! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
@@ -38,7 +37,7 @@ module paths_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: add_brackets, follow_paths, request_on_path, start_explicit, store_explicit
+  public :: add_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
 
 contains
 
@@ -49,7 +48,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: kicked                                 ! part before the middle
+    real(wp) :: kick_part                                 ! part before the middle
     integer :: middle                                  ! path in whose flow that of the step is
 
     middle = size(x%method%origin) - size(x%method%c) / 2
@@ -57,33 +56,33 @@ contains
       call move_part(x, path, 1.0_wp, 1.0_wp, y)
       return
     end if
-    kicked = merge(1.0_wp, 0.5_wp, modulo(size(x%method%c), 2) == 0)
-    call move_part(x, path, kicked, kicked - 0.5_wp, y)
+    kick_part = merge(1.0_wp, 0.5_wp, modulo(size(x%method%c), 2) == 0)
+    call move_part(x, path, kick_part, kick_part - 0.5_wp, y)
     if (x%status /= finished) return
-    associate (momenta => y(x%frame%before + 1:))
+    associate (momenta => y(x%frame%momenta_offset + 1:))
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
     end associate
-    call move_part(x, path, 1 - kicked, 1.5_wp - kicked, y)
+    call move_part(x, path, 1 - kick_part, 1.5_wp - kick_part, y)
   end subroutine move_by_splitting
 
   ! Moves a point by parts of the kick and of the drift of a path.
-  subroutine move_part(x, path, kicked, drifted, y)
+  subroutine move_part(x, path, kick_part, drift_part, y)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
-    real(wp), intent(in) :: kicked, drifted            ! the parts
+    real(wp), intent(in) :: kick_part, drift_part            ! the parts
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer :: k
 
     if (x%frame%jointed) call find_constraints(x, y)
     if (x%status /= finished) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
-               momenta => y(x%frame%before + 1:))      ! and tangents
+               momenta => y(x%frame%momenta_offset + 1:))      ! and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
-        momenta = momenta + (kicked * x%weight(k)) * x%f(m + 1:, flows%stage(k))
+        momenta = momenta + (kick_part * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
-      associate (time => drifted * (x%h * x%method%scheme%drift(flow)))
+      associate (time => drift_part * (x%h * x%method%scheme%drift(flow)))
         if (x%frame%jointed .and. time /= 0) then
           call drift_closed(x, time, path, y)
         else if (x%frame%jointed) then
@@ -101,7 +100,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer :: status
 
-    associate (n => x%frame%linkage%before)
+    associate (n => x%frame%linkage%momenta_offset)
       if (x%joints%here%known) then
         if (all(x%joints%place == y(:n))) return
       end if
@@ -131,7 +130,7 @@ contains
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
           call constraint_impulse(linkage, here%slope, lambda, &
-                                  y(linkage%before + 1:linkage%after))
+                                  y(linkage%momenta_offset + 1:linkage%after))
           call drift(x%frame, time, y)
           x%counts%nexp = x%counts%nexp + 1
           call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
@@ -162,10 +161,10 @@ contains
     end associate
   end subroutine drift_closed
 
-  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose matrices
-  ! aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, 7.3): with
-  ! the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z / (1 - s.z / |s|^2).
-  ! The last factor is left out where it would more than double z.
+  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose
+  ! matrices aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations,
+  ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
+  ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
   pure subroutine correct_change(i, change)
     integer, intent(in) :: i
     real(wp), intent(inout) :: change(:, :)
@@ -181,8 +180,8 @@ contains
     end associate
   end subroutine correct_change
 
-  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results only,
-  ! since it doesn't accumulate in stages.
+  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results
+  ! only, since it doesn't accumulate in stages.
   subroutine follow_paths(x, last)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
@@ -260,7 +259,7 @@ contains
   end subroutine request_on_path
 
   ! Stores the coefficients at a stage.
-  subroutine store_explicit(x)
+  subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
@@ -277,10 +276,10 @@ contains
     end if
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
       associate (flow => x%method%path_first(x%method%stage_path(x%stage)))    ! its only one
-        call combine_flows(x%method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
+        call combine_flows(x%method%flows, x%weight, flow, flow, size(x%work), x%f, x%work)
       end associate
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)
-      call dexpinv(x%frame, x%method%series, x%u, x%f(:, x%stage), exists)
+      call dexpinv(x%frame, x%method%series, x%work, x%f(:, x%stage), exists)
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
       if (.not. exists) then
         call reject_stage(x, step_too_long, x%t)
@@ -289,14 +288,14 @@ contains
     end if
     x%stage = x%stage + 1
     x%phase = phase_next_stage
-  end subroutine store_explicit
+  end subroutine receive_explicit
 
   ! Moves the point along h b Z.
   subroutine move_along_register(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%u = (x%h * x%method%b(x%stage)) * x%f(:, 1)
-    call apply_flows(x%frame, 1, x%u, x%y(:, 1))
+    x%work = (x%h * x%method%b(x%stage)) * x%f(:, 1)
+    call apply_flows(x%frame, 1, x%work, x%y(:, 1))
     call restore(x%frame, x%y(:, 1))
     x%counts%nexp = x%counts%nexp + 1
   end subroutine move_along_register

@@ -11,12 +11,11 @@ module requests_m
   use shared_numbers
   use trajectory_m
   use inputs_m, only: evaluate
-  use interpolant_m, only: evaluate_interpolant
   use vectors_m, only: copy, finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, point_at, reject_accepted_step, &
-            reject_stage, request, retry_step, share, share_error, time_at, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_accepted_step, &
+            reject_stage, request, retry_step, share, share_error, within_segment
 
 contains
 
@@ -39,9 +38,9 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point itself,
-  ! since loads from a copy that was just written would stall. x%request%y keeps the entries, which
-  ! are restored if the field has overwritten them.
+  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point
+  ! itself, since loads from a copy that was just written would stall. x%request%y keeps the
+  ! entries, which are restored if the field has overwritten them.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -57,10 +56,11 @@ contains
     if (x%problem%record%vectorized) return
     x%problem%field%member = x%member
     if (x%frame%derivatives) then
-      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, x%request%flag)
+      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, &
+                    x%request%detail)
     else
-      call evaluate(x%problem%field, size(y), size(x%u), x%request%t, y, x%request%answer, &
-                    x%request%flag)
+      call evaluate(x%problem%field, size(y), size(x%work), x%request%t, y, x%request%answer, &
+                    x%request%detail)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
     if (x%frame%derivatives) &
@@ -68,14 +68,14 @@ contains
     call check_coefficients(x)
   end subroutine request
 
-  ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
-  ! Answers of mechanical systems are forces; splitting methods take them alone.
+  ! Checks the answer to a request: finite coefficients go to the next phase, others reject the
+  ! step. Answers of mechanical systems are forces; splitting methods take them alone.
   subroutine check_coefficients(x)
     type(trajectory_t), intent(inout) :: x
     logical :: splits
     integer :: status
 
-    associate (y => x%request%y, f => x%request%answer, flag => x%request%flag)
+    associate (y => x%request%y, f => x%request%answer, flag => x%request%detail)
       if (flag == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
@@ -183,12 +183,11 @@ contains
     integer, intent(in) :: event
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
-    real(wp) :: y(x%frame%point_size)
     logical :: failed
     integer :: i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), before => 2 + size(y) + max(event, 1))
+    associate (query => x%query(:, :x%answered), before => 2 + x%frame%point_size + max(event, 1))
       if (x%answered > 0) &
         k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
       if (k > 0) then
@@ -197,48 +196,23 @@ contains
         return
       end if
     end associate
-    call point_at(x, theta, y)
-    if (x%problem%events%vectorized) then
-      if (x%queries == size(x%query, 2)) &            ! more capacity
-        x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
-      x%queries = x%queries + 1
-      x%query(:3 + size(y), x%queries) = [real(event, wp), theta, time_at(x, theta), y]
-      x%status = needs_events
-      return
-    end if
-    do i = 1, size(values)
-      call x%problem%events%value(x%member, max(event - 1, 0) + i, time_at(x, theta), y, values(i), &
-                                  failed)
-      if (failed) call fail(x, raised, time_at(x, theta))
-      if (failed) return
-    end do
+    associate (y => x%request%y, t => time_at(x, theta))     ! y is free: no request is pending
+      call point_at(x, theta, y)
+      if (x%problem%events%vectorized) then
+        if (x%queries == size(x%query, 2)) &          ! more capacity
+          x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
+        x%queries = x%queries + 1
+        x%query(:3 + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%status = needs_events
+        return
+      end if
+      do i = 1, size(values)
+        call x%problem%events%value(x%member, max(event - 1, 0) + i, t, y, values(i), failed)
+        if (failed) call fail(x, raised, t)
+        if (failed) return
+      end do
+    end associate
   end subroutine evaluate_events
-
-  ! Evaluates the solution at a fraction theta of the step.
-  subroutine point_at(x, theta, y)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: theta
-    real(wp), contiguous, intent(out) :: y(:)
-
-    if (.not. theta < 1) then
-      y = x%y(:, x%result)
-    else if (.not. theta > 0) then
-      y = x%y(:, 0)
-    else
-      call evaluate_interpolant(x%interpolant, theta, y)
-    end if
-  end subroutine point_at
-
-  ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
-  ! whose time rounds to it gets the next number, so that times increase.
-  pure real(wp) function time_at(x, theta)
-    type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: theta
-
-    time_at = x%t_end
-    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
-    if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
-  end function time_at
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.

@@ -1,24 +1,24 @@
-! One step: its stages, its results and whether it is accepted. What a stage needs is in one file for
-! each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90. For
-! the error see error_estimate.f90.
+! One step: its stages, its results and whether it is accepted. What a stage needs is in one file
+! for each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90.
+! For the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
   use free_motion_m, only: without_opening
-  use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
+  use collocation_m, only: converges_fast, keep_step, request_collocation, receive_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use paths_m, only: add_brackets, follow_paths, request_on_path, start_explicit, store_explicit
+  use paths_m, only: add_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
   use frames_m, only: apply_flows
-  use implicit_m, only: request_implicit, store_implicit
+  use implicit_m, only: request_implicit, receive_implicit
   use requests_m, only: request, share_error, within_segment
   use trajectory_m
   use vectors_m, only: finite
   use shared_numbers
   implicit none
   private
-  public :: store_answers, store_error, store_stage, finish_step, accept_or_reject, &
-            request_stage, times_of_request
+  public :: receive_answers, receive_error, receive_stage, finish_step, accept_or_reject, &
+            request_stage, get_times, times_asked
 
 contains
 
@@ -43,18 +43,18 @@ contains
   end subroutine request_stage
 
   ! Stores the coefficients at a stage.
-  subroutine store_stage(x)
+  subroutine receive_stage(x)
     type(trajectory_t), intent(inout) :: x
 
     select case (x%method%kind)
     case (collocation_kind)
-      call store_collocation(x)
+      call receive_collocation(x)
     case (implicit_kind)
-      call store_implicit(x)
+      call receive_implicit(x)
     case default
-      call store_explicit(x)
+      call receive_explicit(x)
     end select
-  end subroutine store_stage
+  end subroutine receive_stage
 
   ! The number of stages; one at the end that only an error estimate needs is left out without it.
   pure integer function stages(x)
@@ -64,21 +64,29 @@ contains
     if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
-  ! The times for which a vectorized function is asked together: a function of time for all stages
-  ! that are left.
-  pure function times_of_request(x) result(times)
+  ! The number of times for which a vectorized function is asked together: a function of time is
+  ! for all stages that are left.
+  pure integer function times_asked(x)
     type(trajectory_t), intent(in) :: x
-    real(wp), allocatable :: times(:)
 
-    times = [x%request%t]
+    times_asked = 1
     if (x%problem%record%of_time .and. x%phase == phase_stage_received &
         .and. all(x%method%kind /= [collocation_kind, implicit_kind])) &
-      times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
-  end function times_of_request
+      times_asked = stages(x) - x%stage + 1
+  end function times_asked
+
+  ! Gets these times.
+  pure subroutine get_times(x, times)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(out) :: times(:)        ! (times_asked)
+
+    times = x%request%t
+    if (size(times) > 1) times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
+  end subroutine get_times
 
   ! Stores the coefficients at stages up to the last one, or the first that isn't finite, which
   ! becomes the answer to the request.
-  subroutine store_answers(x, m, times, answers)
+  subroutine receive_answers(x, m, times, answers)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: m, times                    ! numbers of coefficients and times
     real(wp), intent(in) :: answers(m, times)
@@ -88,13 +96,13 @@ contains
       x%request%answer(:m) = answers(:, k)
       if (k == times .or. .not. finite(m, answers(:, k))) return
       x%status = finished
-      call store_stage(x)
+      call receive_stage(x)
       if (x%phase /= phase_next_stage) return          ! the step is rejected
       x%counts%nfev = x%counts%nfev + 1
       x%phase = phase_stage_received
       x%status = needs_field
     end do
-  end subroutine store_answers
+  end subroutine receive_answers
 
   ! Computes the results and estimates the error.
   subroutine finish_step(x)
@@ -104,7 +112,7 @@ contains
     if (x%method%kind /= registers_kind) then
       last = x%method%result
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
-      call add_brackets(x)
+      if (size(x%method%bracket, 3) > 0) call add_brackets(x)
       call follow_paths(x, last)
       if (x%status /= finished) return
     end if
@@ -125,26 +133,26 @@ contains
 
   ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
   ! is damped once more: with one solution only, stiff components are far too large where they
-  ! aren't in equilibrium.
+  ! aren't in equilibrium. The estimate has left the error in x%work.
   subroutine request_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: y(x%frame%point_size)
 
     y = x%y(:, 0)
-    x%u = -x%u
-    call apply_flows(x%frame, 1, x%u, y)
+    x%work = -x%work
+    call apply_flows(x%frame, 1, x%work, y)
     x%counts%nexp = x%counts%nexp + 1
     call request(x, x%t, y, phase_error_received)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.
-  subroutine store_error(x)
+  subroutine receive_error(x)
     type(trajectory_t), intent(inout) :: x
 
     x%f(:, 1) = x%request%answer
     call estimate_error(x)
     call share_error(x, x%error)
-  end subroutine store_error
+  end subroutine receive_error
 
   ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(x)
@@ -158,7 +166,8 @@ contains
       if (x%problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &
-          abs(x%h), x%request%shared, exponent, merge(1, newton%iteration, x%problem%record%common), &
+          abs(x%h), x%request%shared, exponent, &
+          merge(1, newton%iteration, x%problem%record%common), &
           x%problem%record%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
         error = suspected_error(x%request%shared, abs(x%h), x%t, &
                                 merge(0, control%suspicion, collocation))
@@ -191,7 +200,8 @@ contains
       end if
       if (collocation) call keep_step(x)
       ! other methods than RATTLE have moved along forces that keep joints closed up to their error
-      if (size(x%joints%impulse) == 0) call without_opening(x%frame, x%y(:, x%result))
+      if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
+        call without_opening(x%frame, x%y(:, x%result))
     end associate
   end subroutine accept_or_reject
 

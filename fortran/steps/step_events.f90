@@ -1,8 +1,8 @@
 ! Events within a step. An event is a zero of a function along the solution. The signs of the
-! function are compared at the ends of parts of the step, and where a parabola through three of these
-! values comes near to zero, since a function may change sign twice within a part. A step has at
-! least four parts, and more if it rotates by more than 120 degrees. With four parts only the middle
-! is evaluated if the values of each function there and at the ends differ by less than their
+! function are compared at the ends of parts of the step, and where a parabola through three of
+! these values comes near to zero, since a function may change sign twice within a part. A step has
+! at least four parts, and more if it rotates by more than 120 degrees. With four parts only the
+! middle is evaluated if the values of each function there and at the ends differ by less than their
 ! distance from zero.
 !
 ! A zero between two points where the function has opposite signs is found by interpolation where a
@@ -14,13 +14,13 @@ module step_events_m
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
   use output_m, only: output_t, store_event
-  use requests_m, only: evaluate_events, point_at, reject_accepted_step, time_at
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, &
-       out_of_memory, raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
-  use trajectory_m, only: event_state_t, fail, trajectory_t, zero_t
+  use requests_m, only: evaluate_events, reject_accepted_step
+  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
+            raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
+  use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private
-  public :: crosses, find_zeros, store_zeros
+  public :: crosses, ends_step, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
@@ -28,12 +28,13 @@ module step_events_m
   integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or of
-  ! common steps without an end those that rotate by more than a turn, are tried again with a smaller
-  ! size; fixed ones that need more than `max_parts` fail.
+  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or
+  ! of common steps without an end those that rotate by more than a turn, are tried again with a
+  ! smaller size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
-  real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)   ! more count as two in Python
+  ! Frames in Python give only a bound of the angle; larger ones count as two turns.
+  real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
@@ -43,7 +44,7 @@ module step_events_m
 contains
 
   ! Finds a zero of an event between two points, as far as there are values.
-  subroutine find_root(x, event, low, high, zero)
+  subroutine find_zero(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: low(2), high(2)  ! points, and values there, of opposite signs
@@ -80,11 +81,11 @@ contains
                + (c(1) - a(1)) / (b(1) - a(1)) * a(2) / (c(2) - a(2)) * b(2) / (c(2) - b(2))
       part = min(1 - least, max(least, part))
     end do
-  end subroutine find_root
+  end subroutine find_zero
 
   ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
-  ! at the end of the interval before, or it is the initial point. A change by more than half a period
-  ! is a wrap.
+  ! at the end of the interval before, or it is the initial point. A change by more than half a
+  ! period is a wrap.
   pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
     type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
@@ -94,40 +95,53 @@ contains
     if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
   end function crosses
 
+  ! Whether an event ends the step, by a jump or since it is the last one
+  pure elemental logical function ends_step(event, row)
+    type(event_state_t), intent(in) :: event
+    type(event_record_t), intent(in) :: row  ! of the table
+
+    ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
+  end function ends_step
+
   ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
   ! requested: then the trajectory is left as it was. While the interpolant isn't complete, they are
   ! only detected: their times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
-    type(event_state_t) :: events(size(x%events))
+    type(event_state_t), allocatable :: events(:)
 
-    events = x%events
-    call seek_zeros(x)
-    if (x%status == needs_events) then
-      x%events = events
+    if (x%problem%events%vectorized) events = x%events
+    call try_to_find_zeros(x)
+    if (x%status == needs_events .and. allocated(events)) then
+      x%events(:) = events
       if (allocated(x%zeros)) deallocate (x%zeros)
     end if
   end subroutine find_zeros
 
   ! Finds the zeros of all events in a step, as far as values are known.
-  subroutine seek_zeros(x)
+  subroutine try_to_find_zeros(x)
     type(trajectory_t), intent(inout) :: x
     logical :: waits
+    real(wp) :: middle(size(x%events))       ! values there
     ! (0:parts), (events, 0:parts), (0:parts) values of one event
     real(wp), allocatable :: theta(:), values(:, :), own(:)
     integer :: first, i, k, memory, n
 
     n = parts(x)
-    associate (endless => abs(x%problem%stops(x%segment)) > huge(1.0_wp))
-      if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
-                                             x%problem%record%common .and. endless)) then
-        call reject_accepted_step(x, step_too_long, x%t)
-        return
-      end if
-    end associate
+    if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, x%problem%record%common &
+                                 .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))) then
+      call reject_accepted_step(x, step_too_long, x%t)
+      return
+    end if
     if (n > max_parts) then
       call fail(x, step_too_long_for_events, x%t)
       return
+    end if
+    x%zeros = [zero_t ::]
+    if (n == min_parts) then
+      call evaluate_events(x, 0, 0.5_wp, middle)
+      if (x%status /= finished) return
+      if (all(keeps_sign(x%events, middle))) return
     end if
     allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
@@ -137,26 +151,20 @@ contains
     theta(:) = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    x%zeros = [zero_t ::]
-    ! First every second inner point, of four parts the middle. If no function can reach zero by the
-    ! differences of these values, the other points aren't evaluated.
-    do first = 2, 1, -1
+    if (n == min_parts) values(:, 2) = middle
+    ! every second inner point if they aren't known, then the others
+    do first = merge(1, 2, n == min_parts), 1, -1
       do k = first, n - 1, 2
         call evaluate_events(x, 0, theta(k), values(:, k))
         if (x%status == raised) return
       end do
       if (x%status == needs_events) return
-      if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
-        associate (low => minval(values(:, ::2), 2), high => maxval(values(:, ::2), 2))
-          if (all(max(low, -high) > high - low)) return
-        end associate
-      end if
     end do
     waits = .false.
     do i = 1, size(values, 1)
       own(:) = values(i, :)
       if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, own)
-      if (x%status == finished) call find_zeros_of(x, i, theta, own)
+      if (x%status == finished) call find_zeros_of_event(x, i, theta, own)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
         x%status = finished
@@ -165,26 +173,41 @@ contains
       end if
     end do
     if (waits) x%status = needs_events
-  end subroutine seek_zeros
+  end subroutine try_to_find_zeros
+
+  ! Whether a function can't reach zero by the differences of its values at the ends of a step and
+  ! in the middle, so that the other points aren't evaluated
+  pure elemental logical function keeps_sign(event, middle)
+    type(event_state_t), intent(in) :: event
+    real(wp), intent(in) :: middle
+    real(wp) :: high, low
+
+    low = min(event%before, middle, event%after)
+    high = max(event%before, middle, event%after)
+    keeps_sign = event%came_from == 0 .and. max(low, -high) > high - low
+  end function keeps_sign
 
   ! The number of parts whose ends are compared
-  pure integer function parts(x)
-    type(trajectory_t), intent(in) :: x
-    real(wp) :: angle, rate(x%frame%dimension, 2)
+  integer function parts(x)
+    type(trajectory_t), intent(inout) :: x   ! its u is free
+    real(wp) :: angle
+    integer :: column
 
-    rate = reshape([x%slope, x%end_slope], shape(rate))
-    if (x%method%kind == splitting_kind) then   ! its coefficients are forces alone
-      call add_free_motion(x%frame, x%y(:, 0), rate(:, 1))
-      call add_free_motion(x%frame, x%y(:, x%result), rate(:, 2))
-    end if
-    angle = max(turning(x%frame, x%h * rate(:, 1), .false.), &
-                turning(x%frame, x%h * rate(:, 2), .false.))
+    angle = 0.0_wp
+    do column = 0, x%result, x%result        ! both ends of the step
+      x%work = x%slope
+      if (column > 0) x%work = x%end_slope
+      ! coefficients of splitting methods are forces alone
+      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%work)
+      x%work = x%h * x%work
+      angle = max(angle, turning(x%frame, x%work, .false.))
+    end do
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(x, event, theta, values)
+  subroutine find_zeros_of_event(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
@@ -205,13 +228,13 @@ contains
         call add_zero(x, event, extremum, [theta(last), values(last)])
       if (x%status /= finished) return
     end do
-  end subroutine find_zeros_of
+  end subroutine find_zeros_of_event
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
   ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
   ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
-  ! middle is tried of an outer part at whose end the function does. So it is for detection along the
-  ! cubic, which isn't accurate.
+  ! middle is tried of an outer part at whose end the function does. So it is for detection along
+  ! the cubic, which isn't accurate.
   subroutine find_turning_point(x, event, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -291,8 +314,8 @@ contains
     end if
   end subroutine narrow
 
-  ! Adds the zero of an event between two points if there is one, any number in between if it is only
-  ! detected.
+  ! Adds the zero of an event between two points if there is one, any number in between if it is
+  ! only detected.
   subroutine add_zero(x, event, low, high)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -301,7 +324,7 @@ contains
 
     if (.not. crosses(low(2), high(2), x%problem%events%table(event))) return
     zero = high(1)
-    if (high(2) /= 0 .and. x%interpolant%complete) call find_root(x, event, low, high, zero)
+    if (high(2) /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
                                              merge(-1, 1, low(2) < 0))]
   end subroutine add_zero
@@ -423,8 +446,7 @@ contains
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
-                    (events%table(zeros%event)%jumps /= 0 .or. &
-                     state(zeros%event)%count + 1 >= events%table(zeros%event)%limit))
+                    ends_step(state(zeros%event), events%table(zeros%event)))
         call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.

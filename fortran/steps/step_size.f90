@@ -88,8 +88,8 @@ contains
       x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
-      x%u = x%h * x%slope
-      call apply_flows(x%frame, 1, x%u, moved)
+      x%work = x%h * x%slope
+      call apply_flows(x%frame, 1, x%work, moved)
       call restore(x%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t + x%h, moved, phase_curvature_received)
@@ -182,30 +182,31 @@ contains
     real(wp), intent(in) :: stop
     ! Sums of stages over a step don't overflow before it; an infinite step isn't made shorter.
     real(wp), parameter :: largest_time = 1e-3_wp * huge(1.0_wp)
-    real(wp) :: longest
+    real(wp) :: longest, smallest
 
+    smallest = smallest_size(x%t)
     associate (control => x%control, max_step => x%tolerances%max_step)
       if (control%attempts >= x%problem%record%max_steps) then
         call fail(x, too_many_steps, x%t)
         return
       end if
-      longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
+      longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest)
       control%unshortened_size = min(control%step_size, max_step)
-      control%step_size = tried_size(control%step_size, x%t, stop, min(longest_turn(x), longest), &
-                                     control%after_rejection)
+      control%step_size = tried_size(control%step_size, smallest, abs(stop - x%t), &
+                                     min(longest_turn(x), longest), control%after_rejection)
       if (control%step_size < 0) then
         if (.not. (x%problem%record%common .and. x%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
         ! others with common steps fail here, and this one goes on without them
-        control%step_size = min(smallest_size(x%t), abs(stop - x%t), max_step)
+        control%step_size = min(smallest, abs(stop - x%t), max_step)
       end if
       control%attempts = control%attempts + 1
       x%h = sign(control%step_size, stop - x%t)
       x%t_end = x%t + x%h
       ! A rest that is smaller than the smallest step belongs to this step.
-      control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
+      control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest
       if (control%shortened) x%t_end = stop
       control%shortened = control%shortened .or. control%unshortened_size > longest
       x%h = x%t_end - x%t

@@ -1,11 +1,11 @@
 ! The problem that a trajectory solves, and the state of the trajectory, which procedures of the
-! loop call x.
+! loop call x, and a lane of run_m, which integrates one after another, `lane`.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
   use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
-  use interpolant_m, only: interpolant_t, reserve_interpolant
+  use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: method_t
@@ -13,18 +13,17 @@ module trajectory_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
   use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, paused, &
-                            proposed_for_point, record_t, registers_kind, sparse_jacobian, &
-                            splitting_kind, terminal_event
+       proposed_for_point, record_t, registers_kind, sparse_jacobian, splitting_kind, terminal_event
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
-            exchange_state, fail, forget_step, reserve_trajectory, set_start
+            exchange_state, fail, forget_step, point_at, reserve_trajectory, set_start, time_at
   public :: phase_begin_segment, phase_guess_size, phase_guess_shared, phase_curvature_received, &
             phase_size_shared, phase_choose_step, phase_start_received, phase_next_stage, &
             phase_stage_received, phase_finish_step, phase_decide_step, phase_accepted, &
             phase_request_ends, phase_end_received, phase_next_node, phase_node_received, &
             phase_store_output, phase_column_received, phase_error_received, phase_detect_events, &
-            phase_begin_received, phase_complete_step, phase_step_shared, phase_ended
+            phase_interpolant_start_received, phase_complete_step, phase_step_shared, phase_ended
 
   ! The phases of a trajectory. Each is named after what `resume` does next, or after the
   ! coefficients or the shared number that it has received.
@@ -35,7 +34,7 @@ module trajectory_m
                   phase_finish_step, phase_decide_step, phase_accepted, phase_request_ends, &
                   phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
                   phase_column_received, phase_error_received, phase_detect_events, &
-                  phase_begin_received, phase_complete_step, phase_step_shared, &
+                  phase_interpolant_start_received, phase_complete_step, phase_step_shared, &
                   phase_ended
   end enum
 
@@ -58,14 +57,14 @@ module trajectory_m
   ! What collocation_m keeps between steps, besides arrays
   type :: newton_state_t
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
-    logical :: moved = .false.               ! whether the point has been replaced after the last step
+    logical :: moved = .false.               ! whether the point was replaced after the last step
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
     real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
   end type newton_state_t
 
   ! The state of collocation_m
-  type, extends(newton_state_t) :: newton_t
+  type, extends(newton_state_t) :: collocation_t
     integer :: column = 0                    ! that of the Jacobian that is evaluated next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
     real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
@@ -75,22 +74,22 @@ module trajectory_m
     real(wp), allocatable :: lu(:, :)
     complex(wp), allocatable :: complex_lu(:, :)
     integer, allocatable :: pivot(:), complex_pivot(:)
-  end type newton_t
+  end type collocation_t
 
   ! The state of implicit_m
-  type :: stage_solver_t
+  type :: implicit_t
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
     integer :: column = 0                    ! that of the Jacobian that is evaluated, or 0
-    real(wp) :: before = 0.0_wp, moved = 0.0_wp        ! value and change of its unknown
+    real(wp) :: old = 0.0_wp, moved = 0.0_wp ! value and change of its unknown
     real(wp) :: correction = 0.0_wp          ! the last one, relative
     real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
     real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
     real(wp), allocatable :: factored_h(:)   ! (blocks) step sizes of the factors, or 0
     real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
     integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
-  end type stage_solver_t
+  end type implicit_t
 
   ! A request for coefficients and its answer
   type :: request_t
@@ -98,7 +97,7 @@ module trajectory_m
     real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: answer(:)       ! (dimension) coefficients
     real(wp), allocatable :: slope(:)        ! (point_size) a derivative
-    integer :: flag = 0                      ! returned by the field
+    integer :: detail = 0                    ! what the field returned, or see `fail`
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
 
@@ -200,16 +199,16 @@ module trajectory_m
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
-    real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
-    type(newton_t) :: newton                 ! for a collocation method
-    type(stage_solver_t) :: solver           ! for another implicit method
+    real(wp), allocatable :: work(:)         ! (dimension) work space within a phase, and as said
+    type(collocation_t) :: newton                 ! for a collocation method
+    type(implicit_t) :: solver           ! for another implicit method
     type(joints_t) :: joints
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! outputs_done when inner points of the step were prepared
+    integer :: inner_from = 0                ! outputs_done when inner points were prepared
     type(event_state_t), allocatable :: events(:)
     type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
@@ -245,14 +244,14 @@ contains
       allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, columns), &
                 x%request%y(frame%point_size), &
                 x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%answer(m), x%slope(m), x%end_slope(m), x%u(m), &
-                x%v(m, maxval([1, first(2:) - first(:paths)])), x%weight(size(method%flows%weight)), &
+                x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
+                x%v(m, maxval([1, first(2:) - first(:paths)])), &
                 x%f_before(m, merge(columns, 0, method%uses_last_nodes)), &
                 x%added(m, merge(columns, 0, method%kind == algebra_kind .and. method%in_parts)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
                                              method%kind == splitting_kind)), &
                 x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
-                x%query(3 + frame%point_size + k, 0), &
+                x%query(3 + frame%point_size + k, 0), x%weight(size(method%flows%weight)), &
                 x%last_y(merge(frame%point_size, 0, record%keep_last)), &
                 x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
@@ -312,7 +311,7 @@ contains
   ! the solution may jump.
   pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
-    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may serve all the same
+    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may still serve
 
     x%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
@@ -387,16 +386,42 @@ contains
     end subroutine move
   end subroutine exchange_state
 
+  ! Evaluates the solution at a fraction theta of the step.
+  subroutine point_at(x, theta, y)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(out) :: y(:)
+
+    if (.not. theta < 1) then
+      y = x%y(:, x%result)
+    else if (.not. theta > 0) then
+      y = x%y(:, 0)
+    else
+      call evaluate_interpolant(x%interpolant, theta, y)
+    end if
+  end subroutine point_at
+
+  ! The time at a fraction of the step. Only the fraction 0 has the time of the start: a later event
+  ! whose time rounds to it gets the next number, so that times increase.
+  pure real(wp) function time_at(x, theta)
+    type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: theta
+
+    time_at = x%t_end
+    if (theta < 1) time_at = x%t + theta * (x%t_end - x%t)
+    if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
+  end function time_at
+
   ! Ends a trajectory with an error.
-  subroutine fail(x, status, t, flag)
+  subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
-    integer, optional, intent(in) :: flag              ! what it was due to, see shared_numbers
+    integer, optional, intent(in) :: detail            ! iterations, an event or a function
 
     x%status = status
     x%failed_at = t
-    if (present(flag)) x%request%flag = flag
+    if (present(detail)) x%request%detail = detail
   end subroutine fail
 
 end module trajectory_m

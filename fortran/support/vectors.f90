@@ -76,13 +76,12 @@ module vectors_m
 
 contains
 
-  ! Tells whether all numbers are finite; where their sum is, all are.
+  ! Tells whether all numbers are finite, by a loop that vectorizes.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
 
-    finite = abs(sum(x)) <= huge(x)
-    if (.not. finite) finite = all(abs(x) <= huge(x))
+    finite = count(.not. abs(x) <= huge(x)) == 0
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array

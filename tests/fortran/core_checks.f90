@@ -21,8 +21,8 @@ program core_checks
 
 contains
 
-  ! The layout of a tableau, as cg.construction.layouts writes it: rows of length 0, 1, ... if `first` is 0, of
-  ! length 1, 2, ... if it is 1, else all of them of full length.
+  ! The layout of a tableau, as cg.construction.layouts writes it: rows of length 0, 1, ... if
+  ! `first` is 0, of length 1, 2, ... if it is 1, else all of them of full length.
   function tableau(stages, first, pair) result(layout)
     integer, intent(in) :: stages, first
     logical, intent(in) :: pair

@@ -43,7 +43,7 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
 
     There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
     """
-    stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.flag[member])
+    stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.detail[member])
     match stop:
         case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)

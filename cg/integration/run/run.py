@@ -52,9 +52,10 @@ class Run:
     up to 1024 by a vectorized function.
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
-    times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
-    when it failed; ``last_start`` and ``next_step`` the start of the last step, and the size that
-    the next one tries; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
+    times; ``status``, ``detail`` and ``failed_at`` a `Stop`, what a compiled function returned or a
+    failure was due to, and when it failed; ``last_start`` and ``next_step`` the start of the last
+    step, and the size that the next one tries; ``counts`` has the shape ``(members, 6)``, see
+    `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -168,7 +169,7 @@ class Run:
         self.end = states[:, :width]
         self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
         self.counters, self.counts = rows, rows[:, 2:]
-        self.status, self.flag = rows[:, 0], rows[:, 1]
+        self.status, self.detail = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
 
     def _share(self, name: str, array: Any) -> Any:
@@ -223,7 +224,7 @@ class Run:
         if jacobian is not None and jacobian.constant:
             self.counts[:, COUNTS.index("njev")] = 0
         if record.raised:
-            names = [name for flag, name in _FAILED.items() if (self.flag == flag).any()]
+            names = [name for flag, name in _FAILED.items() if (self.detail == flag).any()]
             name = (*names, "events")[0]
             kind = "positive" if name == "step_function" else "finite"
             raise ValueError(
@@ -236,10 +237,10 @@ class Run:
         """Add to an exception of a function of the user when it happened, and in which member."""
         rhs, call, self.callbacks.failed_event = self.rhs, self.callbacks.failed_event, None
         raised = np.flatnonzero(self.status == Stop.RAISED).tolist()
-        unobserved = np.flatnonzero(np.isin(self.flag, list(_FAILED))).tolist()
+        unobserved = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
         if call is None and unobserved:
             k = unobserved[0]
-            call = _FAILED[int(self.flag[k])], float(self.failed_at[k]), k
+            call = _FAILED[int(self.detail[k])], float(self.failed_at[k]), k
         if call is not None:
             name, t, member = call
             u, first = "" if rhs.given.inputs is None else "u, ", rhs.given.first
