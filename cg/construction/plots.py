@@ -46,6 +46,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     Parameters
     ----------
     method
+        A method of stages, or its name.
 
     Examples
     --------

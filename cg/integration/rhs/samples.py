@@ -340,6 +340,7 @@ class Samples(ReadOnly):
         Parameters
         ----------
         t
+            One time.
         member
             The member of an ensemble, for values of several members. All of them by default.
         """
