@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from numbers import Real
-from typing import Any, NamedTuple, TypedDict, TypeVar
+from typing import Any, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -383,23 +383,3 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         return function
 
     return expand
-
-
-class Control(NamedTuple):
-    """The step size control.
-
-    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
-    method by the tolerances.
-    """
-
-    h: float | None  # size of equal steps, None for adaptive steps
-    rtol: Array = DEFAULT_RTOL  # has the shape of atol
-    atol: Array = DEFAULT_ATOL
-    max_step: float = math.inf
-    first_step: float | None = None
-    max_steps: int = DEFAULT_MAX_STEPS
-
-    @property
-    def tolerance(self) -> float | None:
-        """The least relative tolerance, None for equal steps."""
-        return None if self.h is not None else float(np.min(self.rtol))

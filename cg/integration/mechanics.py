@@ -1,9 +1,7 @@
-"""What splitting methods and phase spaces alone take, and what they can't integrate.
+"""Thermostats, step functions and inertia of members; and the refusal of friction.
 
-They take heat baths, an inertia for each member of an ensemble, and variable steps. Splitting
-methods can't integrate forces that depend on the momentum, as friction does. Whether forces do is
-seen by two calls of ``f`` at one position, which aren't part of the integration: its counts leave
-them out, and only a sample of the members and points is looked at.
+They are for splitting methods and phase spaces. Friction shows as forces that differ for two
+momenta at one position: `refuse_friction` compares them at a sample of points, outside the counts.
 """
 
 from __future__ import annotations
@@ -21,9 +19,9 @@ from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_event
-from cg.integration.rhs.events import Observer
+from cg.integration.rhs.events import Observer, StepFunction
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.python import read_finite
+from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
@@ -35,7 +33,7 @@ _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be 
 
 
 def refuse_friction(
-    plan: Any, rhs: Any, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
+    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
@@ -74,9 +72,9 @@ def _shifted(frame: PhaseSpace, y: Points) -> Points:
     return frame.join(position, momentum + shift)
 
 
-def _forces(rhs: Any, t: Array, members: NDArray[np.intp], y: Points) -> Array:
+def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return what ``f`` returns for several members, in one call if it is vectorized."""
-    if rhs.vectorized:
+    if isinstance(rhs, PythonRhs) and rhs.vectorized:
         return np.array(rhs.at_members(t.copy(), members, y.copy()))
     calls = zip(members.tolist(), t.tolist(), y, strict=True)
     return np.array([rhs.answer(member, time, point) for member, time, point in calls])
@@ -235,24 +233,8 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, apart)
 
 
-@dataclass(frozen=True, eq=False)
-class StepFunction(Observer):
-    """The function of step sizes, after checking."""
-
-    name = entry = "step_function"
-
-    def check(self, value: Any, t: float, _: Points) -> Array:
-        """Return a value as an array, after checking it."""
-        number = read_finite(value, self.name, (), t, number=True)
-        if not number > 0.0:
-            raise ValueError(
-                f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
-            )
-        return number
-
-
 def step_function_of(
-    options: Any, plan: Plan, rhs: Any, t: float, stop: float, y: Points
+    options: Any, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
     function = options["step_function"]

@@ -172,7 +172,8 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
     if problem.events is not None or problem.dense or problem.finish is not None:
         ensemble = Collector(problem, None)
         ensemble.add(slice(0, 1), results)
-        return ensemble.solution()[0]
+        solution = ensemble.solution()[0]
+        return solution if problem.with_gradients is None else problem.with_gradients(solution)
     results.t.setflags(write=False)
     ends = problem.direction, results.reached.item(0), results.status[0], results.counts[0].tolist()
     return filled(Solution, {

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +16,11 @@ from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
+    DEFAULT_ATOL,
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
     FLAGS,
     STAGE_SOLVERS,
-    Control,
     EnsembleOptions,
     check_algebra,
     check_args,
@@ -43,7 +43,7 @@ from cg.integration.mechanics import (
     refuse_friction,
     step_function_of,
 )
-from cg.integration.output.solutions import EnsembleSolution
+from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
@@ -63,6 +63,26 @@ from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
+
+
+class Control(NamedTuple):
+    """The step size control.
+
+    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
+    method by the tolerances.
+    """
+
+    h: float | None  # size of equal steps, None for adaptive steps
+    rtol: Array = DEFAULT_RTOL  # has the shape of atol
+    atol: Array = DEFAULT_ATOL
+    max_step: float = math.inf
+    first_step: float | None = None
+    max_steps: int = DEFAULT_MAX_STEPS
+
+    @property
+    def tolerance(self) -> float | None:
+        """The least relative tolerance, None for equal steps."""
+        return None if self.h is not None else float(np.min(self.rtol))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +111,11 @@ class Problem:
     step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
     inertia: MemberInertia | None = None  # None if all members have that of the frame
     first: int = 0  # the number of the first member in the ensemble
-    # makes solutions with derivatives of one whose points hold them, or of their only member
-    finish: Callable[[Problem, EnsembleSolution], Any] | None = None
-    # those of each member where these have times of their own, whose corners aren't in `stops`
+    # makes the solution with derivatives of one whose points hold them
+    finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
+    # adds gradients by the adjoint equation to the solution of one point
+    with_gradients: Callable[[Solution], Solution] | None = None
+    # inputs of each member, if each has its own sample times; their corners are added by `part`
     own_inputs: tuple[Inputs, ...] = ()
 
     @property
@@ -119,7 +141,10 @@ class Problem:
 
     @property
     def direction(self) -> float:
-        """1.0 forward in time, -1.0 backward; no result infers it from its times."""
+        """1.0 forward in time, -1.0 backward.
+
+        Results store it, since one with a single time doesn't show it.
+        """
         return -1.0 if self.t1 < self.t0 else 1.0
 
     def part(self, members: slice) -> Problem:
@@ -446,8 +471,10 @@ def make_problem(
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
     if (events := options["events"]) is not None:
-        has_data = rhs.given.inputs is not None, rhs.given.parameters is not None
-        events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
+        events = EventTable(
+            events, frame, inputs=rhs.given.inputs is not None,
+            parameters=rhs.given.parameters is not None, in_python=isinstance(rhs, PythonRhs),
+        )  # fmt: skip
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")
     if math.isinf(stop) and not (events and events.has_terminal):

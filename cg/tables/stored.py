@@ -61,7 +61,7 @@ def table_of(method: Any) -> MethodTable:
 
 @lru_cache(maxsize=256)
 def unique_table(method: Any, polynomial: bool = False) -> MethodTable:
-    """Return the table of a method, or its table along a polynomial; it is one for equal methods."""
+    """Return the table of a method or its polynomial, the same one for equal methods."""
     if not polynomial:
         return table_of(method)
     table = unique_table(method).polynomial

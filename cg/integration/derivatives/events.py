@@ -52,10 +52,9 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, field: VariationalField, edges: Array) -> None:
+        events, flags = table._arguments
+        super().__init__(events, table.frame, **flags)
         self.table, self.field, self.edges = table, field, edges
-        self.frame, self.width = table.frame, table.width
-        self.events, self.compiled = table.events, table.compiled
-        self.rows = table.rows.copy()
         if not field.count and isinstance(field.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = field.f.user_data
         self._callable = [

@@ -23,7 +23,7 @@ from cg.integration.rhs.inputs import (
     Reader,
     data_at,
 )
-from cg.integration.rhs.python import Check, Derivative, context_of, read_only, when
+from cg.integration.rhs.python import Check, Derivative, Rhs, context_of, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
 from cg.support.shared_numbers import FailedFunction
@@ -269,7 +269,7 @@ def parameter_differences(
     return np.stack(columns, axis=-1)
 
 
-def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
+def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
     """Return the numbers with respect to which there are derivatives, and those of inputs in them.
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
@@ -429,7 +429,7 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
     functions: list[Any] = [("f", variational.f, frame.rhs_shape, variational.check)]
-    if frame._given is not None and not is_compiled(frame):
+    if frame._user_frame is not None and not is_compiled(frame):
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
             return variational.coefficients(t, y, arguments)

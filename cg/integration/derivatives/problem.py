@@ -249,7 +249,10 @@ def _tolerances(
 
 
 def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
-    """Return the equation of the problem with derivatives, along a solution without them."""
+    """Return the equation of the problem with derivatives, along a solution without them.
+
+    Where the tolerance allows it, its right-hand side takes one-sided differences from then on.
+    """
     rhs: Any = joint.rhs
     # where t is far larger than the span, its rounding makes f inexact
     far = max(1.0, abs(joint.t0) / (abs(joint.t1 - joint.t0) or math.inf))

@@ -59,7 +59,7 @@ class Plan:
         import cg._core_r64 as core
 
         self.core, self.frame, self.table = core, frame, table
-        self.user_frame = frame._given or frame  # another one where f returns derivatives
+        self.user_frame = frame._user_frame or frame  # another one where f returns derivatives
         along = table.polynomial if isinstance(frame, LinearAction) else None
         self.step_table = table if along is None else along
         self.compiled = is_compiled(frame)
@@ -86,7 +86,7 @@ class Plan:
         if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
         address: int = self.core.plan_open(
-            blocks, constants, frame._given is not None, ctypes.addressof(table.record)
+            blocks, constants, frame._user_frame is not None, ctypes.addressof(table.record)
         )
         return address
 
@@ -164,7 +164,7 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 def plan_of(frame: Frame, table: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
     plans = _plans_on(frame)
-    key = id(table), frame._given is None
+    key = id(table), frame._user_frame is None
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # more of them by threads
