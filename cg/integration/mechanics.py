@@ -184,14 +184,13 @@ class MemberInertia(NamedTuple):
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
     entries: Sequence[Any]  # the inertia of each member, as the user gave it
-    # whether members are integrated one by one, on frames of their own: those with joints, whose
-    # bodies are all of the frame's inertia, and those with derivatives
-    apart: bool
+    # whether each member is integrated alone on its own frame, as joints and derivatives need
+    one_by_one: bool
 
     def part(self, members: slice) -> MemberInertia:
         """Return those of some members."""
         rows = self.columns[members].copy(), self.numbers[members].copy()
-        return MemberInertia(*rows, self.entries[members], self.apart)
+        return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
         """Return the phase space of a member."""
@@ -213,8 +212,8 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     """
     if not isinstance(frame, PhaseSpace):
         raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
-    apart = bool(options["derivatives"]) or frame.jointed
-    if apart and options["common_steps"]:
+    one_by_one = bool(options["derivatives"]) or frame.jointed
+    if one_by_one and options["common_steps"]:
         what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
         raise ValueError(f"common_steps must be False with inertia and {what}")
     entries = value if isinstance(value, list | tuple) else list(np.asarray(value))
@@ -230,7 +229,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, apart)
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, one_by_one)
 
 
 def step_function_of(

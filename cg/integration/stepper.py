@@ -156,7 +156,7 @@ class Stepper:
         if all_options["h"] is None:
             all_options["first_step"] = None  # which may exceed the span here
         problem = make_problem(f, (start, start), y0, frame, all_options, many=many)
-        if problem.own_inputs:
+        if problem.member_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
@@ -544,10 +544,10 @@ class Stepper:
         begin = float(steps.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
-            own = steps.of(member)
-            start = nowhere if has_stopped else own.rows[:1, 5 : 5 + run.plan.width]
+            member_steps = steps.member(member)
+            start = nowhere if has_stopped else member_steps.rows[:1, 5 : 5 + run.plan.width]
             point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
-            outputs.append(DenseOutput(own, begin, self.direction, point))
+            outputs.append(DenseOutput(member_steps, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:

@@ -86,8 +86,8 @@ class Operation(IntEnum):
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
-    NEARBY = 4  # these coefficients by iteration, which every frame has
-    NEAREST = 15  # these, or those of the nearest tangent where they don't exist
+    NEARBY = 4  # coefficients of a flow to a near point, by Gauss-Newton
+    NEAREST = 15  # as NEARBY; where that fails, of the nearest tangent
     SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
     SHORTEST = 7  # coefficients without what leaves the point fixed
@@ -100,8 +100,10 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # bracket of two fields
-    COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
-    CONSTRAINTS = 17  # those of one's own on a phase space; see ``cg/frames/joints.py``
+    # coefficients of a derivative of a point, and the length of the part that no field has
+    COEFFICIENTS = 16
+    # values and derivatives of the user's constraints; see ``cg/frames/joints.py``
+    CONSTRAINTS = 17
     RESIDUAL = 19  # the function that lmdif minimises
 
 
@@ -139,7 +141,8 @@ class JacobianKind(IntEnum):
 
     DIFFERENCES = 0
     MATRIX = 1  # evaluated in Python
-    SPARSE = 2  # evaluated and factored in Python; or none, for the fixed-point iteration
+    # compiled code keeps no matrix: it is factored in Python, or stages are fixed points
+    OUTSIDE = 2
 
 
 class FailedFunction(IntEnum):

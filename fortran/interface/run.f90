@@ -104,8 +104,8 @@ contains
       run%adaptive = .not. record%h > 0
       n = int(merge(run%frame%dimension, run%frame%point_size, record%in_coordinates), int64)
       run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
-        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), parts=int(record%parts), &
-        exponent=record%exponent, max_step=record%max_step)
+        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), &
+        parts=int(record%reals_per_entry), exponent=record%exponent, max_step=record%max_step)
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(run%tolerances%atol)

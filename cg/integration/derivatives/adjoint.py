@@ -35,7 +35,7 @@ from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_field
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.python import Derivative, Rhs, context_of, derivative_of, when
+from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
@@ -316,7 +316,7 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     parameters, inputs = rhs.given.parameters, rhs.given.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = context_of(function, arguments, frame, shape, df_dp.check)
+        context = call_context(function, arguments, frame, shape, df_dp.check)
         address, data = core.function_addresses()[0], np.array(id(context))
         return call_field(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)

@@ -36,7 +36,7 @@ class Steps:
         """The times at which the steps end."""
         return self.rows[:, 3]
 
-    def of(self, member: int) -> Steps:
+    def member(self, member: int) -> Steps:
         """Return the steps of one member."""
         rows = slice(*np.searchsorted(self.rows[:, 0], [member + 1, member + 2]).tolist())
         return Steps(self.plan, self.rows[rows])
@@ -205,8 +205,10 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={_range(self.ts)}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        output, derivatives = self._members[member], self._derivatives
-        return output if derivatives is None else output.with_derivatives(derivatives.of(member))
+        output = self._members[member]
+        if self._derivatives is None:
+            return output
+        return output.with_derivatives(self._derivatives.member(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)
@@ -449,10 +451,10 @@ class EnsembleSolution(_SolutionBase):
 
 
 def member_fields(
-    joint: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
+    results: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
 ) -> dict[str, Any]:
     """Return fields of the solution of a member up to its last time, from results of all."""
-    t, y, observed = joint.t, joint.y, joint.observed
+    t, y, observed = results.t, results.y, results.observed
     if len(t) and t[-1] != end:
         t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
@@ -461,7 +463,7 @@ def member_fields(
     if observed is not None:
         observed = np.ascontiguousarray(observed[: len(t), member])
         observed.setflags(write=False)
-    message = joint.messages.get(member, FINISHED)
+    message = results.messages.get(member, FINISHED)
     return {
         "t": t,
         "y": y,

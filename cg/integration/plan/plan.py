@@ -65,8 +65,8 @@ class Plan:
         self.compiled = is_compiled(frame)
         self._has_difference = has_compiled_difference(frame)
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
-        self.parts = 2 if self.dtype == np.complex128 else 1
-        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
+        self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
+        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
         self.columns = self.step_table.output.columns
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
@@ -146,13 +146,13 @@ class Plan:
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
         rows = np.ascontiguousarray(points)
-        if self.parts == 2:
+        if self.reals_per_entry == 2:
             rows = rows.reshape(-1).view(np.float64)
         return rows.reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        if self.parts == 2:
+        if self.reals_per_entry == 2:
             rows = rows.reshape(-1).view(self.dtype)
         return rows.reshape(*lead, *self.point_shape)
 

@@ -99,7 +99,7 @@ class Resolution:
         return np.asarray(relative.max(axis=1))
 
     def longest_steps(self, tolerance: float) -> Array:
-        """Return rows of times and how long steps may be from there on, up to the next time."""
+        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         allowed = tolerance**0.25
         pieces = len(self._times) - 1
         level = np.zeros(pieces, dtype=np.int8)
@@ -300,7 +300,7 @@ class Samples(ReadOnly):
         return corners
 
     def longest_steps(self, tolerance: float) -> Array:
-        """Return times and how long steps may be from each on, shape (n, 2)."""
+        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         if not self._is_spline or len(self._edges) < 2:
             return np.empty((0, 2))
         return self._resolution.longest_steps(tolerance)
@@ -352,7 +352,7 @@ class Samples(ReadOnly):
         """Return the curve, or that of a member, as a function that takes little time."""
         (search, starts, rows), outside = self._rows, self.check_span
         low, high = self._span
-        own = None if self.members is None else member
+        column = None if self.members is None else member
 
         def value_at(t: float) -> Any:
             if not low <= t <= high:
@@ -362,7 +362,8 @@ class Samples(ReadOnly):
             *others, value = rows[piece]
             for row in reversed(others):
                 value = row + s * value
-            return +value if own is None else +value[own]  # by + an array that the caller owns
+            # by + an array that the caller owns
+            return +value if column is None else +value[column]
 
         return value_at
 
