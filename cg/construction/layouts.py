@@ -133,7 +133,7 @@ class Layout:
 
     @property
     def ends(self) -> tuple[int, ...]:
-        """The points of the stages, then those of the results: the end of each row of a tableau."""
+        """The points of the stages, then of the results: the end of each row of a tableau."""
         return *self.stage_points, *self.results
 
     @property

@@ -18,8 +18,8 @@ from cg.frames.manifold import (
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
-    near,
     norms,
+    usable_or_zero,
 )
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.checks import check_integer, short
@@ -283,7 +283,7 @@ class Frame(Manifold, FieldAlgebra):
         if lost.any():
             start, end = start[lost], end[lost]
             with np.errstate(over="ignore", invalid="ignore"):
-                tangents = near(self._coefficients_at(start, end - start))
+                tangents = usable_or_zero(self._coefficients_at(start, end - start))
                 nearer = norms(end - self.flow(tangents, start)) < norms(end - start)
             v[lost] = np.where(nearer[:, None], tangents, 0.0)
         return v
@@ -332,7 +332,7 @@ class Frame(Manifold, FieldAlgebra):
 
     @property
     def jointed(self) -> bool:
-        """Whether it is, or has as a factor, a phase space with joints or constraints."""
+        """Whether the frame is, or has as a factor, a phase space with joints or constraints."""
         return False
 
     @property
@@ -354,8 +354,7 @@ class Frame(Manifold, FieldAlgebra):
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
         return f if self._user_frame is None else self._coefficients(y, f)[0]
 
-    # the frame of the user, in place of which this one takes derivatives from right-hand sides
-    _user_frame: Frame | None = None
+    _user_frame: Frame | None = None  # that of the user, where right-hand sides give derivatives
 
     def for_derivatives(self, with_brackets: bool = False) -> Frame:
         """Return the frame for right-hand sides that return derivatives of points.

@@ -6,7 +6,7 @@ momenta at one position: `refuse_friction` compares them at a sample of points, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from secrets import randbits
 from typing import Any, NamedTuple
@@ -188,7 +188,7 @@ class MemberInertia(NamedTuple):
     one_by_one: bool
 
     def part(self, members: slice) -> MemberInertia:
-        """Return those of some members."""
+        """Return the bodies of some members."""
         rows = self.columns[members].copy(), self.numbers[members].copy()
         return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
@@ -206,7 +206,7 @@ class MemberInertia(NamedTuple):
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
-    """Return the bodies of each member after checking them, those of the frame aside.
+    """Return the bodies of each member, in place of those of the frame, after checking them.
 
     A single member takes any number of them.
     """
@@ -260,15 +260,22 @@ def step_function_of(
     def size_at(time: float, point: Points) -> Array:
         return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
 
-    assert isinstance(plan.frame, PhaseSpace)
-    size = size_at(t, y)
-    # a time at which a function of it that repeats with h has another value
+    # a time at which a function of time that repeats with h has another value
     later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
-    for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
-        other = size_at(*place)
+    assert isinstance(plan.frame, PhaseSpace)
+    _check_reversible(size_at, plan.frame, t, later, y)
+    return checked
+
+
+def _check_reversible(
+    size_at: Callable[[float, Points], Array], frame: PhaseSpace, t: float, later: float, y: Points
+) -> None:
+    """Raise ValueError if sizes of steps depend on the momentum or the time."""
+    size = size_at(t, y)
+    for what, time, point in (("momentum", t, _shifted(frame, y)), ("time", later, y)):
+        other = size_at(time, point)
         if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
             raise ValueError(
                 "step_function must depend on the configuration alone, or steps can't be "
                 f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
             )
-    return checked

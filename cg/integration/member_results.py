@@ -154,10 +154,7 @@ class Collector:
 
 
 def split_events(places: Any, values: Array, members: int, events: int) -> list[list[Array]]:
-    """Return for each event the values of each member.
-
-    A row of ``places`` is the member and the event of a value.
-    """
+    """Return for each event the values of each member; a row of ``places`` is (member, event)."""
     rows = _by_key(members * places[:, 1] + places[:, 0], values, members * events)
     return [rows[members * i : members * (i + 1)] for i in range(events)]
 

@@ -32,6 +32,7 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_times,
+    read_points,
     read_starts,
 )
 from cg.integration.default_method import AUTO, choose_method
@@ -58,7 +59,7 @@ from cg.integration.rhs.inputs import (
     stops_and_limits,
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points, apart
+from cg.support.arrays import Array, Points, texts_of
 from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
@@ -141,10 +142,7 @@ class Problem:
 
     @property
     def direction(self) -> float:
-        """1.0 forward in time, -1.0 backward.
-
-        Results store it, since one with a single time doesn't show it.
-        """
+        """1.0 forward in time, -1.0 backward, which a result with one time doesn't show."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
     def part(self, members: slice) -> Problem:
@@ -217,7 +215,7 @@ def _make_control(
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
-            limit, got = apart(largest, size)
+            limit, got = texts_of(largest, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
         return Control(h=size)
     if plan.table.kind is Kind.SPLITTING:
@@ -400,7 +398,7 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = plan.frame.read_points(y0, "y0").reshape(-1, *plan.point_shape)
+    rows = read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
     members = len(inertia.columns)
     points = []
@@ -416,7 +414,7 @@ def _read_jointed_members(
 def _read_inputs(
     plan: Plan, options: EnsembleOptions, start: float, stop: float, members: int | None
 ) -> tuple[Inputs | None, tuple[Inputs, ...]]:
-    """Return the inputs, and those of each member where they have times of their own."""
+    """Return the inputs, and the inputs of each member where members have their own times."""
     inputs: Any = options["inputs"]
     name = "the initial time" if start == stop else "t_span"
     if members is None or not isinstance(inputs, list):
@@ -430,7 +428,7 @@ def _read_inputs(
 def _read_times(
     options: EnsembleOptions, start: float, stop: float, many: bool
 ) -> tuple[Array, Array | None]:
-    """Return the breakpoints with the final time, and the output times, None for those of steps."""
+    """Return the breakpoints with the final time, and the output times, None for ends of steps."""
     stops = check_stops(options["breakpoints"], start, stop)
     if options["t_eval"] is not None:
         t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
@@ -484,8 +482,7 @@ def make_problem(
     points, numbers, inertia = _read_members(plan, options, y0, many)
     start, stop = check_span(t_span)
     check_thermostat(options["thermostat"], plan.table, options, stop < start)
-    members = len(points) if many else None
-    inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
+    inputs, member_inputs = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     refuse_friction(plan, rhs, [start], points[None])
     if stop != start and np.isfinite(stop):  # a friction may vanish at the start

@@ -100,10 +100,8 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # bracket of two fields
-    # coefficients of a derivative of a point, and the length of the part that no field has
-    COEFFICIENTS = 16
-    # values and derivatives of the user's constraints; see ``cg/frames/joints.py``
-    CONSTRAINTS = 17
+    COEFFICIENTS = 16  # of a derivative of a point, and the length of the part that no field has
+    CONSTRAINTS = 17  # values of the user's, and derivatives; see ``cg/frames/joints.py``
     RESIDUAL = 19  # the function that lmdif minimises
 
 
@@ -141,8 +139,7 @@ class JacobianKind(IntEnum):
 
     DIFFERENCES = 0
     MATRIX = 1  # evaluated in Python
-    # compiled code keeps no matrix: it is factored in Python, or stages are fixed points
-    OUTSIDE = 2
+    OUTSIDE = 2  # no matrix in compiled code: Python factors it, or stages are fixed points
 
 
 class FailedFunction(IntEnum):

@@ -17,8 +17,7 @@ RECORD = {
     "segments": "integer",
     "stops": "address",  # ends of segments
     "limited": "integer",  # number of rows of `limits`
-    # rows (t, limit): a step from t on is at most `limit` long, up to the next t
-    "limits": "address",
+    "limits": "address",  # rows (t, limit): a step from t on is at most `limit` long
     # functions
     "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side

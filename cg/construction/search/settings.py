@@ -181,7 +181,7 @@ class Settings:
 
     @property
     def of_points(self) -> bool:
-        """Whether they describe methods of points, not tableaux."""
+        """Whether the settings describe methods of points, not tableaux."""
         given = self.tree, self.flows, self.first_flows
         return self.registers or given != (None, None, None)
 

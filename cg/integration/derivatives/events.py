@@ -128,7 +128,7 @@ class VariationalEvents(EventTable):
     def _time_derivative(
         self, index: int, t: float, y: Points, x: Array, arguments: tuple[Any, ...]
     ) -> tuple[float, Array]:
-        """Return the derivative of a function along the solution, and those of its zero's time."""
+        """Return the derivatives of a function along the solution and of the time of its zero."""
 
         def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return np.array([self._value_of(index, time, point, extra)])
@@ -202,15 +202,12 @@ class VariationalEvents(EventTable):
     def _steps_in_time(
         self, t: float, unit: float, arguments: tuple[Any, ...]
     ) -> tuple[float, Array, Array]:
-        """Return the unit of differences by time, at most ``unit``, their steps and weights.
-
-        Near an edge they are to the side on which there is more room.
-        """
+        """Return the unit of differences by time, at most ``unit``, their steps and weights."""
         steps, weights = _STEPS, _WEIGHTS
         behind, before = self._room(t, arguments)
         if min(behind, before) >= 2e-3 * max(behind, before):
             unit = min(unit, min(behind, before) / (2.02 * _STEP))
-        else:
+        else:  # near an edge
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
             unit = min(unit, max(behind, before) / (4.04 * _STEP))
             unit = unit if before > behind else -unit

@@ -271,7 +271,7 @@ def parameter_differences(
 
 
 def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
-    """Return the numbers with respect to which there are derivatives, and those of inputs in them.
+    """Return how many numbers derivatives are with respect to, and how many of inputs.
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """
@@ -287,7 +287,7 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
 @cached_by_value
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
+    """Return indices i, j, k, shape ``(3, constants)``, and the parts of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]
     for i, e in enumerate(basis):
@@ -381,12 +381,10 @@ def compiled_variation(
 def _add_contexts(
     records: Any, variational: VariationalField, in_python: list[Any], given: Given, values: Array
 ) -> list[Any]:
-    """Put the data of functions in Python into records; return what these keep alive.
-
-    ``values`` are the numbers of inputs that compiled code changes for differences.
-    """
+    """Put data of functions in Python into records, and return it."""
     arguments = [given.arguments(member) for member in range(len(records))]
     if given.inputs is not None and variational.inputs and variational.df_dp is None:
+        # compiled code changes the values for differences
         arguments = [(DataReader(given.inputs, values), *arguments[0][1:])]
     # differences change parameters in place
     changing = variational.df_dp is None and variational.count > variational.inputs

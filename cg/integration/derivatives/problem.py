@@ -1,4 +1,4 @@
-"""Problems of points with their derivatives, and solutions made of theirs."""
+"""Problems of points with their derivatives, and what their solutions give to users."""
 
 from __future__ import annotations
 
@@ -250,10 +250,7 @@ def _tolerances(
 
 
 def _equation_along(variational: Problem, sol: DenseOutput) -> Equation:
-    """Return the equation of the problem with derivatives, along a solution without them.
-
-    Where the tolerance allows it, its right-hand side takes one-sided differences from then on.
-    """
+    """Return the equation of a problem with derivatives, whose differences may become one-sided."""
     rhs: Any = variational.rhs
     # where t is far larger than the span, its rounding makes f inexact
     far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))

@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.integration.messages import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, apart, clipped, real_array
+from cg.support.arrays import Array, Points, clipped, real_array, texts_of
 from cg.support.caches import ReadOnly, filled
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, made
@@ -57,7 +57,7 @@ class Steps:
 
 def _range(times: Array) -> str:
     """Return the first and the last time for a message."""
-    return "...".join(apart(times[0], times[-1])) if len(times) else "nothing"
+    return "...".join(texts_of(times[0], times[-1])) if len(times) else "nothing"
 
 
 class DenseOutput(ReadOnly):
@@ -162,7 +162,7 @@ class DenseOutput(ReadOnly):
         times = real_array(t, "t")
         inside, outside = clipped(times.ravel(), self.t_min, self.t_max)
         if outside is not None:
-            low, high, got = apart(self.t_min, self.t_max, times.flat[outside])
+            low, high, got = texts_of(self.t_min, self.t_max, times.flat[outside])
             raise ValueError(f"t must lie between {low} and {high}, got {got}")
         return self._evaluate(inside).reshape(*times.shape, *self._y0.shape)
 
@@ -205,10 +205,8 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={_range(self.ts)}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        output = self._members[member]
-        if self._derivatives is None:
-            return output
-        return output.with_derivatives(self._derivatives.member(member))
+        output, whole = self._members[member], self._derivatives
+        return output if whole is None else output.with_derivatives(whole.member(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)
@@ -224,7 +222,7 @@ _DERIVATIVES = "transition", "sensitivity", "covariance"
 
 @dataclass(frozen=True, eq=False)
 class _SolutionBase(ReadOnly):
-    """What is known of one solution, and of those of many members with an axis for these."""
+    """What is known of a solution, with an axis for members if there are many."""
 
     t: Array
     y: Points

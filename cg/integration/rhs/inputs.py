@@ -214,7 +214,7 @@ class DataReader(Reader):
         self._data = data
 
     def function(self) -> Callable[[float], Any]:
-        """Return the function that reads them."""
+        """Return the inputs as a function, which reads them from the data."""
         reads, first = [], 0
         for curve in self.inputs.curves:
             stop = first + math.prod(curve.shape)

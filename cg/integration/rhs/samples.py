@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, apart, check_finite, real_array
+from cg.support.arrays import Array, check_finite, real_array, texts_of
 from cg.support.caches import ReadOnly
 from cg.support.checks import check_choice, check_flag
 
@@ -423,10 +423,11 @@ class Samples(ReadOnly):
         first, last = min(start, stop), max(start, stop)
         low, high = self._span
         if not (low <= first and last <= high):
-            low_text, high_text, *got = apart(self.times[0], self.end, start, stop)
+            low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
+            two = start < stop or stop < start  # else one time, or NaN
             raise ValueError(
                 f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
-                f"got {got[0] if start == stop else '({}, {})'.format(*got)}"
+                f"got {'({}, {})'.format(*got) if two else got[0]}"
             )
 
 
@@ -439,7 +440,7 @@ def _read_times(times: ArrayLike) -> Array:
     if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
         check_finite("times", array)
         place = int(np.argmin(growing))
-        before, got = apart(*array[place : place + 2])
+        before, got = texts_of(*array[place : place + 2])
         raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
     array.flags.writeable = False
     return array

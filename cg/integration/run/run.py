@@ -126,13 +126,11 @@ class Run:
 
     def _jacobian_kind(self) -> JacobianKind:
         """Return how the Jacobian for implicit stages is evaluated."""
-        problem, jacobian = self.problem, self.problem.jacobian
+        problem, kind, jacobian = self.problem, self.plan.step_table.kind, self.problem.jacobian
         if jacobian is not None:
             return JacobianKind.OUTSIDE if jacobian.sparse else JacobianKind.MATRIX
-        iterated = self.plan.step_table.kind is not Kind.COLLOCATION
-        if iterated and problem.stage_solver == "fixed-point":
-            return JacobianKind.OUTSIDE
-        return JacobianKind.DIFFERENCES
+        iterated = problem.stage_solver == "fixed-point" and kind is not Kind.COLLOCATION
+        return JacobianKind.OUTSIDE if iterated else JacobianKind.DIFFERENCES
 
     def _count_solver_rows(self) -> int:
         """Return how many vectors are kept to solve implicit stages."""
@@ -216,7 +214,7 @@ class Run:
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
     def share_limits(self, limits: Array) -> None:
-        """Share how long steps may be where; compiled code reads it when it opens or restarts."""
+        """Share the limits of steps, which compiled code reads when a run opens or restarts."""
         self.record.limited = len(self._share("limits", limits))
 
     def call(self) -> None:
