@@ -114,8 +114,7 @@ class Problem:
     first: int = 0  # the number of the first member in the ensemble
     # makes the solution with derivatives of one whose points hold them
     finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
-    # adds gradients by the adjoint equation to the solution of one point
-    with_gradients: Callable[[Solution], Solution] | None = None
+    with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
     # inputs of each member, if each has its own sample times; their corners are added by `part`
     member_inputs: tuple[Inputs, ...] = ()
 

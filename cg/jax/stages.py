@@ -143,10 +143,7 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
 def _loop_on_algebra(
     table: MethodTable, start: Start, weights: JaxArray, unroll: bool
 ) -> Callable[[JaxArray, int, int], Any]:
-    """Return the loop from one stage to before another.
-
-    It returns the sums, and the values k with what dexpinv has added to coefficients, if needed.
-    """
+    """Return the loop over stages: new sums, values k, and what dexpinv has added if needed."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     nodes = jnp.asarray(table.c, h.dtype)
     numbers = jnp.asarray(table.arrays["stage_path"])
