@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from cg.frames.linear_action import LinearAction, on_one_pattern
+from cg.integration.arguments import check_count
 from cg.integration.ivp import solve_linear
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array
@@ -157,7 +158,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             except _WrongAssumptionError:
                 self._rebuild()
         if not solution.success:
-            raise IntegratorException(solution.message)
+            raise IntegratorException(solution.message.replace("max_steps", "nsteps"))
         places = np.cumsum(changes != 0.0)
         for self._t, self._y in zip(given[1:].tolist(), solution.y[places], strict=True):
             yield self._t, fast_from_numpy(self._y)  # complex and in order; no check takes time
@@ -178,7 +179,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             self._y,
             frame=self._frame(),
             t_eval=times,
-            max_steps=self.options["nsteps"],
+            max_steps=check_count("nsteps", self.options["nsteps"]),
             breakpoints=(inside if times[0] == start else inside[::-1]) if len(inside) else None,
             **options,
         )
@@ -259,8 +260,8 @@ def _times_of_arrays(coefficient: Any, tolerance: float) -> Array:
 
 
 def _times(times: Array, pieces: Any, tolerance: float) -> Array:
-    """Return those times of one array; the last row of its pieces has its values."""
-    values = np.stack([pieces[-1].real, pieces[-1].imag], axis=1)
+    """Return the times at which steps must end for one array coefficient."""
+    values = np.stack([pieces[-1].real, pieces[-1].imag], axis=1)  # the numbers of the array
     curve = Samples(times, values, _KINDS.get(len(pieces), "cubic"))
     ends = curve.times[[0, -1]]
     return np.concatenate([ends, curve.corners(tolerance), curve.longest_steps(tolerance)[:, 0]])

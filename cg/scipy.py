@@ -171,7 +171,7 @@ class FrameSolver(OdeSolver):
             t, y = self._stepper.t, self._stepper.y
             self._start = t, y, self._derivative(t, y)
             v = self.frame._coefficients_at(y[None], self._start[2][None])[0]
-            rate = _turning(self.frame, v)
+            rate = _turning_rate(self.frame, v)
             if rate * abs(bound - t) > self._max_angle:
                 bound = t + self.direction * self._max_angle / rate
         return None if math.isinf(bound) else bound
@@ -203,19 +203,19 @@ class _Step(DenseOutput):
         return rows.T
 
 
-def _turning(frame: Frame, v: Array) -> float:
+def _turning_rate(frame: Frame, v: Array) -> float:
     """Return the largest norm of coefficients of a factor with rotations or the like."""
     if isinstance(frame, LinearAction):
         return 0.0
     if isinstance(frame, Power):
-        return max(_turning(frame.factor, part) for part in frame._split_vector(v))
+        return max(_turning_rate(frame.factor, part) for part in frame._split_vector(v))
     if isinstance(frame, Product):
-        return max(map(_turning, frame.factors, frame._split_vector(v)))
+        return max(map(_turning_rate, frame.factors, frame._split_vector(v)))
     return float(np.linalg.norm(v * frame.turning_coefficients()))
 
 
 def _of_coordinates(frame: Frame, tolerances: Array) -> Array:
-    """Return the tolerances of coordinates for those of the entries of points, in their shape."""
+    """Return tolerances of coordinates for tolerances of the entries of points."""
     if isinstance(frame, Euclidean):
         return tolerances
     if isinstance(frame, Product):

@@ -105,7 +105,7 @@ def main(
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error; that of a file's error has its path and what is wrong."""
+    """Return the message of an error; for errors of files the path and what is wrong."""
     if isinstance(error, click.ClickException):
         return error.format_message()
     if isinstance(error, MemoryError):

@@ -119,7 +119,7 @@ def _help(function: Callable[..., Any], name: str) -> str:
 
 
 def _arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a function for options; `stages` is by default that of the tree."""
+    """Return the arguments of a function of options; `stages` are by default those of the tree."""
     stages, tree = options["stages"], options["tree"]
     if stages is None and tree is None:
         raise click.UsageError("Missing option '--stages', or '--tree'.")

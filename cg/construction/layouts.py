@@ -17,6 +17,10 @@ from cg.support.checks import check_integer
 
 T = TypeVar("T")
 
+MAX_STAGES = 1000
+"""Largest number of stages s; matrices of solvers have s (s + 1) / 2 columns and must fit into
+memory."""
+
 
 class Rows(IntEnum):
     """Which entries of ``a`` a tableau may have.
@@ -129,7 +133,7 @@ class Layout:
 
     @property
     def ends(self) -> tuple[int, ...]:
-        """The points of the stages, then those of the results: the end of each row of a tableau."""
+        """The points of the stages, then of the results: the end of each row of a tableau."""
         return *self.stage_points, *self.results
 
     @property

@@ -46,6 +46,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     Parameters
     ----------
     method
+        A method of stages, or its name.
 
     Examples
     --------
@@ -54,7 +55,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     >>> sorted({text.get_text() for text in ax.texts})[:4]
     ['0', '119/216', '13/51', '17/108']
     """
-    method = no_splitting(resolve_method(method))
+    method = refuse_splitting(resolve_method(method))
     s = method.stages
     if ax is None:
         ax = axes_for(None)
@@ -81,8 +82,8 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     return ax
 
 
-def no_splitting(method: Method) -> Method:
-    """Return a method; ValueError if it is a splitting method, which has kicks and drifts."""
+def refuse_splitting(method: Method) -> Method:
+    """Return the method; raise ValueError for a splitting method, which has kicks and drifts."""
     if isinstance(method, Splitting):
         raise ValueError(f"method must be no splitting method, got {method!r}")
     return method
@@ -126,7 +127,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     >>> ax.get_title()
     'CF4: order 4, 4 evaluations, 5 flows'
     """
-    method = no_splitting(resolve_method(method))
+    method = refuse_splitting(resolve_method(method))
     if not method.explicit:
         raise ValueError(f"method must be explicit, got {method!r}")
     ax = axes_for(ax)
@@ -263,7 +264,7 @@ def stability_region(method: Any, ax: Any = None) -> Any:
     ['CG2', 'CF4']
     """
     several = isinstance(method, list | tuple) and len(method) > 0
-    methods = [no_splitting(resolve_method(name)) for name in (method if several else [method])]
+    methods = [refuse_splitting(resolve_method(name)) for name in (method if several else [method])]
     grid, z = _plane(*_box(methods))
     ax = axes_for(ax)
     ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
@@ -298,7 +299,7 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _box(methods: list[Method]) -> tuple[Range, Range]:
-    """Return ranges of both axes with the regions, or the inner part of those without an end."""
+    """Return ranges of both axes with the regions, or the inner part of endless regions."""
     reach = 2.0 + max(method.stages for method in methods)
     _, z = _plane((-2 * reach, 2 * reach), (0.0, 1.5 * reach))
     z = z[np.any([np.abs(growth(method, z)) <= 1.0 for method in methods], axis=0)]

@@ -171,7 +171,7 @@ def run_pieces(
 def _counted(
     progress: Any, piece: str, total: int, known: int, solved: Callable[[Any], bool]
 ) -> Iterator[Callable[[Any, bool], None]]:
-    """Yield a function that counts a result, new or stored, and shows it on a bar, if there is."""
+    """Yield a function that counts a result, new or stored, and shows it on a bar if asked to."""
     if progress is not True:
         yield lambda result, new: None
         return

@@ -18,8 +18,8 @@ from cg.frames.manifold import (
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
-    near,
     norms,
+    usable_or_zero,
 )
 from cg.support.arrays import Array, Points, Size, check_random, real_array
 from cg.support.checks import check_integer, short
@@ -283,7 +283,7 @@ class Frame(Manifold, FieldAlgebra):
         if lost.any():
             start, end = start[lost], end[lost]
             with np.errstate(over="ignore", invalid="ignore"):
-                tangents = near(self._coefficients_at(start, end - start))
+                tangents = usable_or_zero(self._coefficients_at(start, end - start))
                 nearer = norms(end - self.flow(tangents, start)) < norms(end - start)
             v[lost] = np.where(nearer[:, None], tangents, 0.0)
         return v
@@ -332,7 +332,7 @@ class Frame(Manifold, FieldAlgebra):
 
     @property
     def jointed(self) -> bool:
-        """Whether it is, or has as a factor, a phase space with joints or constraints."""
+        """Whether the frame is, or has as a factor, a phase space with joints or constraints."""
         return False
 
     @property
@@ -342,19 +342,19 @@ class Frame(Manifold, FieldAlgebra):
 
     @property
     def rhs_shape(self) -> tuple[int, ...]:
-        """The shape of what they return: ``(rhs_dim,)``, or that of a point for derivatives."""
-        return (self.rhs_dim,) if self._given is None else self.point_shape
+        """Shape of what right-hand sides return: ``(rhs_dim,)``, or of a point for derivatives."""
+        return (self.rhs_dim,) if self._user_frame is None else self.point_shape
 
     @property
     def rhs_dtype(self) -> np.dtype[Any]:
-        """The type of what they return: float64, or that of points for derivatives."""
-        return np.dtype(np.float64) if self._given is None else self.dtype
+        """Type of what right-hand sides return: float64, or that of points for derivatives."""
+        return np.dtype(np.float64) if self._user_frame is None else self.dtype
 
     def complete_rhs(self, f: Points, y: Points) -> Array:
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
-        return f if self._given is None else self._coefficients(y, f)[0]
+        return f if self._user_frame is None else self._coefficients(y, f)[0]
 
-    _given: Frame | None = None  # the frame in place of which right-hand sides give derivatives
+    _user_frame: Frame | None = None  # that of the user, where right-hand sides give derivatives
 
     def for_derivatives(self, with_brackets: bool = False) -> Frame:
         """Return the frame for right-hand sides that return derivatives of points.
@@ -362,7 +362,7 @@ class Frame(Manifold, FieldAlgebra):
         It is that of the fastest flows, or this frame itself where its brackets are needed.
         """
         frame = copy(self if with_brackets else self._moved_by_derivatives())
-        vars(frame)["_given"] = self
+        vars(frame)["_user_frame"] = self
         return frame
 
     def _moved_by_derivatives(self) -> Frame:

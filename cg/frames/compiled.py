@@ -20,7 +20,7 @@ isospectral matrices and of columns, of entries of the vector of a linear action
 of SE(3), 3 for other kinds); the sum of its options; and its constants, which are the increasing
 eigenvalues of isospectral matrices, the number of columns, or the matrices of a linear action."""
 
-CLOSED_FORMS = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
+CLOSED_COORDINATES = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
 """Kinds of matrices whose coordinates have a closed form."""
 
 _BY_LAPACK = BlockKind.STIEFEL, BlockKind.ISOSPECTRAL

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.manifold import near
+from cg.frames.manifold import usable_or_zero
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.arrays import Array, Points
 
@@ -89,7 +89,7 @@ class HomogeneousSpace(Frame):
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         # The logarithm of the product of group elements composes the two flows exactly.
-        further = self.group.exponential(near(self._coefficients_at(y, end - y)))
+        further = self.group.exponential(usable_or_zero(self._coefficients_at(y, end - y)))
         return self.group.logarithm(further @ self.group.exponential(v))
 
     def _composed(self, path: Array) -> Array:

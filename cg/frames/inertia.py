@@ -184,7 +184,7 @@ def _of_each_factor(frame: Product, value: Any, name: str) -> list[tuple[Frame, 
 
 
 def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
-    """Return the inertia of each body of a power, None if that of all is given."""
+    """Return the inertia of each body of a power, None if all have one inertia."""
     n, dim = frame.n, frame.factor.dim
     if type(frame.factor) in (Power, Product) or np.ndim(value) < 2:
         return None
@@ -255,7 +255,7 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
 
 
 def _orthogonal_rest(axes: Array) -> Array:
-    """Return what makes a rounded rotation orthogonal to twice as many digits, if it is added.
+    """Return the term that, added, makes a rounded rotation orthogonal to twice the digits.
 
     It is a step of Newton and Schulz with an exact residual.
     """

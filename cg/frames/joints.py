@@ -369,7 +369,7 @@ class Linkage:
         return (best / scale[:, None]).T
 
     def _reach(self, q: Points) -> Array:
-        """Return the largest position for fields of positions, one for those of attitudes."""
+        """Return the largest position for fields of positions, one for fields of attitudes."""
         doubles = np.ascontiguousarray(q).reshape(-1).view(np.float64)
         blocks = self._frame.compiled_blocks() or ()
         bodies = zip(blocks, self._frame._bodies, strict=False)

@@ -217,7 +217,7 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
                 f"{conversion_hint(generator, error)}"
             ) from None
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
-            raise ValueError(f"generators[{i}] must be square, got shape {matrix.shape}")
+            raise ValueError(f"generators[{i}] must be a square matrix, got shape {matrix.shape}")
         if matrix.shape != (matrices or [matrix])[0].shape:
             raise ValueError(
                 f"generators must have one shape, got {matrices[0].shape} and {matrix.shape}"

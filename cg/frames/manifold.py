@@ -42,7 +42,7 @@ class Manifold(ABC):
         return self.membership_error(y)
 
     def state_error(self, y: ArrayLike) -> Array:
-        """Return the relative error of points that are states, as far as these have conditions."""
+        """Return the relative error of points that are states, as far as states have conditions."""
         return self.relative_error(y)
 
     def project(self, y: ArrayLike) -> Points:
@@ -236,7 +236,7 @@ def local_coordinates(
     return v
 
 
-def near(v: Array) -> Array:
+def usable_or_zero(v: Array) -> Array:
     """Return coefficients, zero where they aren't finite or too large for a flow."""
     v = np.nan_to_num(v, posinf=0.0, neginf=0.0)
     v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0

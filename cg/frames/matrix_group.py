@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.algebra import MAX_CONSTANTS, series_dexpinv
 from cg.frames.base import Frame
-from cg.frames.compiled import CLOSED_FORMS, Block, coordinates_between, move
+from cg.frames.compiled import CLOSED_COORDINATES, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size
@@ -228,7 +228,7 @@ class MatrixGroup(Frame):
     def _closed_form(self) -> Block | None:
         """Return the block whose coordinates compiled code knows for all points."""
         blocks = self.compiled_blocks()
-        return blocks[0] if blocks and blocks[0][0] in CLOSED_FORMS else None
+        return blocks[0] if blocks and blocks[0][0] in CLOSED_COORDINATES else None
 
     def logarithm(self, x: ArrayLike) -> Array:
         """Return the ``v`` of least norm with ``exponential(v) == x``, NaN where there is none.

@@ -320,7 +320,7 @@ class PhaseSpace(Product):
         Raises
         ------
         ValueError
-            If the temperature is negative or not finite, or joints are open.
+            If the temperature is negative or not finite, or joints can't be closed nearby.
         """
         temperature = check_real("temperature", temperature)
         check_generator("rng", rng)

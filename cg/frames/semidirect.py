@@ -174,7 +174,7 @@ class Semidirect(MatrixGroup):
         return np.asarray(np.hypot(self.group.distance(linear, other_linear), shift))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return ones for the group, and the length of its column for each entry of one."""
+        """Return ones for the group, and for each entry of a column the length of the column."""
         point = self._points(y)
         sizes = super().coordinate_sizes(point)
         lengths = np.linalg.norm(self._linear_and_columns(point)[1], axis=-2)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from numbers import Real
 from os import PathLike
-from typing import Any, NamedTuple, TypedDict, TypeVar
+from typing import Any, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from cg.integration.mechanics import Langevin
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
-from cg.support.arrays import Array, Points, apart, check_finite, clipped, is_array, real_array
+from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
 from cg.support.checks import check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
@@ -58,12 +58,12 @@ def check_times(name: str, value: Any, where: str, start: float, stop: float) ->
     low, high = min(start, stop), max(start, stop)
     inside, outside = clipped(times, low, high)
     if outside is not None:
-        first, last, got = apart(low, high, times[outside])
+        first, last, got = texts_of(low, high, times[outside])
         raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
     increases = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
     if not increases.all():
         place = int(np.argmin(increases))
-        before, got = apart(*times[place : place + 2])
+        before, got = texts_of(*times[place : place + 2])
         raise ValueError(
             f"{name} must be strictly sorted in the direction of integration, got {got} after "
             f"{before} at [{place + 1}]"
@@ -200,13 +200,23 @@ def check_points(
     return points, rows
 
 
+def read_points(frame: Frame, y0: ArrayLike, name: str = "y0") -> Points:
+    """Return points as an array; the error for parts of a point names ``frame.join``."""
+    try:
+        return frame.read_points(y0, name)
+    except ValueError as error:
+        if isinstance(y0, list | tuple) and hasattr(frame, "join"):
+            raise ValueError(f"{error}; frame.join makes a point of its parts") from None
+        raise
+
+
 def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
     """Return points of members as a new array, of a single one by default, after checking them."""
     frame, shape = plan.frame, plan.point_shape
     if plan.compiled and is_array(y0, plan.dtype):
         points = y0.copy()
     else:
-        points = frame.read_points(y0, name)
+        points = read_points(frame, y0, name)
     if points.shape == shape and plan.surely_on_manifold(points[None]):
         return points[None]
     rank = len(shape)
@@ -392,23 +402,3 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         return function
 
     return expand
-
-
-class Control(NamedTuple):
-    """The step size control.
-
-    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
-    method by the tolerances.
-    """
-
-    h: float | None  # size of equal steps, None for adaptive steps
-    rtol: Array = DEFAULT_RTOL  # has the shape of atol
-    atol: Array = DEFAULT_ATOL
-    max_step: float = math.inf
-    first_step: float | None = None
-    max_steps: int = DEFAULT_MAX_STEPS
-
-    @property
-    def tolerance(self) -> float | None:
-        """The least relative tolerance, None for equal steps."""
-        return None if self.h is not None else float(np.min(self.rtol))

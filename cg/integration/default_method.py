@@ -31,7 +31,7 @@ AUTO = "auto"
 
 _LIMIT = 1e-4  # relative tolerance at which methods without brackets take about the same time
 # Blocks with flows in closed form, where time and evaluations are least without brackets
-_CLOSED_FORMS = frozenset(
+_CHEAP_FLOWS = frozenset(
     (BlockKind.EUCLIDEAN, BlockKind.SO3, BlockKind.QUATERNION, BlockKind.SE3, BlockKind.SPHERE,
      BlockKind.SU2)
 )  # fmt: skip
@@ -46,7 +46,7 @@ def choose_method(
             # nine nodes of interpolation; more of them save few evaluations and no products
             return "Lobatto's formula"
         blocks = frame.compiled_blocks()
-        cheap = blocks is not None and _CLOSED_FORMS.issuperset(block[0] for block in blocks)
+        cheap = blocks is not None and _CHEAP_FLOWS.issuperset(block[0] for block in blocks)
         return "CFM8(4)" if cheap or not has_brackets(frame) else "Magnus8(4)"
     if rtol is None:
         return "CF5(4)"

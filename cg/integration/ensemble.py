@@ -228,7 +228,7 @@ def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
     problem, progress = _with_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    _check_memory(problem)
+    _check_output_size(problem)
     results = _integrate(problem, watch)
     if watch is not None:
         watch.finish()
@@ -238,7 +238,7 @@ def solve_one(problem: Problem, options: Options) -> Solution:
     return solution
 
 
-def _check_memory(problem: Problem) -> None:
+def _check_output_size(problem: Problem) -> None:
     """Raise ValueError if the output of equal steps needs more memory than the machine has."""
     plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
@@ -259,11 +259,11 @@ def _check_memory(problem: Problem) -> None:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
-    # Members are parts of the problem. Members on frames of their own are parts of the problem
-    # without derivatives, which are added to each: the problem with those of all collects results.
+    # Derivatives are added to the whole problem, or, where each member has its own frame, to each
+    # part, by `part_options`: then the problem with derivatives of all only collects results.
     whole, part_options = problem, None
     problem = _with_derivatives(problem, options)
-    if whole.inertia is not None and whole.inertia.apart and problem is not whole:
+    if whole.inertia is not None and whole.inertia.one_by_one and problem is not whole:
         problem, part_options = replace(problem, inertia=None), options.copy()
         part_options["P0"] = None
     else:
@@ -271,7 +271,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
-    _check_memory(problem)
+    _check_output_size(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -289,7 +289,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
                 watch.count_finished(chunk.stop - first)
     watch.finish()
     solution = ensemble.solution()
-    for text in dict.fromkeys(ensemble.joint().warnings):
+    for text in dict.fromkeys(ensemble.results().warnings):
         warnings.warn(text, stacklevel=3)
     if not solution.success:
         warnings.warn(solution.message, stacklevel=3)

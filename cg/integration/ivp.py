@@ -64,10 +64,10 @@ def solve_ivp(
         method used.
 
         With ``linear`` also a `cg.MagnusMethod`. By default ``"Magnus8(4)"``, where flows are in
-        closed form (rotations, rigid motions, SU(2)) or there is no `Frame.bracket` ``"CFM8(4)"``,
-        on `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the
-        same steps as without ``linear``, but compute no points of stages, so that those of
-        Munthe-Kaas need one flow per step.
+        closed form (Euclidean space, rotations, quaternions, rigid motions, the sphere, SU(2)) or
+        there is no `Frame.bracket` ``"CFM8(4)"``, on `cg.frames.LinearAction` the nine nodes of
+        Lobatto's formula. Other methods take the same steps as without ``linear``, but compute no
+        points of stages, so that those of Munthe-Kaas need one flow per step.
     h
         Size of fixed steps, positive; the last may be shorter. No error is estimated.
     rtol, atol

@@ -1,14 +1,12 @@
-"""What splitting methods and phase spaces alone take, and what they can't integrate.
+"""Thermostats, step functions and inertia of members; and the refusal of friction.
 
-They take heat baths, an inertia for each member of an ensemble, and variable steps. Splitting
-methods can't integrate forces that depend on the momentum, as friction does. Whether forces do is
-seen by two calls of ``f`` at one position, which aren't part of the integration: its counts leave
-them out, and only a sample of the members and points is looked at.
+They are for splitting methods and phase spaces. Friction shows as forces that differ for two
+momenta at one position: `refuse_friction` compares them at a sample of points, outside the counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from secrets import randbits
 from typing import Any, NamedTuple
@@ -21,9 +19,9 @@ from cg.frames.inertia import numbers_of, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_event
-from cg.integration.rhs.events import Observer
+from cg.integration.rhs.events import Observer, StepFunction
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.python import read_finite
+from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
@@ -35,7 +33,7 @@ _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be 
 
 
 def refuse_friction(
-    plan: Any, rhs: Any, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
+    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
@@ -74,9 +72,9 @@ def _shifted(frame: PhaseSpace, y: Points) -> Points:
     return frame.join(position, momentum + shift)
 
 
-def _forces(rhs: Any, t: Array, members: NDArray[np.intp], y: Points) -> Array:
+def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return what ``f`` returns for several members, in one call if it is vectorized."""
-    if rhs.vectorized:
+    if isinstance(rhs, PythonRhs) and rhs.vectorized:
         return np.array(rhs.at_members(t.copy(), members, y.copy()))
     calls = zip(members.tolist(), t.tolist(), y, strict=True)
     return np.array([rhs.answer(member, time, point) for member, time, point in calls])
@@ -186,14 +184,13 @@ class MemberInertia(NamedTuple):
     columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
     entries: Sequence[Any]  # the inertia of each member, as the user gave it
-    # whether members are integrated one by one, on frames of their own: those with joints, whose
-    # bodies are all of the frame's inertia, and those with derivatives
-    apart: bool
+    # whether each member is integrated alone on its own frame, as joints and derivatives need
+    one_by_one: bool
 
     def part(self, members: slice) -> MemberInertia:
-        """Return those of some members."""
+        """Return the bodies of some members."""
         rows = self.columns[members].copy(), self.numbers[members].copy()
-        return MemberInertia(*rows, self.entries[members], self.apart)
+        return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
         """Return the phase space of a member."""
@@ -209,14 +206,14 @@ class MemberInertia(NamedTuple):
 
 
 def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
-    """Return the bodies of each member after checking them, those of the frame aside.
+    """Return the bodies of each member, in place of those of the frame, after checking them.
 
     A single member takes any number of them.
     """
     if not isinstance(frame, PhaseSpace):
         raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
-    apart = bool(options["derivatives"]) or frame.jointed
-    if apart and options["common_steps"]:
+    one_by_one = bool(options["derivatives"]) or frame.jointed
+    if one_by_one and options["common_steps"]:
         what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
         raise ValueError(f"common_steps must be False with inertia and {what}")
     entries = value if isinstance(value, list | tuple) else list(np.asarray(value))
@@ -232,27 +229,11 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, apart)
-
-
-@dataclass(frozen=True, eq=False)
-class StepFunction(Observer):
-    """The function of step sizes, after checking."""
-
-    name = entry = "step_function"
-
-    def check(self, value: Any, t: float, _: Points) -> Array:
-        """Return a value as an array, after checking it."""
-        number = read_finite(value, self.name, (), t, number=True)
-        if not number > 0.0:
-            raise ValueError(
-                f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
-            )
-        return number
+    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, one_by_one)
 
 
 def step_function_of(
-    options: Any, plan: Plan, rhs: Any, t: float, stop: float, y: Points
+    options: Any, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
     function = options["step_function"]
@@ -279,15 +260,22 @@ def step_function_of(
     def size_at(time: float, point: Points) -> Array:
         return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
 
-    assert isinstance(plan.frame, PhaseSpace)
-    size = size_at(t, y)
-    # a time at which a function of it that repeats with h has another value
+    # a time at which a function of time that repeats with h has another value
     later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
-    for what, *place in (("momentum", t, _shifted(plan.frame, y)), ("time", later, y)):
-        other = size_at(*place)
+    assert isinstance(plan.frame, PhaseSpace)
+    _check_reversible(size_at, plan.frame, t, later, y)
+    return checked
+
+
+def _check_reversible(
+    size_at: Callable[[float, Points], Array], frame: PhaseSpace, t: float, later: float, y: Points
+) -> None:
+    """Raise ValueError if sizes of steps depend on the momentum or the time."""
+    size = size_at(t, y)
+    for what, time, point in (("momentum", t, _shifted(frame, y)), ("time", later, y)):
+        other = size_at(time, point)
         if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
             raise ValueError(
                 "step_function must depend on the configuration alone, or steps can't be "
                 f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
             )
-    return checked

@@ -33,7 +33,7 @@ class MemberResults(NamedTuple):
     status: Any
     counts: Any  # shape (members, 6)
     messages: dict[int, str]  # by member, where the status isn't 0
-    steps: Steps | None
+    interpolants: Steps | None
     events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
     warnings: list[str]
 
@@ -59,7 +59,7 @@ class Collector:
             self._times: list[Any] = [[None] * self.members for _ in range(count)]
             self._points: list[Any] = [[None] * self.members for _ in range(count)]
 
-    def joint(self) -> MemberResults:
+    def results(self) -> MemberResults:
         """Return results of all members, with room for those that haven't arrived."""
         if self._all is None:
             problem, members = self.problem, self.members
@@ -80,25 +80,25 @@ class Collector:
         """Add the results of some members."""
         if results.events is not None:
             self._add_events(members.start, results)
-        if results.steps is not None:
+        if results.interpolants is not None:
             problem = self.problem
             start = problem.t0, problem.direction
             for k, point in enumerate(problem.points[members], members.start):
-                steps = results.steps.of(k - members.start)
+                steps = results.interpolants.member(k - members.start)
                 if problem.inertia is not None:
                     steps = replace(steps, plan=problem.inertia.plan(k, problem.plan))
                 self._outputs[k] = DenseOutput(steps, *start, point, self._marks.get(k))
         if self.out is None and len(results.status) == self.members:
             self._all = results
             return
-        joint = self.joint()
-        for whole, rows in ((joint.y, results.y), (joint.observed, results.observed)):
-            if whole is not None:
-                whole[:, members] = rows
+        whole = self.results()
+        for array, rows in ((whole.y, results.y), (whole.observed, results.observed)):
+            if array is not None:
+                array[:, members] = rows
         for name in ("reached", "status", "counts"):
-            getattr(joint, name)[members] = getattr(results, name)
-        joint.messages.update((members.start + k, text) for k, text in results.messages.items())
-        joint.warnings.extend(results.warnings)
+            getattr(whole, name)[members] = getattr(results, name)
+        whole.messages.update((members.start + k, text) for k, text in results.messages.items())
+        whole.warnings.extend(results.warnings)
 
     def _add_events(self, first: int, results: MemberResults) -> None:
         """Add the events of some members."""
@@ -111,20 +111,20 @@ class Collector:
             self._marks.update(enumerate(zip(*after, strict=True), first))
         for lists, values in ((self._times, t), (self._points, y)):
             arrays = split_events(places, values, members, count)
-            for row, own in zip(lists, arrays, strict=True):
-                row[first : first + members] = own
+            for row, of_members in zip(lists, arrays, strict=True):
+                row[first : first + members] = of_members
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
-        problem, joint = self.problem, self.joint()
-        failures = {}
-        if joint.messages:
-            failures = {k: joint.messages[k] for k in np.flatnonzero(joint.status < 0).tolist()}
+        problem, results = self.problem, self.results()
+        messages, failures = results.messages, {}
+        if messages:
+            failures = {k: messages[k] for k in np.flatnonzero(results.status < 0).tolist()}
         message = failed_members(failures, self.members) if failures else FINISHED
-        if not failures and len(joint.messages) == self.members:
+        if not failures and len(messages) == self.members:
             message = TERMINAL_EVENT
-        joint.t.flags.writeable = False
-        for array in (joint.y, joint.observed):
+        results.t.flags.writeable = False
+        for array in (results.y, results.observed):
             if array is not None and array is not self.out:
                 array.flags.writeable = False
         outputs = [self._outputs[k] for k in range(self.members)] if problem.dense else []
@@ -133,20 +133,20 @@ class Collector:
             sides = ([[points[:, i] for points in row] for row in self._points] for i in range(2))
             events = dict(zip(events, (self._times, *sides), strict=True))
         fields = {
-            "t": joint.t,
-            "y": joint.y,
+            "t": results.t,
+            "y": results.y,
             "sol": EnsembleOutput(outputs) if problem.dense else None,
-            "t_end": joint.reached,
+            "t_end": results.reached,
             **events,
-            "status": joint.status,
-            **dict(zip(COUNTS, joint.counts.T, strict=True)),
-            "messages": dict(sorted(joint.messages.items())),
+            "status": results.status,
+            **dict(zip(COUNTS, results.counts.T, strict=True)),
+            "messages": dict(sorted(messages.items())),
             "message": message,
             "success": not failures,
             "table": problem.plan.table,
             "frame": problem.plan.user_frame,
             "h": problem.control.h,
-            "observed": joint.observed,
+            "observed": results.observed,
             "_direction": problem.direction,
         }
         solution = filled(EnsembleSolution, fields)
@@ -154,7 +154,7 @@ class Collector:
 
 
 def split_events(places: Any, values: Array, members: int, events: int) -> list[list[Array]]:
-    """Return for each event the values of each member; ``places`` are the member and the event."""
+    """Return for each event the values of each member; a row of ``places`` is (member, event)."""
     rows = _by_key(members * places[:, 1] + places[:, 0], values, members * events)
     return [rows[members * i : members * (i + 1)] for i in range(events)]
 
@@ -172,7 +172,8 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
     if problem.events is not None or problem.dense or problem.finish is not None:
         ensemble = Collector(problem, None)
         ensemble.add(slice(0, 1), results)
-        return ensemble.solution()[0]
+        solution = ensemble.solution()[0]
+        return solution if problem.with_gradients is None else problem.with_gradients(solution)
     results.t.setflags(write=False)
     ends = problem.direction, results.reached.item(0), results.status[0], results.counts[0].tolist()
     return filled(Solution, {

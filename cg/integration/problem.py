@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,11 +18,11 @@ from cg.frames.base import Frame, check_frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
+    DEFAULT_ATOL,
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
     FLAGS,
     STAGE_SOLVERS,
-    Control,
     EnsembleOptions,
     check_algebra,
     check_args,
@@ -34,6 +34,7 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_times,
+    read_points,
     read_starts,
 )
 from cg.integration.default_method import AUTO, choose_method
@@ -45,7 +46,7 @@ from cg.integration.mechanics import (
     refuse_friction,
     step_function_of,
 )
-from cg.integration.output.solutions import EnsembleSolution
+from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
@@ -56,16 +57,36 @@ from cg.integration.rhs.inputs import (
     Inputs,
     WithInput,
     check_inputs,
-    check_own_inputs,
+    check_member_inputs,
     stops_and_limits,
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points, apart
+from cg.support.arrays import Array, Points, texts_of
 from cg.support.checks import check_choice, check_flag, short
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
 _OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
+
+
+class Control(NamedTuple):
+    """The step size control.
+
+    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
+    method by the tolerances.
+    """
+
+    h: float | None  # size of equal steps, None for adaptive steps
+    rtol: Array = DEFAULT_RTOL  # has the shape of atol
+    atol: Array = DEFAULT_ATOL
+    max_step: float = math.inf
+    first_step: float | None = None
+    max_steps: int = DEFAULT_MAX_STEPS
+
+    @property
+    def tolerance(self) -> float | None:
+        """The least relative tolerance, None for equal steps."""
+        return None if self.h is not None else float(np.min(self.rtol))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +99,7 @@ class Problem:
     points: Points  # the initial ones, shape (members, *point_shape)
     t0: float
     stops: Array  # breakpoints, then the final time
-    limits: Array  # times and how long steps may be from each on, shape (n, 2)
+    limits: Array  # rows (t, limit), as in `RECORD`
     control: Control
     events: EventTable | None
     t_eval: Array | None
@@ -94,15 +115,16 @@ class Problem:
     step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
     inertia: MemberInertia | None = None  # None if all members have that of the frame
     first: int = 0  # the number of the first member in the ensemble
-    # makes solutions with derivatives of one whose points hold them, or of their only member
-    finish: Callable[[Problem, EnsembleSolution], Any] | None = None
-    # those of each member where these have times of their own, whose corners aren't in `stops`
-    own_inputs: tuple[Inputs, ...] = ()
+    # makes the solution with derivatives of one whose points hold them
+    finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
+    with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
+    # inputs of each member, if each has its own sample times; their corners are added by `part`
+    member_inputs: tuple[Inputs, ...] = ()
 
     @property
     def one_by_one(self) -> bool:
         """Whether each member has a problem of its own."""
-        return bool(self.own_inputs) or (self.inertia is not None and self.inertia.apart)
+        return bool(self.member_inputs) or (self.inertia is not None and self.inertia.one_by_one)
 
     @property
     def vectorized(self) -> bool:
@@ -122,7 +144,7 @@ class Problem:
 
     @property
     def direction(self) -> float:
-        """1.0 forward in time, -1.0 backward; no result infers it from its times."""
+        """1.0 forward in time, -1.0 backward, which a result with one time doesn't show."""
         return -1.0 if self.t1 < self.t0 else 1.0
 
     def part(self, members: slice) -> Problem:
@@ -132,24 +154,24 @@ class Problem:
         first, plan, events, given = members.start, self.plan, self.events, self.rhs.given
         stops, limits, inputs, numbers = self.stops, self.limits, given.inputs, given.parameters
         inertia = self.inertia and self.inertia.part(members)
-        if self.own_inputs:
-            inputs = self.own_inputs[first]
+        if self.member_inputs:
+            inputs = self.member_inputs[first]
             stops, limits = stops_and_limits(inputs, stops, self.t0, self.control.tolerance)
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
         rhs = self.rhs.with_data(given._replace(parameters=numbers, inputs=inputs, first=first))
-        if inertia is not None and inertia.apart:
+        if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
         return replace(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events, first=first,
-            inertia=inertia, stops=stops, limits=limits, own_inputs=(), finish=None,
+            inertia=inertia, stops=stops, limits=limits, member_inputs=(), finish=None,
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
-        if not self.own_inputs:
+        if not self.member_inputs:
             return self.rhs.given.arguments(member)
         return self.part(slice(member, member + 1)).rhs.given.arguments(0)
 
@@ -198,7 +220,7 @@ def _make_control(
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
-            limit, got = apart(largest, size)
+            limit, got = texts_of(largest, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
         return Control(h=size, max_steps=max_steps)
     if plan.table.kind is Kind.SPLITTING:
@@ -248,7 +270,7 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
         )
 
 
-def _choose_method(
+def _checked_method(
     chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None
 ) -> MethodTable:
     """Return the chosen or the default method after checking the equation and the frame."""
@@ -320,11 +342,11 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
         frame = for_derivatives(frame)[brackets or options["derivatives"] is not None]
-    return plan_of(frame, _choose_method(chosen, options["linear"], frame, least)), rtol
+    return plan_of(frame, _checked_method(chosen, options["linear"], frame, least)), rtol
 
 
 def _check_flags(options: Any, many: bool) -> None:
-    """Raise TypeError or ValueError for values of options that contradict each other."""
+    """Check options that are flags or choices, make flags bools, and refuse contradictions."""
     for name in FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
@@ -379,14 +401,14 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = plan.frame.read_points(y0, "y0").reshape(-1, *plan.point_shape)
+    rows = read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
     members = len(inertia.columns)
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
-        own: Any = inertia.plan(k, plan)
-        points.append(read_starts(own, y, False)[0])
-        own.frame.check_rank(points[-1], "y0")
+        member_plan: Any = inertia.plan(k, plan)
+        points.append(read_starts(member_plan, y, False)[0])
+        member_plan.frame.check_rank(points[-1], "y0")
     first = inertia.plan(0, plan)
     _, numbers = check_points(first, np.array([points[0]] * members), options["parameters"], True)
     return np.array(points), numbers, inertia
@@ -395,15 +417,50 @@ def _read_jointed_members(
 def _read_inputs(
     plan: Plan, options: EnsembleOptions, start: float, stop: float, members: int | None
 ) -> tuple[Inputs | None, tuple[Inputs, ...]]:
-    """Return the inputs, and those of each member where they have times of their own."""
+    """Return the inputs, and the inputs of each member where members have their own times."""
     inputs: Any = options["inputs"]
     name = "the initial time" if start == stop else "t_span"
     if members is None or not isinstance(inputs, list):
         return check_inputs(inputs, start, stop, members, plan.table, name), ()
     if options["common_steps"]:
         raise ValueError("common_steps must be False with a list of inputs, of each member")
-    own = check_own_inputs(inputs, start, stop, members, plan.table, name)
-    return own[0], own
+    member_inputs = check_member_inputs(inputs, start, stop, members, plan.table, name)
+    return member_inputs[0], member_inputs
+
+
+def _read_times(
+    options: EnsembleOptions, start: float, stop: float, many: bool
+) -> tuple[Array, Array | None]:
+    """Return the breakpoints with the final time, and the output times, None for ends of steps."""
+    stops = check_stops(options["breakpoints"], start, stop)
+    if options["t_eval"] is not None:
+        t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
+        if options["thermostat"] is not None:  # points between steps would have no noise
+            stops = np.union1d(stops, t_eval[t_eval != start])
+        return stops, t_eval
+    if not many:
+        return stops, None
+    return stops, np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
+
+
+def _read_events(
+    options: EnsembleOptions, frame: Frame, rhs: Rhs, start: float, stop: float
+) -> EventTable | None:
+    """Return the events after checking that they fit the span and the steps."""
+    events = None
+    if options["events"] is not None:
+        events = EventTable(
+            options["events"], frame, inputs=rhs.given.inputs is not None,
+            parameters=rhs.given.parameters is not None, in_python=isinstance(rhs, PythonRhs),
+        )  # fmt: skip
+        if options["common_steps"] and events.rows["jumps"].any():
+            raise ValueError("events must have no jumps with common_steps, which all members share")
+    if math.isinf(stop) and not (events and events.has_terminal):
+        raise ValueError(
+            f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
+            f"{short(options['events'])}"
+        )
+    return events
 
 
 def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
@@ -443,7 +500,7 @@ def make_problem(
     points, numbers, inertia = _read_members(plan, options, y0, many)
     start, stop = check_span(t_span)
     check_thermostat(options["thermostat"], plan.table, options, stop < start)
-    inputs, own = _read_inputs(plan, options, start, stop, len(points) if many else None)
+    inputs, member_inputs = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     _check_picklable(f, rhs, options)
     refuse_friction(plan, rhs, [start], points[None])
@@ -454,27 +511,12 @@ def make_problem(
         jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
     if options["linear"] and not isinstance(rhs, PythonRhs):
         _check_of_time(rhs, start, points[0])
-    stops = check_stops(options["breakpoints"], start, stop)
-    t_eval = None
-    if options["t_eval"] is not None:
-        t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
-        if options["thermostat"] is not None:  # whose noise nothing between steps has
-            stops = np.union1d(stops, t_eval[t_eval != start])
-    elif many:
-        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
+    stops, t_eval = _read_times(options, start, stop, many)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
-    stops, limits = stops_and_limits(None if own else inputs, stops, start, control.tolerance)
-    if (events := options["events"]) is not None:
-        has_data = rhs.given.inputs is not None, rhs.given.parameters is not None
-        events = EventTable(events, frame, *has_data, isinstance(rhs, PythonRhs))
-        if options["common_steps"] and events.rows["jumps"].any():
-            raise ValueError("events must have no jumps with common_steps, which all members share")
-    if math.isinf(stop) and not (events and events.has_terminal):
-        raise ValueError(
-            f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
-            f"{short(options['events'])}"
-        )
+    shared_inputs = None if member_inputs else inputs
+    stops, limits = stops_and_limits(shared_inputs, stops, start, control.tolerance)
+    events = _read_events(options, frame, rhs, start, stop)
     step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
@@ -482,6 +524,7 @@ def make_problem(
         limits=limits, control=control, events=events, t_eval=t_eval,
         every=every if t_eval is None else 0, dense=options["dense_output"],
         stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
-        of_time=options["linear"], jacobian=jacobian, observer=observer, own_inputs=own,
+        of_time=options["linear"], jacobian=jacobian, observer=observer,
+        member_inputs=member_inputs,
         thermostat=options["thermostat"], inertia=inertia, step_function=step_function,
     )  # fmt: skip

@@ -43,7 +43,7 @@ from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, apart, check_finite
+from cg.support.arrays import Array, Points, check_finite, texts_of
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -156,7 +156,7 @@ class Stepper:
         if all_options["h"] is None:
             all_options["first_step"] = None  # which may exceed the span here
         problem = make_problem(f, (start, start), y0, frame, all_options, many=many)
-        if problem.own_inputs:
+        if problem.member_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
@@ -326,7 +326,7 @@ class Stepper:
         """Return a time after checking that it lies between a first one and `t_bound`."""
         time, sign = check_real_time(name, t, infinite=False), self.direction
         if sign * (time - first) < 0.0 or sign * (time - self.t_bound) > 0.0:
-            low, high, got = apart(first, self.t_bound, time)
+            low, high, got = texts_of(first, self.t_bound, time)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
         return time
 
@@ -489,7 +489,7 @@ class Stepper:
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
         run, record = self._run, self._run.record
-        # those of a member that hasn't stopped
+        # the counters of a member that still runs
         counters = run.counters[self._stopped.argmin() if self._many else 0]
         steps = counters.item(_STEPS)
         while counters.item(_STEPS) == steps:
@@ -544,10 +544,10 @@ class Stepper:
         begin = float(steps.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
-            own = steps.of(member)
-            start = nowhere if has_stopped else own.rows[:1, 5 : 5 + run.plan.width]
+            member_steps = steps.member(member)
+            start = nowhere if has_stopped else member_steps.rows[:1, 5 : 5 + run.plan.width]
             point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
-            outputs.append(DenseOutput(own, begin, self.direction, point))
+            outputs.append(DenseOutput(member_steps, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import real_dtype
+from cg.jax.rules import Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
 from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL
@@ -302,7 +302,7 @@ class Estimate(NamedTuple):
     measured: JaxArray
 
     def squared(self, size: JaxArray) -> Estimate:
-        """Return it with the square of its norm."""
+        """Return the estimate with the square of its norm."""
         return Estimate(self.tangent, (jnp.abs(self.measured / size) ** 2).sum())
 
 
@@ -352,18 +352,21 @@ def error_estimate(
         error = _error_of_time(table, parts, nodes, change, variation)
     angle = turning(rules.frame, h * values[0])
 
-    def at_large_angle() -> JaxArray:
-        """Return the largest change of the coefficients in the step, or the error if it is larger.
+    return jax.lax.cond(
+        angle > MAX_ANGLE, lambda: _at_large_angle(rules, changes, y1, error), lambda: error
+    )
 
-        The estimate isn't believed there, but constant coefficients may turn by any angle.
-        ``limit_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
-        angle.
-        """
-        largest = rules.field(changes[jnp.argmax((changes**2).sum(axis=1))], y1)
-        larger = (jnp.abs(largest) ** 2).sum() > (jnp.abs(error) ** 2).sum()
-        return jnp.where(larger, largest, error)
 
-    return jax.lax.cond(angle > MAX_ANGLE, at_large_angle, lambda: error)
+def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArray) -> JaxArray:
+    """Return the largest change of the coefficients in the step, or the error if it is larger.
+
+    The estimate isn't believed at large angles, but constant coefficients may turn by any angle.
+    ``limit_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
+    angle.
+    """
+    largest = rules.field(changes[jnp.argmax((changes**2).sum(axis=1))], y1)
+    larger = (jnp.abs(largest) ** 2).sum() > (jnp.abs(error) ** 2).sum()
+    return jnp.where(larger, largest, error)
 
 
 def _parts(table: MethodTable, differences: Part, sums: Part) -> list[Part]:
@@ -452,7 +455,7 @@ def _quotient(table: MethodTable, first: Estimate, *further: Estimate) -> Estima
 
 
 def _larger(table: MethodTable, first: Estimate, second: Estimate, *third: Estimate) -> JaxArray:
-    """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
+    """Return the larger of the error and the error at the end of the step, see `end_weights`."""
     factor, (at_end, end) = table.record.factor, second
     for _, square in third:
         share = end / jnp.maximum(end + square, jnp.finfo(end.dtype).tiny)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from cg.frames.algebra import bernoulli_terms
 
-JaxArray = Any
+JaxArray = Any  # jax.Array or a tracer; its operators are untyped
 
 _STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
 _STUMPFF_TERMS = 14  # the next term of the series is below rounding
@@ -29,7 +29,7 @@ _ARCTAN_SERIES = tuple(1.0 / (2 * j + 1) for j in range(15))
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def power_series(coefficients: tuple[float, ...], x: JaxArray) -> JaxArray:
-    """Return the polynomial with some coefficients, that of 1 first, by Horner's rule."""
+    """Return the polynomial with some coefficients, the constant first, by Horner's rule."""
     total = jnp.full_like(x, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = coefficient + x * total

@@ -93,7 +93,7 @@ def motion_dexpinv(side: float) -> Dexpinv:
     return dexpinv
 
 
-def series_dexpinv(frame: Frame) -> Dexpinv:
+def make_series_dexpinv(frame: Frame) -> Dexpinv:
     """Return the series of dexpinv as far as an order needs it, NaN where it diverges."""
     constants = frame._adjoint_basis
 
@@ -292,7 +292,7 @@ def _general(frame: MatrixGroup) -> Group:
         def distance(y: JaxArray) -> JaxArray:
             return jnp.linalg.norm(restore(y) - y, 2) / jnp.linalg.norm(y, 2)
 
-    return Group(exponential, log1p, series_dexpinv(frame), inverse, restore, distance)
+    return Group(exponential, log1p, make_series_dexpinv(frame), inverse, restore, distance)
 
 
 def _with_determinant_one(y: JaxArray) -> JaxArray:

@@ -13,7 +13,7 @@ from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import least_generator
 from cg.integration.plan.plan import has_brackets
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
-from cg.jax.groups import functions_of, series_dexpinv
+from cg.jax.groups import functions_of, make_series_dexpinv
 from cg.jax.matrices import expm, projection
 from cg.jax.rules import (
     Rules,
@@ -144,7 +144,7 @@ def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
     def distance(y: JaxArray) -> JaxArray:
         return jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1])
 
-    return Rules(frame, flow, same, log, series_dexpinv(frame), coefficients, sizes, distance)
+    return Rules(frame, flow, same, log, make_series_dexpinv(frame), coefficients, sizes, distance)
 
 
 def _expm1_quotient(a: JaxArray) -> JaxArray:
@@ -167,5 +167,5 @@ def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearActio
 
     restore = frame._functions.get("restore", same)
     log = frame._functions.get("exp_coordinates")
-    dexpinv = series_dexpinv(frame) if has_brackets(frame) else None
+    dexpinv = make_series_dexpinv(frame) if has_brackets(frame) else None
     return Rules(frame, flow, restore, log, dexpinv, unique=False)

@@ -105,7 +105,7 @@ class Rules:
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
 
     def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
-        """Return the larger of the sizes at two points, those of a step between them."""
+        """Return the sizes for a step between two points: the larger of the sizes at both."""
         return jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
 
 

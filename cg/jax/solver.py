@@ -34,13 +34,13 @@ from cg.support.checks import check_flag
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
 _DENSE = ("accurate", "steps")
-_LARGEST_ANGLE = math.pi / 6  # that between comparisons in fortran/steps/step_events.f90
+_LARGEST_ANGLE = math.pi / 6  # angle between comparisons in fortran/steps/step_events.f90
 
 
 class _State(eqx.Module):
-    """What the next step needs of those before."""
+    """What a step needs of the steps before."""
 
-    first: JaxArray  # coefficients at its start
+    first: JaxArray  # coefficients at the start of the step
     before: Before | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
 
@@ -282,7 +282,7 @@ def divergence(
 
 
 def _own(frame: Frame) -> Frame | None:
-    """Return the first factor whose fields are those of the user, None without one."""
+    """Return the first factor whose fields the user gives, None if there is none."""
     if isinstance(frame, UserFrame):
         return frame
     if isinstance(frame, Power):

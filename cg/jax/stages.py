@@ -113,35 +113,13 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
     # weights of stages in paths and in error estimates, after the start of the step
     rows = [np.zeros((1, table.columns)), *(flows for _, flows in table.paths), table.errors]
     weights = jnp.asarray(np.concatenate(rows), h.dtype)
-    nodes = jnp.asarray(table.c, h.dtype)
-    numbers = jnp.asarray(table.arrays["stage_path"])
     assert rules.dexpinv is not None
-    flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
-
-    in_parts = len(table.errors) > 1
-
-    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray, JaxArray | None]]:
-        path, c, column = stage
-        u = h * sums[path]
-        coefficients = f(c, flow(u, y0))
-        value = dexpinv(u, coefficients, record.series)
-        correction = value - coefficients if in_parts else None
-        return sums + column[:, None] * value, (value, correction)
-
-    def loop(sums: JaxArray, begin: int, end: int) -> JaxArray:
-        rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
-        sums, (stage_values, corrections) = jax.lax.scan(take, sums, rows, unroll=unroll)
-        values.append(stage_values)
-        if in_parts:
-            rest.append(corrections)
-        return sums
-
+    loop, first = _loop_on_algebra(table, start, weights, unroll), start.first
     count = len(table.c)
     final = record.final_stage - 1 if record.final_stage else count
-    values = [start.first[None]]
-    rest = [jnp.zeros_like(start.first)[None]] if in_parts else []
-    sums = loop(weights[:, :1] * start.first, 1, final)
+    sums, added = loop(weights[:, :1] * first, 1, final)
+    parts = [(first[None], jnp.zeros_like(first)[None]), added]
     u = h * sums[record.result]
     result = rules.restore(rules.flow(u, y0))
     last = None
@@ -149,17 +127,43 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
         last = f(1.0, result)
         value = dexpinv(u, last, record.series)
         sums = sums + weights[:, final, None] * value
-        values.append(value[None])
-        if in_parts:
-            rest.append((value - last)[None])
+        parts.append((value[None], (value - last)[None]))
     if final + 1 < count:
-        sums = loop(sums, final + 1, count)
-    errors = sums[len(table.paths) + 1 :]
-    if in_parts:
-        of_rest = weights[len(table.paths) + 1 :] @ jnp.concatenate(rest)
-        errors = jnp.concatenate([errors - of_rest, of_rest])
+        sums, added = loop(sums, final + 1, count)
+        parts.append(added)
+    values, corrections = zip(*parts, strict=True)
     columns = jnp.concatenate(values)
+    errors = sums[len(table.paths) + 1 :]
+    if len(errors) > 1:
+        of_corrections = weights[len(table.paths) + 1 :] @ jnp.concatenate(corrections)
+        errors = jnp.concatenate([errors - of_corrections, of_corrections])
     return Stages(columns, result, [], errors, last, columns)
+
+
+def _loop_on_algebra(
+    table: MethodTable, start: Start, weights: JaxArray, unroll: bool
+) -> Callable[[JaxArray, int, int], Any]:
+    """Return the loop over stages: new sums, values k, and what dexpinv has added if needed."""
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
+    nodes = jnp.asarray(table.c, h.dtype)
+    numbers = jnp.asarray(table.arrays["stage_path"])
+    assert rules.dexpinv is not None
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+    dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
+
+    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray, JaxArray | None]]:
+        path, c, column = stage
+        u = h * sums[path]
+        coefficients = f(c, flow(u, y0))
+        value = dexpinv(u, coefficients, table.record.series)
+        correction = value - coefficients if len(table.errors) > 1 else None
+        return sums + column[:, None] * value, (value, correction)
+
+    def loop(sums: JaxArray, begin: int, end: int) -> Any:
+        rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
+        return jax.lax.scan(take, sums, rows, unroll=unroll)
+
+    return loop
 
 
 def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
@@ -243,6 +247,7 @@ def _straight(table: MethodTable) -> _Scheme:
 
 
 def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+    """Return the interpolant in coordinates, one flow from the start of the step."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     output, series = table.output, table.output.series
     assert rules.dexpinv is not None
@@ -300,6 +305,7 @@ def _algebra_scheme(table: MethodTable) -> _Scheme:
 
 
 def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+    """Return the interpolant by flows; each level gives the points of nodes of the next one."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(table)
     path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.columns)

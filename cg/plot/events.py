@@ -13,6 +13,7 @@ from cg.support.arrays import real_array
 
 Entry = int | tuple[int, ...] | Callable[[Any], Any]
 _HATCHES = ("", "////", "...", "xxxx", "||||")
+_MAX_MODES = 20  # more values are a variable, not a mode
 
 
 def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = None) -> Any:
@@ -50,15 +51,10 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
             raise ValueError(f"events must name {len(rows)} events, got {labels!r}")
         names = list(map(_name, labels, names))
     values = np.empty(0) if mode is None else _values(mode, "mode", points)
-    if len(modes := np.unique(values)) > 20:
+    if len(modes := np.unique(values)) > _MAX_MODES:
         raise ValueError(f"mode must be constant between jumps, got {len(modes)} values")
     ax, top = style.axes_for(ax), -1 if len(modes) else 0
-    cuts = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1), -1]
-    for k, value in enumerate(modes.tolist()):
-        bars = [(times[i], times[j] - times[i]) for i, j in pairwise(cuts) if values[i] == value]
-        label = style.verbatim(value if isinstance(value, str) else f"mode {value:g}")
-        look = {"facecolor": style.COLOURS[k % 7], "hatch": _HATCHES[k % 5], "edgecolor": "white"}
-        ax.broken_barh(bars, (-1.35, 0.7), label=label, linewidth=0, **look)
+    _draw_modes(ax, times, values, modes)
     low, *_, high = np.sort(np.concatenate([times, times, *rows]))
     ax.hlines(range(len(rows)), low, high, color=style.FAINT, linewidth=0.6, zorder=0)
     end = (high if times[0] <= times[-1] else low) if solution.status == 1 else np.nan
@@ -77,6 +73,17 @@ def timeline(solution: Any, ax: Any = None, *, events: Any = None, mode: Any = N
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
+
+
+def _draw_modes(ax: Any, times: Any, values: Any, modes: Any) -> None:
+    """Draw a bar for each interval with one mode, above the rows of events."""
+    cuts = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1), -1]
+    for k, value in enumerate(modes.tolist()):
+        bars = [(times[i], times[j] - times[i]) for i, j in pairwise(cuts) if values[i] == value]
+        label = style.verbatim(value if isinstance(value, str) else f"mode {value:g}")
+        colour, hatch = style.COLOURS[k % len(style.COLOURS)], _HATCHES[k % len(_HATCHES)]
+        look = {"facecolor": colour, "hatch": hatch, "edgecolor": "white"}
+        ax.broken_barh(bars, (-1.35, 0.7), label=label, linewidth=0, **look)
 
 
 def phase_plane(
@@ -163,7 +170,7 @@ def _jumped(solution: Any) -> list[Any]:
 
 
 def _path(solution: Any) -> tuple[Any, Any, Any]:
-    """Return times and points, at jumps before and behind them, and where those behind are."""
+    """Return times and points, before and behind each jump, and the places of points behind."""
     times, points, rows = solution.t, solution.y, solution.t_events or ()
     if solution.sol is not None:
         ts = solution.sol.ts

@@ -92,9 +92,9 @@ def check_stored(solution: Any, name: str) -> None:
 
 
 def drawn(y: Any) -> tuple[Frame | None, NDArray[np.float64] | None, Any]:
-    """Return the frame, the times and the points of a solution, between its steps too if it can.
+    """Return the frame, the times and the points of a solution, if it is dense between steps too.
 
-    Of other values, such as arrays, only they themselves.
+    Other values, such as arrays, are returned as points alone.
     """
     check_stored(y, "y")
     if not is_solution(y):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -244,6 +245,7 @@ def invariants(
     Parameters
     ----------
     solution
+        A solution of one member.
     functions
         A function of the points ``solution.y``, time along the first axis, that returns the values
         of one invariant, or of each by its name, such as the ``invariants`` of problems; or a dict
@@ -319,11 +321,13 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
         )
     ax = axes_for(ax)
     style = curve_style(ax) | {"marker": ""}
-    for low, high in _QUANTILES:
-        edges = np.nanquantile(numbers, [low, high], axis=1)
+    with warnings.catch_warnings():  # NaN where no member has a number: curves have a gap there
+        warnings.filterwarnings("ignore", "All-NaN slice|Mean of empty slice", RuntimeWarning)
+        bounds = [np.nanquantile(numbers, pair, axis=1) for pair in _QUANTILES]
+        median = np.nanmedian(numbers, axis=1)
+    for edges in bounds:
         ax.fill_between(times, *edges, color=style["color"], alpha=0.2, linewidth=0)
-    name = None if label is None else verbatim(label)
-    ax.plot(times, np.nanmedian(numbers, axis=1), label=name, **style)
+    ax.plot(times, median, label=None if label is None else verbatim(label), **style)
     ax.set_xlabel("t")
     if label is not None:
         ax.legend(frameon=False, fontsize=8)

@@ -135,14 +135,14 @@ ROUNDINGS = 4
 """How many roundings beyond its ends a span admits: those of a few sums."""
 
 
-def apart(*numbers: float) -> list[str]:
+def texts_of(*numbers: float) -> list[str]:
     """Return numbers for a message, with six digits or as many as tell them apart.
 
     A number alone, or equal ones, have all their digits.
 
     Examples
     --------
-    >>> apart(0.5, 2.0), apart(1.7e9, 1.7e9 + 0.01)
+    >>> texts_of(0.5, 2.0), texts_of(1.7e9, 1.7e9 + 0.01)
     (['0.5', '2'], ['1700000000', '1700000000.01'])
     """
     if len(set(numbers)) == 1:

@@ -14,7 +14,7 @@ def address_in(capsule: Any) -> int:
     return int(_call("GetPointer", ctypes.c_void_p, capsule, name))
 
 
-def context_of(capsule: Any) -> int:
+def data_in(capsule: Any) -> int:
     """Return the address of the data of a function in a capsule, 0 if there are none."""
     return _call("GetContext", ctypes.c_void_p, capsule) or 0
 

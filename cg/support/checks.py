@@ -13,14 +13,7 @@ import numpy as np
 MAX_COUNT = 2**31 - 1
 """Largest count; counts are 32-bit integers in Fortran."""
 
-MAX_STAGES = 1000
-"""Largest number of stages s; matrices of solvers have s (s + 1) / 2 columns and must fit into
-memory."""
-
 _HALF = 100  # characters of a long value in a message before and after its middle
-
-MAX_HALF_WIDTH = 1e300
-"""Largest half-width of initial guesses; twice this must not overflow."""
 
 
 def similar_names(name: str, names: Iterable[str]) -> str:

@@ -36,7 +36,7 @@ class Stop(IntEnum):
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
-    # requests of a trajectory
+    # requests of a trajectory, which have larger numbers than all reasons why it ends
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points
     NEEDS_MAXIMUM = 22  # largest error, or negative step size, of trajectories with common steps
@@ -86,8 +86,8 @@ class Operation(IntEnum):
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
-    NEARBY = 4  # these coefficients by iteration, which every frame has
-    NEAREST = 15  # these, or those of the nearest tangent where they don't exist
+    NEARBY = 4  # coefficients of a flow to a near point, by Gauss-Newton
+    NEAREST = 15  # as NEARBY; where that fails, of the nearest tangent
     SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
     SHORTEST = 7  # coefficients without what leaves the point fixed
@@ -100,8 +100,8 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # bracket of two fields
-    COEFFICIENTS = 16  # those of a derivative of a point, and the length of what no field has of it
-    CONSTRAINTS = 17  # those of one's own on a phase space; see ``cg/frames/joints.py``
+    COEFFICIENTS = 16  # of a derivative of a point, and the length of the part that no field has
+    CONSTRAINTS = 17  # values of the user's, and derivatives; see ``cg/frames/joints.py``
     RESIDUAL = 19  # the function that lmdif minimises
 
 
@@ -139,7 +139,7 @@ class JacobianKind(IntEnum):
 
     DIFFERENCES = 0
     MATRIX = 1  # evaluated in Python
-    SPARSE = 2  # evaluated and factored in Python; or none, for the fixed-point iteration
+    OUTSIDE = 2  # no matrix in compiled code: Python factors it, or stages are fixed points
 
 
 class FailedFunction(IntEnum):

@@ -17,7 +17,7 @@ RECORD = {
     "segments": "integer",
     "stops": "address",  # ends of segments
     "limited": "integer",  # number of rows of `limits`
-    "limits": "address",  # times, and how long steps may be from each on
+    "limits": "address",  # rows (t, limit): a step from t on is at most `limit` long
     # functions
     "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side
@@ -36,7 +36,7 @@ RECORD = {
     "rtols": "address",  # one for each coordinate or entry
     "atol": "address",
     "in_coordinates": "flag",  # whether differences of points are in coordinates, not in entries
-    "parts": "integer",  # numbers in an entry: two if it is complex
+    "reals_per_entry": "integer",  # of points, two if they are complex
     "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",
     "first_step": "real",  # zero to choose it
@@ -63,8 +63,8 @@ RECORD = {
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member
-    # its point (at first the initial one), its time, the times of a failure and of the start of the
-    # last step, and the size that the next one tries
+    # (point, time, time of failure, start of the last step, size of the next step), a row for each;
+    # points are at first the initial ones
     "states": "address",
     "counters": "address",  # `COUNTERS`
     # points at output times
@@ -197,7 +197,7 @@ VARIATION = {
     "index": "address",
     "constant": "address",
     "step": "real",  # step of differences, relative
-    "kicks": "integer",  # 1 for forces alone, of a splitting method
+    "forces_alone": "integer",  # whether forces alone make coefficients, of a splitting method
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
     "failed_function": "integer",  # the last one, a `FailedFunction`

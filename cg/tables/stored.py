@@ -60,9 +60,13 @@ def table_of(method: Any) -> MethodTable:
 
 
 @lru_cache(maxsize=256)
-def unique_table(method: Any) -> MethodTable:
-    """Return the table of a method, the same one for equal methods."""
-    return table_of(method)
+def unique_table(method: Any, polynomial: bool = False) -> MethodTable:
+    """Return the table of a method or its polynomial, the same one for equal methods."""
+    if not polynomial:
+        return table_of(method)
+    table = unique_table(method).polynomial
+    assert table is not None
+    return table
 
 
 def made(table: MethodTable) -> Any:

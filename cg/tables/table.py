@@ -111,7 +111,8 @@ class MethodTable:
     def __reduce__(self) -> tuple[Any, ...]:
         # processes read stored tables themselves
         restore = import_module("cg.tables.stored").unique_table
-        return restore, (self.name if self.source is None else self.source,)
+        method = self.name if self.source is None else self.source
+        return restore, (method, True) if self.is_polynomial else (method,)
 
     @property
     def c(self) -> Array:

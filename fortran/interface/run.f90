@@ -105,7 +105,8 @@ contains
       n = int(merge(run%frame%dimension, run%frame%point_size, record%in_coordinates), int64)
       run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
         rtol=record%rtol, in_coordinates=logical(record%in_coordinates), &
-        reals_per_entry=int(record%parts), exponent=record%exponent, max_step=record%max_step)
+        reals_per_entry=int(record%reals_per_entry), exponent=record%exponent, &
+        max_step=record%max_step)
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(run%tolerances%atol)

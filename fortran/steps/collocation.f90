@@ -19,8 +19,9 @@ module collocation_m
   use requests_m, only: reject_stage, request
   use trajectory_m
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
-  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, raised, &
-                            solve_operation, sparse_jacobian, stages_not_solved, step_too_long
+  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, &
+                            outside_jacobian, raised, solve_operation, stages_not_solved, &
+                            step_too_long
   implicit none
   private
   public :: converges_fast, filtered, keep_step, receive_collocation, receive_column, refactor, &
@@ -124,7 +125,7 @@ contains
     x%newton%factored_h = h
     associate (newton => x%newton, n => size(x%newton%pivot), &
                gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
-      if (x%problem%record%jacobian == sparse_jacobian) then
+      if (x%problem%record%jacobian == outside_jacobian) then
         answer = 1.0_wp
         call x%frame%callback%apply(factor_operation, [real(x%member - 1, wp), gamma, mu], &
                                     [0.0_wp], answer)
@@ -155,7 +156,7 @@ contains
     integer :: info
 
     associate (newton => x%newton, n => size(x%work))
-      if (x%problem%record%jacobian == sparse_jacobian) then
+      if (x%problem%record%jacobian == outside_jacobian) then
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
         b = reshape(numbers, shape(b))
@@ -292,7 +293,7 @@ contains
       return
     end if
     x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
-    if (x%problem%record%jacobian /= sparse_jacobian) call add_brackets(x)
+    if (x%problem%record%jacobian /= outside_jacobian) call add_brackets(x)
     call finish_jacobian(x)
   end subroutine request_jacobian
 

@@ -142,7 +142,7 @@ contains
   ! The longest step from a time, of two signs of direction, that doesn't reach into times where
   ! steps must be shorter than it. It may end where these begin.
   pure real(wp) function longest_step(limits, t, direction)
-    real(wp), intent(in) :: limits(:, :)     ! (2, n) times, and how long steps may be from each on
+    real(wp), intent(in) :: limits(:, :)     ! (2, n) a time t, and the largest step from t on
     real(wp), intent(in) :: t, direction
     real(wp) :: ahead                        ! to the end of the times of the same limit
     integer :: i, next

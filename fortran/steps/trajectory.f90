@@ -12,8 +12,9 @@ module trajectory_m
   use inputs_m, only: grid_t, vector_field_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, paused, &
-       proposed_for_point, record_t, registers_kind, sparse_jacobian, splitting_kind, terminal_event
+  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
+                            outside_jacobian, paused, proposed_for_point, record_t, &
+                            registers_kind, splitting_kind, terminal_event
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
@@ -49,7 +50,7 @@ module trajectory_m
     type(tolerances_t) :: tolerances         ! for adaptive steps
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
-    real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
+    real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
     ! points at output times within the step, of a method along polynomials
     type(inner_points_t) :: inner
   end type problem_t
@@ -235,7 +236,7 @@ contains
                first => problem%method%path_first, paths => size(problem%method%origin), &
                m => problem%frame%dimension, &
                has_registers => problem%method%kind == registers_kind, &
-               sparse => problem%record%jacobian == sparse_jacobian)
+               outside => problem%record%jacobian == outside_jacobian)
       x%result = merge(1, method%result, has_registers)
       columns = merge(1, size(method%error, 1), has_registers)
       k = problem%events%count
@@ -258,10 +259,10 @@ contains
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
       k = merge(m, 0, method%kind == collocation_kind)
-      n = merge(0, k, sparse)
+      n = merge(0, k, outside)
       blocks = merge(method%blocks, 0, method%kind == implicit_kind)
-      unknowns = merge(0, size(x%f) / max(1, blocks), sparse .or. blocks == 0)
-      x%solver%fixed_point = sparse
+      unknowns = merge(0, size(x%f) / max(1, blocks), outside .or. blocks == 0)
+      x%solver%fixed_point = outside
       allocate (x%newton%last(k, 3), x%newton%z(k, 3), x%newton%jacobian(k, n), &
                 x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
                 x%newton%complex_pivot(n), x%solver%value(m, merge(0, columns, blocks == 0)), &

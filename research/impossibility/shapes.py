@@ -15,9 +15,10 @@ from itertools import permutations, product
 from math import prod
 
 from cg.construction.conditions import condition_trees, right_sides
+from cg.construction.layouts import MAX_STAGES
 from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree, forest
-from cg.support.checks import MAX_STAGES, check_integer
+from cg.support.checks import check_integer
 
 from .ring import Polynomial, Ring
 from .weights import exact_weights, word_weights

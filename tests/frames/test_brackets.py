@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bracket_examples import CLOSED_FORMS, WITH, vectors
+from bracket_examples import CLOSED_COORDINATES, WITH, vectors
 from frame_examples import FRAMES, HEISENBERG, name
 from refusals import refuses
 
@@ -34,7 +34,7 @@ def test_bracket_broadcasts(frame):
             )
 
 
-@pytest.mark.parametrize("frame", CLOSED_FORMS, ids=name)
+@pytest.mark.parametrize("frame", CLOSED_COORDINATES, ids=name)
 @pytest.mark.parametrize("size", [1e-200, 1e-9, 1e-4, 0.1, 0.7, 0.99, 1.01, 2.0])
 def test_dexpinv_closed_forms_match_the_series(frame, size):
     rng = np.random.default_rng(3)

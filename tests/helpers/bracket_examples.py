@@ -22,7 +22,7 @@ HEISENBERG_GROUP = fr.FieldFrame(
 
 
 WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_brackets(frame)]
-CLOSED_FORMS = [
+CLOSED_COORDINATES = [
     fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SU(2), fr.SU(2, "body"), fr.SE3(),
     fr.SE3("space"), fr.Semidirect(fr.SO3(), 2), fr.Sphere(2),
     fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Euclidean(3),

@@ -205,6 +205,9 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     ({"atol": np.ones(12)}, ValueError, r"atol must be .* have shape \(3,\)"),
     ({**FORWARD, "frame": HEISENBERG, "y0": np.zeros(3)}, ValueError,
      "frame must know the bracket"),
+    *(({"frame": cg.frames.Product(cg.frames.SO3(), cg.frames.Euclidean(2)),
+        "y0": kind([np.eye(3), [0.0] * 2])}, ValueError, "y0 .*; frame.join makes a point")
+      for kind in (list, tuple)),
 ])  # fmt: skip
 def test_bad_arguments_of_one_point_are_rejected(changes, error, message):
     check_rejected(CALLS[:5], changes, error, message)

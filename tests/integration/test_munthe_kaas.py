@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy.integrate
-from bracket_examples import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
+from bracket_examples import CLOSED, CLOSED_COORDINATES, HEISENBERG_GROUP, vectors
 from frame_examples import HEISENBERG, generic, name
 from kinds import MUNTHE_KAAS
 from python_steps import Step, uncompiled
@@ -238,7 +238,7 @@ WITH_SERIES = [
     fr.Stiefel(4, 2), fr.IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), fr.Semidirect(fr.SO(4)), CLOSED,
     fr.Power(fr.SU(3), 2), fr.SO(8),
 ]  # fmt: skip
-ALL = [frame for frame in CLOSED_FORMS if not isinstance(frame, fr.Euclidean)] + WITH_SERIES
+ALL = [frame for frame in CLOSED_COORDINATES if not isinstance(frame, fr.Euclidean)] + WITH_SERIES
 
 
 def sized(frame, radius, seed=3):

@@ -106,6 +106,13 @@ def test_bad_input_is_named(arguments, options, word):
     refuses(ValueError, word, Samples, *arguments, **options)
 
 
+def test_a_time_that_is_no_number_is_named():
+    curve = Samples([0.0, 1.0], [1.0, 2.0], "linear")
+    message = "t must lie within the times of the samples, 0 to 1, got nan$"
+    refuses(ValueError, message, curve, float("nan"))
+    refuses(ValueError, message, curve.at, np.array([0.5, np.nan]))
+
+
 @pytest.mark.parametrize("kind", ["hold", "linear", "cubic"])
 @pytest.mark.parametrize("members", [False, True])
 def test_values_belong_to_the_caller(kind, members):

@@ -122,6 +122,16 @@ class TestTrajectories:
         assert len(spheres) == 1
 
 
+@pytest.mark.parametrize("values", [
+    [[1.0, 2.0], [np.nan, np.nan], [3.0, np.nan]], [[np.nan] * 2] * 3
+])  # fmt: skip
+def test_bands_have_gaps_where_no_member_has_a_number(ax, values):
+    cg.plot.bands([0, 1, 2], values, ax, label="angle")
+    rows = [[x for x in row if x == x] for row in np.asarray(values).tolist()]
+    expected = [np.median(row) if row else np.nan for row in rows]
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), expected)
+
+
 ONES, ROTATIONS = np.ones((5, 4)), Rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, 1])
 BAD = [
     (cg.plot.tree, "text", [{"tree": "[[]"}]),

@@ -1,5 +1,6 @@
 """Tables of methods: those stored are those compiled, and integrations read nothing else."""
 
+import copy
 import pickle
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import methods, stored_methods
 from cg.construction.methods.compile import compiled
-from cg.tables import stored_names, stored_table, table_of
+from cg.tables import stored_names, stored_table, table_of, unique_table
 
 METHODS = {method.name: method for method in stored_methods()}
 MAKING = {"conditions", "construction"}
@@ -103,6 +104,19 @@ def test_pickles_of_tables():
     assert pickle.loads(pickle.dumps(stored)) is stored
     own = cg.Tableau([[], ["1/2"]], [0, 1], name="own")
     assert pickle.loads(pickle.dumps(own.table())).as_dict() == own.table().as_dict()
+    assert unique_table(own) is pickle.loads(pickle.dumps(unique_table(own)))
+
+
+LIKE_CFM4 = cg.MagnusMethod(METHODS["CFM4"].nodes, METHODS["CFM4"].weights, name="own")
+
+
+@pytest.mark.parametrize("method", ["CFM4", LIKE_CFM4])
+def test_pickles_and_copies_of_tables_along_a_polynomial(method):
+    table = table_of(method)
+    for again in (pickle.loads(pickle.dumps(table.polynomial)), copy.copy(table.polynomial)):
+        assert again.is_polynomial
+        assert again.as_dict() == table.polynomial.as_dict()
+    assert pickle.loads(pickle.dumps(table)).as_dict() == table.as_dict()
 
 
 def test_methods_that_are_none():

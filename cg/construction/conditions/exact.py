@@ -42,7 +42,7 @@ _BALL_BITS = 512
 
 
 class Condition(NamedTuple):
-    """An order condition: that of the word's tree, for a row of weights of a pair, from 0."""
+    """The order condition of a word's tree, for a row of weights of a pair, from 0."""
 
     row: int
     word: Word

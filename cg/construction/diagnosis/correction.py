@@ -252,7 +252,7 @@ def _summed(values: NDArray[Any], places: list[int], numbers: list[int]) -> NDAr
 
 
 def _unordered(tree: OrderedTree) -> tuple[object, int]:
-    """Return the tree with sorted children, and the permutations of children that leave it."""
+    """Return the tree with sorted children, and the permutations of children that keep the tree."""
     parts = sorted(map(_unordered, tree.children), key=repr)
     shapes = tuple(shape for shape, _ in parts)
     repeated = prod(map(factorial, Counter(shapes).values()))

@@ -101,8 +101,8 @@ class Diagnosis:
             )
         if self.failing is not None:
             lines += [
-                f"first condition that fails, of order {self.failing.order} "
-                f"({self.failing.failing} of {self.failing.of} do):",
+                f"conditions of order {self.failing.order} that fail: {self.failing.failing} of "
+                f"{self.failing.of}, first",
                 *(f"    {line}".rstrip() for line in str(self.failing).splitlines()),
             ]
         lines += [f"mistake: {mistake}" for mistake in self.mistakes] or ["no mistake recognised"]

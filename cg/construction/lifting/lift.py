@@ -20,7 +20,7 @@ from operator import attrgetter, itemgetter
 import numpy as np
 
 from cg.construction.conditions import MAX_ORDER
-from cg.construction.layouts import check_length
+from cg.construction.layouts import MAX_STAGES, check_length
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
@@ -30,7 +30,7 @@ from cg.construction.search.candidate import Candidate, correct, solved
 from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.shapes import merge_point, start_generator
 from cg.construction.solvers.refine import polish
-from cg.support.checks import MAX_STAGES, check_flag, check_instance, check_integer
+from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.

@@ -118,7 +118,7 @@ def read_sequence(value: Any, label: str, *, of: str = " of numbers") -> list[An
 def read_row(
     row: Any, label: str, count: int | None = None, entry: str = ""
 ) -> tuple[Coefficient, ...]:
-    """Return the coefficients of a row, `count` of them, or at least one if that is None.
+    """Return the coefficients of a row, `count` of them, or at least one if `count` is None.
 
     Errors name coefficients by `entry`, which has the number from 1, or as ``label[k]`` from 0.
     """

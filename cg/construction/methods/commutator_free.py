@@ -202,7 +202,7 @@ class CommutatorFree(Method):
 
 
 def as_index(index: Any) -> Any:
-    """Return a NumPy integer as an int, and other values unchanged; `check_tree` refuses those."""
+    """Return a NumPy integer as an int, and other values unchanged, which `check_tree` refuses."""
     return int(index) if isinstance(index, np.integer) else index
 
 

@@ -167,8 +167,8 @@ def _step(
     differences = np.array([result - other for other in others])
     rows = np.array(paths.errors, np.float64) @ fields if paths.errors else differences
     factor = float(paths.factor)
-    if paths.power == 0:  # a quotient of sums at the end of the step, if there are two
-        row, *lower = abs(rows)
+    if paths.power == 0:  # the method estimates at the end of the step, see `error_power`
+        row, *lower = abs(rows)  # a quotient of sums, if there are two
         end = row * row / np.maximum(np.hypot(row, lower[0]), 1e-300) if lower else row
         return result, np.maximum(abs(differences[0]), factor * end)
     parts = [rows]  # of the quadratures, and of commutators
@@ -179,13 +179,16 @@ def _step(
         parts.append(differences - rows[[0, -1]])
     elif isinstance(method, MagnusMethod) and method.third_weights is not None:
         parts = [rows[::2], rows[1::2]]
-    estimates = []
-    for part in map(abs, parts):
-        first, last = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
-        quotient = first / np.maximum(np.hypot(first, factor * last), 1e-300)
-        estimates.append(first * quotient**paths.power)
+    estimates = [_estimate_of_part(abs(part), factor, paths.power) for part in parts]
     total = sum if isinstance(method, MagnusMethod) else partial(np.max, axis=0)
-    return result, total(estimates)
+    return result, np.asarray(total(estimates))
+
+
+def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
+    """Return the quotient of the estimates e1 and e2 of a part, or e1 alone if there is no e2."""
+    first, last = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
+    quotient = first / np.maximum(np.hypot(first, factor * last), 1e-300)
+    return np.asarray(first * quotient**power)
 
 
 def _fields(

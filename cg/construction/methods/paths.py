@@ -79,7 +79,7 @@ class MethodPaths:
     transformation: tuple[Fraction, ...] = ()
     third: int = 0  # the path to a third result, or 0
     power: int = 1  # see `error_power`; 0 if the larger of both estimates counts
-    factor: Fraction = Fraction(1, 10)  # that of DOP853
+    factor: Fraction = Fraction(1, 10)  # of e2 in the quotient, as in DOP853
     # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
     brackets: Brackets = ()  # flows and errors have weights on them after those on stages

@@ -118,7 +118,7 @@ class Packed(ABC):
         return self.equations([c for c in self.conditions if c not in omitted])
 
     def without(self, linearised: Linearised, left_out: Sequence[Condition]) -> Linearised:
-        """Return of linearised conditions those that aren't left out."""
+        """Return linearised conditions without those to leave out."""
         omitted, (values, slopes) = set(left_out), linearised
         kept = [k for k, c in enumerate(self.conditions) if c not in omitted]
         rows = slopes.tolist()
@@ -210,7 +210,7 @@ class PackedBrackets(Packed):
 
 @dataclass(frozen=True)
 class PackedSplitting(Packed):
-    r"""A splitting method as those of its coefficients on which the others depend.
+    r"""A splitting method as the coefficients on which its other coefficients depend.
 
     These are the first half of a symmetric method; of a composition of leapfrog those of its inner
     row, as the outer row has the means of its neighbours.

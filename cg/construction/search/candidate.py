@@ -74,7 +74,7 @@ class Candidate:
 
     @property
     def blind(self) -> bool:
-        """Whether it is a pair whose results have one order; equal stages lead to it.
+        """Whether the method is a pair of results of one order, to which equal stages lead.
 
         The size of the estimate is the norm of the residuals of order q of the second result.
         """

@@ -6,7 +6,9 @@ set, then returns to the set by Newton steps of least norm.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,48 +91,56 @@ def optimise(
     4
     """
     check_instance("candidate", candidate, Candidate)
-    weights = (
-        check_real("principal_error", principal_error),
-        check_real("coefficients", coefficients),
+    objective = partial(
+        _objective,
+        principal_error=check_real("principal_error", principal_error),
+        coefficients=check_real("coefficients", coefficients),
+        limits=limits,
     )
     max_iterations = check_integer("max_iterations", max_iterations, 0)
     if not solved(candidate):
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
-    movable = candidate.system.movable
-    values, jac = _objective(candidate, *weights, limits)
-    size, damping = float(values @ values), 1e-2
-    history = [size]
+    terms, damping = objective(candidate), 1e-2
+    history = [float(terms[0] @ terms[0])]
     for _ in range(max_iterations):
-        inverse, tangent = decompose(candidate.system.jacobian(candidate.x)[:, movable])
-        if tangent.shape[1] == 0:
+        better = _better_candidate(candidate, objective, terms, damping)
+        if better is None:
             break
-        along = jac[:, movable] @ tangent
-        stretches, axes = linalg.eigh(along.T @ along)
-        slope = axes.T @ (along.T @ values)
-        scale = float(np.mean(stretches)) + np.finfo(float).tiny
-        while damping < 1e8:
-            step = -tangent @ (axes @ (slope / (stretches + damping * scale)))
-            x = candidate.x.copy()
-            x[movable] += step
-            small = float(np.linalg.norm(step)) <= _MAX_STEP
-            end = retract(candidate.system, x, movable, inverse) if small else None
-            if end is not None:
-                trial = Candidate(candidate.system, end)
-                reached = _objective(trial, *weights, limits)
-                if float(reached[0] @ reached[0]) < size:
-                    break
-            damping *= 4
-        else:
-            break
-        candidate, (values, jac) = trial, reached
-        size = float(values @ values)
+        candidate, terms, damping = better
         damping = max(damping / 6, 1e-12)
-        history.append(size)
-        if len(history) > 8 and history[-9] - size <= _TOLERANCE * size:
+        history.append(float(terms[0] @ terms[0]))
+        if len(history) > 8 and history[-9] - history[-1] <= _TOLERANCE * history[-1]:
             break
     return candidate
+
+
+def _better_candidate(
+    candidate: Candidate, objective: Callable[[Candidate], Terms], terms: Terms, damping: float
+) -> tuple[Candidate, Terms, float] | None:
+    """Return a candidate with a smaller objective, its terms and its damping, or None."""
+    movable, (values, jac) = candidate.system.movable, terms
+    inverse, tangent = decompose(candidate.system.jacobian(candidate.x)[:, movable])
+    if tangent.shape[1] == 0:
+        return None
+    along = jac[:, movable] @ tangent
+    stretches, axes = linalg.eigh(along.T @ along)
+    slope = axes.T @ (along.T @ values)
+    scale = float(np.mean(stretches)) + np.finfo(float).tiny
+    while damping < 1e8:
+        step = -tangent @ (axes @ (slope / (stretches + damping * scale)))
+        x = candidate.x.copy()
+        x[movable] += step
+        small = float(np.linalg.norm(step)) <= _MAX_STEP
+        end = retract(candidate.system, x, movable, inverse) if small else None
+        if end is not None:
+            trial = Candidate(candidate.system, end)
+            reached = objective(trial)
+            if float(reached[0] @ reached[0]) < float(values @ values):
+                return trial, reached, damping
+        damping *= 4
+    return None
 
 
 def _objective(

@@ -113,7 +113,7 @@ class Requirements:
         return bool((np.abs(beyond) <= _BOUND_ROUNDING).all())
 
     def improve(self, candidate: Candidate) -> Candidate | None:
-        """Return a candidate on the solution set that satisfies them; None if none was reached."""
+        """Return a candidate that satisfies the requirements, None if none was reached."""
         if self.minimise or not self.satisfied(candidate):
             candidate = optimise(
                 candidate,
@@ -124,7 +124,7 @@ class Requirements:
         return candidate if self.satisfied(candidate) else None
 
     def method(self, candidate: Candidate, *, name: str, source: str) -> Method | None:
-        """Return the method of a candidate that satisfies them, refined; None if there is none."""
+        """Return the refined method of a candidate that satisfies the requirements, or None."""
         improved = self.improve(candidate)
         if improved is None or improved.blind:
             return None

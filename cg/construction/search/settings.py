@@ -11,21 +11,16 @@ import numpy as np
 
 from cg.construction.conditions import Rows, check_rows
 from cg.construction.conditions.counts import check_order
-from cg.construction.layouts import Layout
+from cg.construction.layouts import MAX_STAGES, Layout
 from cg.construction.points import START
 from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns
 from cg.construction.solvers.held import Hold, read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.trees import rooted_trees_through
-from cg.support.checks import (
-    MAX_COUNT,
-    MAX_HALF_WIDTH,
-    MAX_STAGES,
-    check_choice,
-    check_flag,
-    check_integer,
-    check_real,
-)
+from cg.support.checks import MAX_COUNT, check_choice, check_flag, check_integer, check_real
+
+MAX_HALF_WIDTH = 1e300
+"""Largest half-width of initial guesses; twice this must not overflow."""
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
@@ -186,7 +181,7 @@ class Settings:
 
     @property
     def of_points(self) -> bool:
-        """Whether they describe methods of points, not tableaux."""
+        """Whether the settings describe methods of points, not tableaux."""
         given = self.tree, self.flows, self.first_flows
         return self.registers or given != (None, None, None)
 

@@ -16,7 +16,7 @@ from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import draw_guess, fixed_entries, start_generator
 from cg.construction.solvers.held import RegisterWeights
 from cg.construction.solvers.lmdif import fit_lmdif
-from cg.construction.solvers.minimum_norm import finish, fit_conditions
+from cg.construction.solvers.minimum_norm import descend, fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
@@ -126,7 +126,7 @@ def _run_minimum_norm(
     )
     x, f = fit.x, fit.f
     if system.rows is None and _SOLVED < f <= _PROMISING:
-        x, f = finish(system, x, movable)
+        x, f = descend(system, x, movable)
     double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
     if double.f > settings.refine_below:
         return double, None, bits

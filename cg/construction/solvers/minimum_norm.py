@@ -35,6 +35,8 @@ from cg.support.memory import check_memory
 from cg.support.parallel import raise_if_stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus
 
+provide_lapack()  # compiled solvers call it
+
 _PROBE = 0.1  # part of a step for the finite difference of the second derivative along it
 _MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
 
@@ -90,7 +92,7 @@ def retract(system: ConditionSystem, x: Vector, movable: Indices, inverse: Vecto
         x[movable] -= inverse @ residual
 
 
-def finish(
+def descend(
     system: ConditionSystem,
     x: Vector,
     movable: Indices,
@@ -143,9 +145,6 @@ def finish(
     return x, f
 
 
-provide_lapack()
-
-
 @dataclass(frozen=True)
 class MinimumNormFit:
     """Packed weights x, the sum f of squared residuals, and the evaluations taken."""
@@ -176,7 +175,7 @@ def fit_conditions(
     """
     x, indices = np.array(system.complete(x0)), system.moving(movable)
     if accurate or (system.held is not None and system.held.dependent):
-        end, f = finish(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
+        end, f = descend(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
         done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
         return MinimumNormFit(system.complete(end), f, max_iterations, done)
     trees, owner = system.conditions(independent=True)

@@ -30,12 +30,12 @@ from cg.integration.derivatives.field import (
     parameter_differences,
     structure_constants,
 )
-from cg.integration.output.solutions import DenseOutput, EnsembleSolution
+from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_field
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.python import Derivative, context_of, derivative_of, when
+from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
@@ -234,15 +234,14 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
     if problem.t_eval is not None and not len(problem.t_eval):
         raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")
 
-    def finish(_: Problem, joint: EnsembleSolution) -> Any:
-        """Return a list of the solution of the only member."""
-        solution = joint[0]
+    def with_gradients(solution: Solution) -> Solution:
+        """Return a solution with dense output, with its adjoint in addition."""
         sol = solution.sol
         assert sol is not None
         adjoint = Adjoint(equation_of(sol), sol, solution.t, problem.plan.frame)
-        return [replace(solution, sol=sol if problem.dense else None, adjoint=adjoint)]
+        return replace(solution, sol=sol if problem.dense else None, adjoint=adjoint)
 
-    return replace(problem, dense=True, finish=finish)
+    return replace(problem, dense=True, with_gradients=with_gradients)
 
 
 def tolerance_of(problem: Problem) -> float:
@@ -287,7 +286,7 @@ def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> E
 
 
 def _linearisation(
-    rhs: Any, df_dp: Derivative | None, point: Points, generators: Points, times: Array
+    rhs: Rhs, df_dp: Derivative | None, point: Points, generators: Points, times: Array
 ) -> tuple[Points, Array | None]:
     """Return A, and the derivatives of the coefficients by the parameters and inputs."""
     a = _coefficients(rhs, times, point)
@@ -298,13 +297,13 @@ def _linearisation(
     return np.tensordot(a, generators, 1), b
 
 
-def _coefficients(rhs: Any, times: Array, point: Points) -> Array:
+def _coefficients(rhs: Rhs, times: Array, point: Points) -> Array:
     """Return the coefficients at times, shape ``(times, dim)``."""
     values: Array = rhs.at_times(times, np.broadcast_to(point, (len(times), *point.shape)))
     return values
 
 
-def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points) -> Array:
+def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points) -> Array:
     """Return the derivatives of the coefficients, shape ``(times, dim, k)``."""
     import cg._core_r64 as core
 
@@ -317,27 +316,28 @@ def _derivative(rhs: Any, df_dp: Derivative | None, times: Array, point: Points)
     parameters, inputs = rhs.given.parameters, rhs.given.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = context_of(function, arguments, frame, shape, df_dp.check)
+        context = call_context(function, arguments, frame, shape, df_dp.check)
         address, data = core.function_addresses()[0], np.array(id(context))
         return call_field(rhs, address, data.ctypes.data, frame, times, points, shape)
-    data = parameters if inputs is None else inputs.data_with(parameters)
-    own = function.user_data
-    table = () if inputs is None or own else inputs.table(parameters)
-    values = function.values(frame, own or data.ctypes.data, times, points, shape, table)
+    numbers = parameters if inputs is None else inputs.data_with(parameters)
+    assert numbers is not None
+    user_data = function.user_data
+    table = () if inputs is None or user_data else inputs.table(parameters)
+    values = function.values(frame, user_data or numbers.ctypes.data, times, points, shape, table)
     return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 
-def _differences(rhs: Any, times: Array, point: Points) -> Array:
+def _differences(rhs: Rhs, times: Array, point: Points) -> Array:
     """Return central differences of the coefficients by the parameters and the inputs."""
     inputs, parameters = rhs.given.inputs, rhs.given.parameters
     row = np.zeros(0) if parameters is None else parameters[0]
     count, width = len(row), 0 if inputs is None else inputs.width
 
     def coefficients(numbers: Array) -> Array:
-        own = numbers[None, :count] if count else None
-        curves = inputs.shifted(numbers[count:]) if width else None
-        shifted = rhs.with_data(rhs.given._replace(parameters=own, inputs=curves))
+        changed = numbers[None, :count] if count else None
+        curves = None if inputs is None else inputs.shifted(numbers[count:])
+        shifted = rhs.with_data(rhs.given._replace(parameters=changed, inputs=curves))
         return _coefficients(shifted, times, point)
 
-    scales = np.concatenate([np.zeros(count), inputs.scales]) if width else np.zeros(count)
+    scales = np.zeros(count) if inputs is None else np.append(np.zeros(count), inputs.scales)
     return parameter_differences(coefficients, np.append(row, np.zeros(width)), scales)

@@ -85,7 +85,7 @@ class Equation:
         return Gradient(y0, total, inputs.by_values(times, np.concatenate(by_inputs)))
 
     def _integrals(self, intervals: Intervals, ends: Points) -> tuple[Array, Array]:
-        """Return integrals of derivatives by the parameters, and terms of those by the inputs.
+        """Return integrals of derivatives by the parameters, and terms of integrals by the inputs.
 
         The terms belong to nodes, shape (intervals * nodes, width).
         """

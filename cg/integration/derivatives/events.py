@@ -52,10 +52,9 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, field: VariationalField, edges: Array) -> None:
+        events, flags = table._arguments
+        super().__init__(events, table.frame, **flags)
         self.table, self.field, self.edges = table, field, edges
-        self.frame, self.width = table.frame, table.width
-        self.events, self.compiled = table.events, table.compiled
-        self.rows = table.rows.copy()
         if not field.count and isinstance(field.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = field.f.user_data
         self._callable = [
@@ -97,22 +96,22 @@ class VariationalEvents(EventTable):
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             # a point nearby may open the joints of a phase space
-            moved = self.table.jump(index, time, point, extra, math.inf)
-            return self.frame.local_coordinates(after, moved)
+            landed = self.table.jump(index, time, point, extra, math.inf)
+            return self.frame.local_coordinates(after, landed)
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)
-        moved = by_fields.T @ x
+        transformed = by_fields.T @ x
         if field.count:
-            moved[:, :m] += field.by_parameters(by_parameters.T)
-        moved += np.outer(jump_of_rate, delta)
+            transformed[:, :m] += field.along_directions(by_parameters.T)
+        transformed += np.outer(jump_of_rate, delta)
         if field.noise is not None:
             # a covariance is multiplied by the saltation matrix from both sides
             unit = np.eye(n, field.columns)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
             matrix = by_fields.T + np.outer(jump_of_rate, local)
-            moved[:, m:] = matrix @ x[:, m:] @ matrix.T
-        return field.product.join(after, moved.ravel())
+            transformed[:, m:] = matrix @ x[:, m:] @ matrix.T
+        return field.product.join(after, transformed.ravel())
 
     def time_derivatives(
         self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
@@ -129,7 +128,7 @@ class VariationalEvents(EventTable):
     def _time_derivative(
         self, index: int, t: float, y: Points, x: Array, arguments: tuple[Any, ...]
     ) -> tuple[float, Array]:
-        """Return the derivative of a function along the solution, and those of its zero's time."""
+        """Return the derivatives of a function along the solution and of the time of its zero."""
 
         def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return np.array([self._value_of(index, time, point, extra)])
@@ -138,7 +137,7 @@ class VariationalEvents(EventTable):
         rate = float(along[0]) if abs(along[0]) > _LEAST_RATE * largest else 0.0
         gradient = by_fields[:, 0] @ x
         if self.field.count:
-            gradient[: self.field.directions] += self.field.by_parameters(by_parameters[:, 0])
+            gradient[: self.field.directions] += self.field.along_directions(by_parameters[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
 
@@ -196,6 +195,14 @@ class VariationalEvents(EventTable):
             for i, (change, size) in enumerate(parameter_steps(row, _STEP)):
                 values = [function(t, y, (*others, row + s * change)) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
+        unit, steps, weights = self._steps_in_time(t, unit, arguments)
+        ahead = values_along(unit * slope, unit, steps) / (_STEP * unit)
+        return np.array(by_fields), weights @ ahead, by_parameters, float(np.ptp(ahead))
+
+    def _steps_in_time(
+        self, t: float, unit: float, arguments: tuple[Any, ...]
+    ) -> tuple[float, Array, Array]:
+        """Return the unit of differences by time, at most ``unit``, their steps and weights."""
         steps, weights = _STEPS, _WEIGHTS
         behind, before = self._room(t, arguments)
         if min(behind, before) >= 2e-3 * max(behind, before):
@@ -205,8 +212,7 @@ class VariationalEvents(EventTable):
             unit = min(unit, max(behind, before) / (4.04 * _STEP))
             unit = unit if before > behind else -unit
         unit = ((t + _STEP * unit) - t) / _STEP or unit  # without rounding of times
-        ahead = values_along(unit * slope, unit, steps) / (_STEP * unit)
-        return np.array(by_fields), weights @ ahead, by_parameters, float(np.ptp(ahead))
+        return unit, steps, weights
 
     def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
         """Return the times to the neighbouring edges, or to the ends of the inputs."""

@@ -23,7 +23,7 @@ from cg.integration.rhs.inputs import (
     Reader,
     data_at,
 )
-from cg.integration.rhs.python import Check, Derivative, context_of, read_only, when
+from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
 from cg.support.shared_numbers import FailedFunction
@@ -40,7 +40,8 @@ class VariationalField:
     r"""The coefficients of a solution and of its derivatives: a right-hand side on a product.
 
     A point is :math:`(y, X)` with :math:`X = (\Phi, S, C)`, shape ``(dim, columns)`` in C order.
-    Along chosen directions, the columns of :math:`(D, P)`, X starts as D, and has no other parts.
+    With chosen directions, the columns of :math:`(D, P)` in initial coordinates and parameters, X
+    has one column for each and starts as D.
     The derivative of :math:`y` with respect to anything has coordinates :math:`\xi` in the frame,
     :math:`\partial y = \sum_i \xi_i E_i(y)`, and from :math:`y' = \sum_i f_i E_i(y)` follows
 
@@ -62,7 +63,7 @@ class VariationalField:
     chosen: Array | None = None  # directions in initial coordinates and parameters, columns
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
     # drifts are in fortran/frames/gyroscopic.f90
-    kicks: bool = False
+    forces_alone: bool = False
 
     @property
     def directions(self) -> int:
@@ -75,12 +76,12 @@ class VariationalField:
         return self.directions + (0 if self.noise is None else self.frame.dim)
 
     @property
-    def by_point(self) -> bool:
+    def has_point_directions(self) -> bool:
         """Whether the chosen directions are those of all initial coordinates."""
         n, chosen = self.frame.dim, self.chosen
         return chosen is not None and np.array_equal(chosen, np.eye(n + self.count, n))
 
-    def by_parameters(self, derivatives: Array) -> Array:
+    def along_directions(self, derivatives: Array) -> Array:
         """Return derivatives with respect to parameters along the directions.
 
         The shape is ``(..., directions)``, of derivatives with respect to all parameters
@@ -94,7 +95,7 @@ class VariationalField:
     def __post_init__(self) -> None:
         vars(self).update(
             product=Product(self.frame, Euclidean(self.frame.dim * self.columns)),
-            structure=_NO_CONSTANTS if self.kicks else structure_constants(self.frame),
+            structure=_NO_CONSTANTS if self.forces_alone else structure_constants(self.frame),
             check=Check(self.f, self.frame, self.vectorized),
         )
 
@@ -140,7 +141,7 @@ class VariationalField:
             slope, m = matrix @ x, self.directions
             if self.count:
                 df_dp = self._differences_by_parameters if self.df_dp is None else self.df_dp
-                slope[..., :m] += self.by_parameters(df_dp(t, y, arguments))
+                slope[..., :m] += self.along_directions(df_dp(t, y, arguments))
             if (noise := self.noise) is not None:
                 density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
                 slope[..., m:] += x[..., m:] @ matrix.mT + density
@@ -166,7 +167,7 @@ class VariationalField:
     ) -> Array:
         """Return the coefficients at a point, or at points of several members.
 
-        Those of kicks have no free motion, unless the ``whole`` ones are asked for.
+        Where forces alone make them, free motion is left out unless the ``whole`` is asked for.
         """
         if isinstance(self.f, CompiledRhs):
             row: Array = self._at_points(t, y[None], arguments, whole)[0]
@@ -175,7 +176,7 @@ class VariationalField:
 
     def _complete(self, values: Array, y: Points, whole: bool) -> Array:
         complete = self.frame.complete_rhs(values, y)
-        if self.kicks and not whole:
+        if self.forces_alone and not whole:
             frame: Any = self.frame
             complete[..., : frame.rhs_dim] = 0.0
             complete[..., frame.rhs_dim :] = frame.tangential(y, values)
@@ -269,8 +270,8 @@ def parameter_differences(
     return np.stack(columns, axis=-1)
 
 
-def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
-    """Return the numbers with respect to which there are derivatives, and those of inputs in them.
+def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
+    """Return how many numbers derivatives are with respect to, and how many of inputs.
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """
@@ -286,7 +287,7 @@ def count_parameters(rhs: Any, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
 @cached_by_value
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
+    """Return indices i, j, k, shape ``(3, constants)``, and the parts of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]
     for i, e in enumerate(basis):
@@ -354,40 +355,48 @@ def compiled_variation(
     first, in_python, *arrays = _first_record(variational, plan)
     inputs, members = given.inputs, given.members or 1
     first.inputs = 0 if inputs is None else inputs.width
-    own = variational.count - variational.inputs
-    scales = np.zeros(own + first.inputs)
+    parameter_count = variational.count - variational.inputs
+    scales = np.zeros(parameter_count + first.inputs)
     if inputs is not None:
-        scales[own:] = inputs.scales
+        scales[parameter_count:] = inputs.scales
     first.scales = scales.ctypes.data
-    rows = np.zeros((members, 1 + own + first.inputs))
-    numbers = None
-    if given.parameters is not None:
-        rows[:, 1 : 1 + own] = given.parameters
-        numbers = rows[:, 1 : 1 + own]
-        numbers.flags.writeable = False
-    seen = given._replace(parameters=numbers)
+    rows = np.zeros((members, 1 + parameter_count + first.inputs))
+    parameters, values = rows[:, 1 : 1 + parameter_count], rows[0, 1 + parameter_count :]
     count = members if in_python else 1
     records = (_Record * count)(*[first] * count)
-    arguments = [seen.arguments(member) for member in range(count)]
-    if inputs is not None and variational.inputs and variational.df_dp is None:
-        # compiled code changes these numbers for differences
-        arguments = [(DataReader(inputs, rows[0, 1 + own :]), *arguments[0][1:])]
-    # differences change parameters in place
-    changing = variational.df_dp is None and own > 0
-    contexts = []
-    for record, rest in zip(records, arguments, strict=True):
-        for name, function, shape, check in in_python:
-            frame = variational.product if name == "along_data" else variational.frame
-            dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            context = context_of(function, rest, frame, shape, check, dtype, changing)
-            contexts.append((context, np.array(id(context))))
-            setattr(record, name, contexts[-1][1].ctypes.data)
+    seen = given
+    if given.parameters is not None:
+        parameters[...] = given.parameters
+        parameters.flags.writeable = False
+        seen = given._replace(parameters=parameters)
+    contexts = _add_contexts(records, variational, in_python, seen, values)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
         None, core.function_addresses()[1], 0, frame=variational.product, given=given, data=rows,
         variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
+
+
+def _add_contexts(
+    records: Any, variational: VariationalField, in_python: list[Any], given: Given, values: Array
+) -> list[Any]:
+    """Put data of functions in Python into records, and return it."""
+    arguments = [given.arguments(member) for member in range(len(records))]
+    if given.inputs is not None and variational.inputs and variational.df_dp is None:
+        # compiled code changes the values for differences
+        arguments = [(DataReader(given.inputs, values), *arguments[0][1:])]
+    # differences change parameters in place
+    changing = variational.df_dp is None and variational.count > variational.inputs
+    contexts = []
+    for record, rest in zip(records, arguments, strict=True):
+        for name, function, shape, check in in_python:
+            frame = variational.product if name == "along_data" else variational.frame
+            dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
+            context = call_context(function, rest, frame, shape, check, dtype, changing)
+            contexts.append((context, np.array(id(context))))
+            setattr(record, name, contexts[-1][1].ctypes.data)
+    return contexts
 
 
 def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
@@ -406,7 +415,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
         parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
-        kicks=variational.kicks, noises=0 if noise is None else variational.frame.dim,
+        forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
     directions = None
@@ -429,7 +438,7 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
     functions: list[Any] = [("f", variational.f, frame.rhs_shape, variational.check)]
-    if frame._given is not None and not is_compiled(frame):
+    if frame._user_frame is not None and not is_compiled(frame):
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
             return variational.coefficients(t, y, arguments)

@@ -1,4 +1,4 @@
-"""Problems of points with their derivatives, and solutions made of theirs."""
+"""Problems of points with their derivatives, and what their solutions give to users."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Derivatives:
     field: VariationalField
     initial_covariance: Array | None
 
-    def of(self, member: int) -> Derivatives:
+    def member(self, member: int) -> Derivatives:
         """Return the derivatives of one member."""
         covariance = self.initial_covariance
         if covariance is None or covariance.ndim == 2:
@@ -58,7 +58,7 @@ class Derivatives:
             "sensitivity": None,
             "covariance": total,
         }
-        if field.chosen is not None and not field.by_point:
+        if field.chosen is not None and not field.has_point_directions:
             fields["transition"], fields["sensitivity"] = None, np.ascontiguousarray(x)
         elif field.count and field.chosen is None:
             fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + field.count])
@@ -68,13 +68,13 @@ class Derivatives:
         return fields
 
     def finish(
-        self, problem: Problem, joint: Problem, solution: EnsembleSolution
+        self, problem: Problem, variational: Problem, solution: EnsembleSolution
     ) -> EnsembleSolution:
         """Return the solution of a problem with its derivatives.
 
-        ``solution`` is that of the ``joint`` problem, whose points hold the derivatives.
+        ``solution`` is that of the ``variational`` problem, whose points hold the derivatives.
         """
-        table, split = joint.events, self.field.split
+        table, split = variational.events, self.field.split
         fields: Any = self.split(solution.y)
         if isinstance(table, VariationalEvents):
             tables = [table] * len(problem.points)
@@ -111,10 +111,10 @@ def with_derivatives(problem: Problem, options: Options) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if problem.of_time:
         return with_linear_adjoint(problem, options["df_dp"])
-    joint = _add_derivatives(problem, options)
+    variational = _add_derivatives(problem, options)
     if options["derivatives"] == "adjoint":
-        return with_adjoint(problem, partial(_equation_along, joint))
-    return joint
+        return with_adjoint(problem, partial(_equation_along, variational))
+    return variational
 
 
 def _add_derivatives(problem: Problem, options: Options) -> Problem:
@@ -127,13 +127,13 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     field = _make_field(problem, options)
     if options["derivatives_by"] is not None:
         field = replace(field, chosen=_directions(options, field))
-    joint: Rhs
+    variational_rhs: Rhs
     if rhs.vectorized:
-        joint = PythonRhs(field, field.product, rhs.given, True)
+        variational_rhs = PythonRhs(field, field.product, rhs.given, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
-        own = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
-        joint = compiled_variation(field, own, rhs.given)
+        user_plan = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
+        variational_rhs = compiled_variation(field, user_plan, rhs.given)
     if control.h is None:
         controlled = options["control_derivatives"]
         absolute = _tolerances(problem, field, controlled, "atol")
@@ -146,7 +146,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     return replace(
         problem,
         plan=plan_of(field.product, plan.table),
-        rhs=joint,
+        rhs=variational_rhs,
         points=field.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, field, edges),
@@ -196,7 +196,7 @@ def _make_field(problem: Problem, options: Options) -> VariationalField:
         vectorized,
         width,
         noise,
-        kicks=problem.plan.table.kind is Kind.SPLITTING,
+        forces_alone=problem.plan.table.kind is Kind.SPLITTING,
     )
 
 
@@ -229,12 +229,12 @@ def _tolerances(
     """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
     plan, tolerances, n = problem.plan, getattr(problem.control, name), field.frame.dim
     shape = (n,) if problem.in_coordinates else field.frame.point_shape
-    own = np.broadcast_to(tolerances, shape).ravel()
-    rows = own if problem.in_coordinates else np.full(n, own.min())
+    point_tolerances = np.broadcast_to(tolerances, shape).ravel()
+    rows = point_tolerances if problem.in_coordinates else np.full(n, point_tolerances.min())
     if not problem.in_coordinates:
-        own = np.repeat(own, plan.parts)
+        point_tolerances = np.repeat(point_tolerances, plan.reals_per_entry)
         if name == "atol":  # the norm is that of numbers now, and not of complex entries
-            own = own / np.sqrt(plan.parts)
+            point_tolerances = point_tolerances / np.sqrt(plan.reals_per_entry)
     if control_derivatives and not rows.min() > 0.0:
         raise ValueError(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
@@ -243,21 +243,23 @@ def _tolerances(
     if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
         rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
     others = np.repeat(rows, field.columns)
-    # the square of the norm of the joint error is then the sum of those of both parts
-    shares = np.sqrt(np.array([own.size, others.size]) / (own.size + others.size))
-    return np.concatenate([shares[0] * own, shares[1] * others])
+    # the square of the norm of the whole error is then the sum of those of both parts
+    sizes = np.array([point_tolerances.size, others.size])
+    shares = np.sqrt(sizes / sizes.sum())
+    return np.concatenate([shares[0] * point_tolerances, shares[1] * others])
 
 
-def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
-    """Return the equation of the problem with derivatives, along a solution without them."""
-    rhs: Any = joint.rhs
+def _equation_along(variational: Problem, sol: DenseOutput) -> Equation:
+    """Return the equation of a problem with derivatives, whose differences may become one-sided."""
+    rhs: Any = variational.rhs
     # where t is far larger than the span, its rounding makes f inexact
-    far = max(1.0, abs(joint.t0) / (abs(joint.t1 - joint.t0) or math.inf))
-    if tolerance_of(joint) >= _ONE_SIDED * far:
+    far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
+    if tolerance_of(variational) >= _ONE_SIDED * far:
         for record in rhs.records:
             record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
-    return Equation(along, shape, tolerance_of(joint), rhs.given.parameter_count, rhs.given.inputs)
+    tolerance, given = tolerance_of(variational), rhs.given
+    return Equation(along, shape, tolerance, given.parameter_count, given.inputs)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:

@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.integration.messages import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, apart, clipped, real_array
+from cg.support.arrays import Array, Points, clipped, real_array, texts_of
 from cg.support.caches import ReadOnly, filled
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, made
@@ -36,7 +36,7 @@ class Steps:
         """The times at which the steps end."""
         return self.rows[:, 3]
 
-    def of(self, member: int) -> Steps:
+    def member(self, member: int) -> Steps:
         """Return the steps of one member."""
         rows = slice(*np.searchsorted(self.rows[:, 0], [member + 1, member + 2]).tolist())
         return Steps(self.plan, self.rows[rows])
@@ -57,7 +57,7 @@ class Steps:
 
 def _range(times: Array) -> str:
     """Return the first and the last time for a message."""
-    return "...".join(apart(times[0], times[-1])) if len(times) else "nothing"
+    return "...".join(texts_of(times[0], times[-1])) if len(times) else "nothing"
 
 
 class DenseOutput(ReadOnly):
@@ -162,7 +162,7 @@ class DenseOutput(ReadOnly):
         times = real_array(t, "t")
         inside, outside = clipped(times.ravel(), self.t_min, self.t_max)
         if outside is not None:
-            low, high, got = apart(self.t_min, self.t_max, times.flat[outside])
+            low, high, got = texts_of(self.t_min, self.t_max, times.flat[outside])
             raise ValueError(f"t must lie between {low} and {high}, got {got}")
         return self._evaluate(inside).reshape(*times.shape, *self._y0.shape)
 
@@ -205,8 +205,8 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={_range(self.ts)}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        output, derivatives = self._members[member], self._derivatives
-        return output if derivatives is None else output.with_derivatives(derivatives.of(member))
+        output, whole = self._members[member], self._derivatives
+        return output if whole is None else output.with_derivatives(whole.member(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)
@@ -222,7 +222,7 @@ _DERIVATIVES = "transition", "sensitivity", "covariance"
 
 @dataclass(frozen=True, eq=False)
 class _SolutionBase(ReadOnly):
-    """What is known of one solution, and of those of many members with an axis for these."""
+    """What is known of a solution, with an axis for members if there are many."""
 
     t: Array
     y: Points
@@ -452,10 +452,10 @@ class EnsembleSolution(_SolutionBase):
 
 
 def member_fields(
-    joint: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
+    results: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
 ) -> dict[str, Any]:
     """Return fields of the solution of a member up to its last time, from results of all."""
-    t, y, observed = joint.t, joint.y, joint.observed
+    t, y, observed = results.t, results.y, results.observed
     if len(t) and t[-1] != end:
         t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
@@ -464,7 +464,7 @@ def member_fields(
     if observed is not None:
         observed = np.ascontiguousarray(observed[: len(t), member])
         observed.setflags(write=False)
-    message = joint.messages.get(member, FINISHED)
+    message = results.messages.get(member, FINISHED)
     return {
         "t": t,
         "y": y,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import FlowOverflowError, Frame
-from cg.frames.manifold import near
+from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Dexpinv, Plan, dexpinv_of
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
@@ -48,8 +48,8 @@ class Jacobian:
         arguments = rhs.given.arguments(member)
         if not self.sparse:
             data = data_at(t, arguments, rhs.given.parameters is not None)
-            own = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
-            return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
+            user_data = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
+            return self.derivative(t, y, arguments, user_data if data is None else data.ctypes.data)
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
@@ -194,7 +194,7 @@ class Callbacks:
             return np.full(frame.dim, np.nan)
         point, path = self._point(a[: len(end)]), a[len(end) :].reshape(-1, frame.dim)
         v = np.zeros(frame.dim)
-        if len(path) and (composed := near(frame._composed(path))).any():
+        if len(path) and (composed := usable_or_zero(frame._composed(path))).any():
             moved = self._flow(composed, point.view(np.float64).ravel())
             if np.isfinite(moved).all():
                 point, v = moved, composed

@@ -59,14 +59,14 @@ class Plan:
         import cg._core_r64 as core
 
         self.core, self.frame, self.table = core, frame, table
-        self.user_frame = frame._given or frame  # another one where f returns derivatives
+        self.user_frame = frame._user_frame or frame  # another one where f returns derivatives
         along = table.polynomial if isinstance(frame, LinearAction) else None
         self.step_table = table if along is None else along
         self.compiled = is_compiled(frame)
         self._has_difference = has_compiled_difference(frame)
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
-        self.parts = 2 if self.dtype == np.complex128 else 1
-        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
+        self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
+        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
         self.columns = self.step_table.output.columns
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
@@ -86,7 +86,7 @@ class Plan:
         if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
         address: int = self.core.plan_open(
-            blocks, constants, frame._given is not None, ctypes.addressof(table.record)
+            blocks, constants, frame._user_frame is not None, ctypes.addressof(table.record)
         )
         return address
 
@@ -146,13 +146,13 @@ class Plan:
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
         rows = np.ascontiguousarray(points)
-        if self.parts == 2:
+        if self.reals_per_entry == 2:
             rows = rows.reshape(-1).view(np.float64)
         return rows.reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        if self.parts == 2:
+        if self.reals_per_entry == 2:
             rows = rows.reshape(-1).view(self.dtype)
         return rows.reshape(*lead, *self.point_shape)
 
@@ -164,7 +164,7 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 def plan_of(frame: Frame, table: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
     plans = _plans_on(frame)
-    key = id(table), frame._given is None
+    key = id(table), frame._user_frame is None
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # more of them by threads

@@ -16,7 +16,7 @@ from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NOTHING, Given, address
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
-from cg.support.capsules import address_in, context_of
+from cg.support.capsules import address_in, data_in
 
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
@@ -112,10 +112,10 @@ class CompiledRhs:
         assert self.frame is not None
         _, data, distance = self.addresses()
         if (inputs := self.given.inputs) is not None:
-            own = self.data[member if distance else 0]
-            own[-inputs.width :] = self.given.arguments(member)[0].numbers(t)
-        row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
-        return row
+            row = self.data[member if distance else 0]
+            row[-inputs.width :] = self.given.arguments(member)[0].numbers(t)
+        value: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
+        return value
 
     def at_times(self, times: Array, y: Points) -> Array:
         """Return what the function writes for a single member at times and points."""
@@ -137,8 +137,8 @@ def call_field(
     """Return what a function in C writes at several points, shape ``(len(y), *shape)``.
 
     ``rhs`` names it in messages. The points have one time, or one each, at which inputs with a
-    ``table`` are written. The shape of an answer of ``f`` by default; it is NaN where the function
-    writes nothing.
+    ``table`` are written. ``shape`` is by default that of ``f``; values that the function doesn't
+    write are NaN.
     """
     import cg._core_r64 as core
 
@@ -197,7 +197,7 @@ def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
     # the first item is a capsule, whose context is the address of the user's data
     capsule = tuple.__getitem__(source, 0)
     requires_data = _words(source.signature).endswith(",double*)")
-    addresses = address_in(capsule), context_of(capsule)
+    addresses = address_in(capsule), data_in(capsule)
     return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 

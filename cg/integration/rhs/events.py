@@ -6,6 +6,7 @@ import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from numbers import Real
 from typing import Any, ClassVar
 
@@ -138,6 +139,7 @@ class EventTable:
         self,
         events: Any,
         frame: Frame,
+        *,
         inputs: bool = False,
         parameters: bool = False,
         in_python: bool = False,
@@ -146,7 +148,8 @@ class EventTable:
             events = (events,)
         elif not isinstance(events, Sequence) or isinstance(events, str):
             raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
-        self._arguments = events, inputs, parameters, in_python
+        flags = {"inputs": inputs, "parameters": parameters, "in_python": in_python}
+        self._arguments: tuple[Any, dict[str, Any]] = events, flags
         self.frame, self.parameters = frame, parameters
         self.width = math.prod(frame.point_shape) * frame.dtype.itemsize // 8
         self.events = [_as_event(event) for event in events]
@@ -174,13 +177,13 @@ class EventTable:
         self.rows: NDArray[np.void] = np.array(rows, dtype=columns_of(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        events, *flags = self._arguments
-        return EventTable, (events, self.frame, *flags)
+        events, flags = self._arguments
+        return partial(EventTable, **flags), (events, self.frame)
 
     def on_frame(self, frame: Frame) -> EventTable:
         """Return the events on another frame of the same points."""
-        events, *flags = self._arguments
-        return EventTable(events, frame, *flags)
+        events, flags = self._arguments
+        return EventTable(events, frame, **flags)
 
     def __len__(self) -> int:
         return len(self.events)
@@ -307,6 +310,22 @@ class Observer:
     def count(self) -> int:
         """Numbers at a time."""
         return math.prod(self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class StepFunction(Observer):
+    """The function of step sizes of splitting methods, after checking."""
+
+    name = entry = "step_function"
+
+    def check(self, value: Any, t: float, _: Points) -> Array:
+        """Return a value as an array, after checking it."""
+        number = read_finite(value, self.name, (), t, number=True)
+        if not number > 0.0:
+            raise ValueError(
+                f"step_function must return a positive number, got {value!r} at t = {t:.17g}"
+            )
+        return number
 
 
 def observer_of(

@@ -101,7 +101,7 @@ class Inputs:
         return np.unique(np.concatenate([first, *others])) if others else first
 
     def limits(self, tolerance: float | None) -> Array:
-        """Return times and how long steps may be from each on, shape (n, 2)."""
+        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         if tolerance is None:
             return np.empty((0, 2))
         tables = [curve.longest_steps(tolerance) for curve in self.curves]
@@ -144,7 +144,7 @@ class Inputs:
             curve.check_span(start, stop, name)
 
 
-def check_own_inputs(
+def check_member_inputs(
     inputs: list[Any], start: float, stop: float, members: int, table: MethodTable, name: str
 ) -> tuple[Inputs, ...]:
     """Return the inputs of each member, at times of its own, after checking them."""
@@ -153,17 +153,17 @@ def check_own_inputs(
             f"inputs must be cg.Samples, a tuple of them, or a list of {members} such for the "
             f"members, got a list of {len(inputs)}"
         )
-    own_inputs: list[Inputs] = []
+    checked: list[Inputs] = []
     for member, samples in enumerate(inputs):
         try:
-            own = check_inputs(samples, start, stop, None, None if member else table, name)
-            if own is None:
+            curves = check_inputs(samples, start, stop, None, None if member else table, name)
+            if curves is None:
                 raise TypeError(f"inputs must be cg.Samples, got {samples!r}")
-            own.check_like(own_inputs[0] if own_inputs else own)
+            curves.check_like(checked[0] if checked else curves)
         except (TypeError, ValueError) as error:
             raise type(error)(f"inputs[{member}]: {error}") from None
-        own_inputs.append(own)
-    return tuple(own_inputs)
+        checked.append(curves)
+    return tuple(checked)
 
 
 def stops_and_limits(
@@ -181,7 +181,7 @@ class Reader:
     def __init__(self, inputs: Inputs, member: Any) -> None:
         self.inputs, self._member = inputs, member
 
-    def at_times(self) -> Callable[[float], Any]:
+    def function(self) -> Callable[[float], Any]:
         """Return the inputs of one member as a function that takes little time."""
         first, *others = [curve.reader(self._member) for curve in self.inputs.curves]
         if self.inputs.in_tuple:
@@ -191,7 +191,7 @@ class Reader:
     def __call__(self, t: Any) -> Any:
         """Return what functions get after time and point, or rows for an array of times."""
         if isinstance(t, float):
-            return self.at_times()(t)
+            return self.function()(t)
         members = np.atleast_1d(self._member)
         members = np.repeat(members, len(t) // len(members))  # times of one follow each other
         values = tuple(curve.at(t, members) for curve in self.inputs.curves)
@@ -213,8 +213,8 @@ class DataReader(Reader):
         super().__init__(inputs, 0)
         self._data = data
 
-    def at_times(self) -> Callable[[float], Any]:
-        """Return the function that reads them."""
+    def function(self) -> Callable[[float], Any]:
+        """Return the inputs as a function, which reads them from the data."""
         reads, first = [], 0
         for curve in self.inputs.curves:
             stop = first + math.prod(curve.shape)

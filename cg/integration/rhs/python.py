@@ -118,7 +118,7 @@ class Contexts:
 
     def __init__(self, function: Any, given: Given, count: int | None, *rest: Any) -> None:
         members = range(1 if count is None else count)
-        self.contexts = [context_of(function, given.arguments(k), *rest) for k in members]
+        self.contexts = [call_context(function, given.arguments(k), *rest) for k in members]
         self.pointers = np.array(list(map(id, self.contexts)))
         self._stride = 0 if count is None else 8
 
@@ -214,14 +214,14 @@ class PythonRhs(Contexts):
 Rhs = CompiledRhs | PythonRhs
 
 
-def context_of(
+def call_context(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
     dtype: Any = np.float64, changing: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return one context; of `changing` numbers in the last of `args` functions get copies."""
     with_input = isinstance(function, WithInput)
     if with_input:
-        function, args = function.function, (args[0].at_times(), *args[1:])
+        function, args = function.function, (args[0].function(), *args[1:])
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
@@ -242,8 +242,8 @@ class Derivative:
     def __call__(self, t: Any, y: Points, arguments: tuple[Any, ...], data: int = 0) -> Array:
         """Return the derivatives; a compiled function without its own data receives ``data``."""
         if isinstance(self.function, CompiledRhs):
-            own = self.function.user_data or data
-            return self.check(self.function.values(self.frame, own, t, y[None], self.shape)[0], t)
+            data = self.function.user_data or data
+            return self.check(self.function.values(self.frame, data, t, y[None], self.shape)[0], t)
         return self.check(self.function(t, read_only(y), *arguments), t)
 
     def check(self, value: Any, t: Any, _: Any = None) -> Array:

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, apart, check_finite, real_array
+from cg.support.arrays import Array, check_finite, real_array, texts_of
 from cg.support.caches import ReadOnly
 from cg.support.checks import check_choice, check_flag
 
@@ -99,7 +99,7 @@ class Resolution:
         return np.asarray(relative.max(axis=1))
 
     def longest_steps(self, tolerance: float) -> Array:
-        """Return rows of times and how long steps may be from there on, up to the next time."""
+        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         allowed = tolerance**0.25
         pieces = len(self._times) - 1
         level = np.zeros(pieces, dtype=np.int8)
@@ -300,7 +300,7 @@ class Samples(ReadOnly):
         return corners
 
     def longest_steps(self, tolerance: float) -> Array:
-        """Return times and how long steps may be from each on, shape (n, 2)."""
+        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         if not self._is_spline or len(self._edges) < 2:
             return np.empty((0, 2))
         return self._resolution.longest_steps(tolerance)
@@ -340,6 +340,7 @@ class Samples(ReadOnly):
         Parameters
         ----------
         t
+            One time.
         member
             The member of an ensemble, for values of several members. All of them by default.
         """
@@ -351,7 +352,7 @@ class Samples(ReadOnly):
         """Return the curve, or that of a member, as a function that takes little time."""
         (search, starts, rows), outside = self._rows, self.check_span
         low, high = self._span
-        own = None if self.members is None else member
+        column = None if self.members is None else member
 
         def value_at(t: float) -> Any:
             if not low <= t <= high:
@@ -361,7 +362,8 @@ class Samples(ReadOnly):
             *others, value = rows[piece]
             for row in reversed(others):
                 value = row + s * value
-            return +value if own is None else +value[own]  # by + an array that the caller owns
+            # by + an array that the caller owns
+            return +value if column is None else +value[column]
 
         return value_at
 
@@ -421,10 +423,11 @@ class Samples(ReadOnly):
         first, last = min(start, stop), max(start, stop)
         low, high = self._span
         if not (low <= first and last <= high):
-            low_text, high_text, *got = apart(self.times[0], self.end, start, stop)
+            low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
+            two = start < stop or stop < start  # else one time, or NaN
             raise ValueError(
                 f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
-                f"got {got[0] if start == stop else '({}, {})'.format(*got)}"
+                f"got {'({}, {})'.format(*got) if two else got[0]}"
             )
 
 
@@ -437,7 +440,7 @@ def _read_times(times: ArrayLike) -> Array:
     if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
         check_finite("times", array)
         place = int(np.argmin(growing))
-        before, got = apart(*array[place : place + 2])
+        before, got = texts_of(*array[place : place + 2])
         raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
     array.flags.writeable = False
     return array

@@ -17,7 +17,7 @@ from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
 _NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
-_WAITING = int(Stop.NEEDS_FIELD)
+_WAITING = int(Stop.NEEDS_FIELD)  # the smallest number of those that wait for an answer
 _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"

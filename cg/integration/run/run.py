@@ -82,7 +82,10 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        solver_rows = 0 if plan.step_table.explicit else self._choose_stage_solver()
+        solver_rows = 0
+        if not plan.step_table.explicit:
+            self.record.jacobian = self._jacobian_kind()
+            solver_rows = self._count_solver_rows()
         self._buffers: dict[str, Any] = {}
         # what calls have stored, at first nothing, in which members and events are counted from 1
         ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
@@ -115,21 +118,25 @@ class Run:
             event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol,
-            in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
+            in_coordinates=in_coordinates,
+            reals_per_entry=1 if in_coordinates else plan.reals_per_entry,
             exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
             every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense, **heat,
         )  # fmt: skip
 
-    def _choose_stage_solver(self) -> int:
-        """Set how implicit stages are solved; return how many vectors are kept for it."""
-        plan, problem, stages = self.plan, self.problem, self.plan.table.stages
-        jacobian = problem.jacobian
+    def _jacobian_kind(self) -> JacobianKind:
+        """Return how the Jacobian for implicit stages is evaluated."""
+        problem, kind, jacobian = self.problem, self.plan.step_table.kind, self.problem.jacobian
         if jacobian is not None:
-            self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
-        elif problem.stage_solver == "fixed-point" and plan.step_table.kind is not Kind.COLLOCATION:
-            self.record.jacobian = JacobianKind.SPARSE
-        factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
+            return JacobianKind.OUTSIDE if jacobian.sparse else JacobianKind.MATRIX
+        iterated = problem.stage_solver == "fixed-point" and kind is not Kind.COLLOCATION
+        return JacobianKind.OUTSIDE if iterated else JacobianKind.DIFFERENCES
+
+    def _count_solver_rows(self) -> int:
+        """Return how many vectors are kept to solve implicit stages."""
+        plan, stages = self.plan, self.plan.table.stages
+        factors = plan.dim if self.record.jacobian != JacobianKind.OUTSIDE else 0
         if plan.step_table.kind is Kind.COLLOCATION:
             return stages - 1 + factors
         blocks = plan.step_table.record.blocks
@@ -208,7 +215,7 @@ class Run:
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
     def share_limits(self, limits: Array) -> None:
-        """Share how long steps may be where; compiled code reads it when it opens or restarts."""
+        """Share the limits of steps, which compiled code reads when a run opens or restarts."""
         self.record.limited = len(self._share("limits", limits))
 
     def call(self) -> None:

@@ -82,7 +82,7 @@ class Column(NamedTuple):
 
     @property
     def degree(self) -> int:
-        """Number of nodes that it adds to a word, without the letter's root."""
+        """Number of nodes that the column adds to a word, without the letter's root."""
         return nodes(self.letter) + self.moments
 
 
