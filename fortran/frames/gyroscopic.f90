@@ -24,7 +24,7 @@ module gyroscopic_m
   use rigid_body_m, only: turn_freely
   use rotations_m, only: exponential, rotate_vector, turn_point
   use shared_numbers, only: euclidean_block
-  use vectors_m, only: cross
+  use vectors_m, only: cross, nan
   implicit none
   private
   public :: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
@@ -34,6 +34,7 @@ module gyroscopic_m
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
   real(wp), parameter :: substeps(9) = [half, 1 - 2 * sum(half), half(4:1:-1)]
   integer, parameter :: terms = 18           ! of a series; 1 / 18! is rounding
+  real(wp), parameter :: max_pieces = 1e6_wp ! of a motion, which may not be interrupted
 
 contains
 
@@ -68,8 +69,9 @@ contains
     real(wp) :: term(size(momentum)), velocity(size(momentum)), step
     integer :: k, piece, pieces
 
-    pieces = max(1, ceiling(abs(time) * maxval(sum(abs(body%gyroscopic), 2)) &
-                            * maxval(sum(abs(body%inverse), 2))))
+    step = abs(time) * maxval(sum(abs(body%gyroscopic), 2)) * maxval(sum(abs(body%inverse), 2))
+    if (.not. step <= max_pieces) momentum = nan
+    pieces = max(1, ceiling(merge(step, 0.0_wp, step <= max_pieces)))
     step = time / real(pieces, wp)
     do piece = 1, pieces
       term = momentum
@@ -102,7 +104,8 @@ contains
       associate (block => frame%blocks(i), v => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
         turns(v:last) = frame%bodies(i)%turns
         if (frame%bodies(i)%turns .or. block%kind == euclidean_block) u(v:last) = 0.0_wp
-        pieces = max(pieces, ceiling(2 * norm2(u(v:last))))
+        if (.not. 2 * norm2(u(v:last)) <= max_pieces) x = nan
+        pieces = max(pieces, ceiling(min(2 * norm2(u(v:last)), max_pieces)))
       end associate
     end do
     fraction = 1.0_wp / real(pieces, wp)

@@ -182,13 +182,20 @@ contains
     cn = sqrt(1 - sn**2)
     dn = sqrt(1 - motion%m * sn**2)
     do i = 1, pieces
-      if (.not. max(abs(motion%cn), abs(motion%dn)) > 0) then   ! at rest on the second axis
+      if (.not. max(abs(motion%cn), abs(motion%dn)) > tiny(1.0_wp)) then ! at rest on the second axis
         integral = integral + 2 * half * real(pieces - i + 1, wp)
         exit
       end if
       call add(motion, sn, cn, dn)
       integral = integral + even_integral(motion, sn)
       call add(motion, sn, cn, dn)
+      if (pieces == 1) exit
+      ! near the separatrix errors of the squares would grow as exp(u)
+      associate (error => (1 - motion%sn**2 - motion%cn**2) / 2)
+        motion%sn = motion%sn + error * motion%sn
+        motion%cn = motion%cn + error * motion%cn
+      end associate
+      motion%dn = sqrt(motion%complement + motion%m * motion%cn**2)
     end do
   end subroutine follow_pieces
 

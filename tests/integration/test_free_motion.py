@@ -8,6 +8,7 @@ import pytest
 from flint import arb
 from mechanics import INERTIA, MATRIX
 from scipy import LowLevelCallable
+from scipy.spatial.transform import Rotation
 
 import cg
 from cg.frames import SO3, PhaseSpace
@@ -155,3 +156,28 @@ def test_invariants_have_rounding_errors_without_bias(library, inertia, h):
     # far less than errors of one ulp a step would be, if they added up
     assert abs(energy) < 0.05 * steps * EPSILON
     assert np.abs(q @ momentum - y0[9:]).max() < 0.05 * steps * EPSILON
+
+
+@pytest.mark.parametrize("last", [2.0, 2.0 + 4e-16, 2.0 - 4e-16, 2.0 + 1e-12])
+@pytest.mark.parametrize("h", [2.0, 3.0, 8.0, -5.0, 320.0, 1e7])
+def test_momenta_keep_their_length_near_the_separatrix(h, last):
+    """They leave and meet the axis in the middle as exp(t), where rounding would grow as well."""
+    frame = PhaseSpace(cg.frames.UnitQuaternion(), [1 / 16, 1 / 4, 1.0])
+    momentum = np.array([1.0, 1.0, last])
+    options = {"frame": frame, "method": "Leapfrog", "h": abs(h)}
+    start = frame.join([0.0, 0.0, 0.0, 1.0], momentum)
+    end = cg.integrate(lambda t, q: np.zeros(3), (0, h), start, **options).y[-1]
+    q, after = frame.split(end)
+    for row in (lambda m: m @ m, lambda m: m @ (m * [16.0, 4.0, 1.0])):
+        assert np.isclose(row(after), row(momentum), rtol=4e-15, atol=0.0)
+    turned = Rotation.from_quat(q).apply(after.copy())
+    np.testing.assert_allclose(turned, momentum, rtol=0.0, atol=3e-16 * (20 + 16 * abs(h)))
+
+
+def test_rotors_that_turn_too_often_end_at_once():
+    turning = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
+    frame = PhaseSpace(cg.frames.Euclidean(3), [1.0] * 3, gyroscopic=turning)
+    for h in (1e7, 3e9):
+        with pytest.raises(OverflowError, match="no longer finite"):
+            cg.integrate(lambda t, q: np.zeros(3), (0, h), [0, 0, 0, 1.0, 0, 0], frame=frame,
+                         method="Leapfrog", h=h)  # fmt: skip
