@@ -26,7 +26,7 @@ from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable, MethodTable
 
-DEFAULT_MAX_STEPS = 10**6
+DEFAULT_MAX_STEPS, NO_LIMIT = 10**6, 2**62
 """Default limit of the number of adaptive steps, rejected ones included."""
 
 STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}

@@ -22,6 +22,7 @@ from cg.integration.arguments import (
     DEFAULT_MAX_STEPS,
     DEFAULT_RTOL,
     FLAGS,
+    NO_LIMIT,
     STAGE_SOLVERS,
     EnsembleOptions,
     check_algebra,
@@ -222,7 +223,7 @@ def _make_control(
         if size > largest:
             limit, got = texts_of(largest, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
-        return Control(h=size, max_steps=max_steps)
+        return Control(h=size, max_steps=max_steps if varies else NO_LIMIT)
     if plan.table.kind is Kind.SPLITTING:
         raise ValueError(
             f"h must be given with {plan.table!r}: steps of splitting methods have a fixed size"

@@ -20,6 +20,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import (
+    NO_LIMIT,
     StepOptions,
     check_args,
     check_real_time,
@@ -50,7 +51,6 @@ from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import made
 
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
-_NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
 
@@ -169,7 +169,7 @@ class Stepper:
         self._first_step = None if first is None else check_step("first_step", first)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         self._many = many
-        control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
+        control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = replace(problem, control=control, t_eval=None, every=0)
         self._find_corners(problem.rhs.given.inputs, start)
         self.status = "running" if start != bound else "finished"
@@ -186,7 +186,7 @@ class Stepper:
     def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
         """Start trajectories anew from points as doubles, but for members that have stopped."""
         self._run.restart(t, rows, first_step, stopped)
-        self.t, self._has_step, self._target = t, False, None
+        self.t, self._has_step, self._target, self._overwritten = t, False, None, False
 
     @property
     def t_old(self) -> float | None:
@@ -394,13 +394,13 @@ class Stepper:
         Raises
         ------
         RuntimeError
-            If no step has been taken since the beginning or the last restart, members have
-            steps of their own, or there is a thermostat.
+            If no step has been taken since the beginning, the last restart or a failure, members
+            have steps of their own, or there is a thermostat.
         """
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
         shared = not self._many or (self._problem.common and not self._stopped.all())
-        if not (self._has_step and shared):
+        if not (self._has_step and shared) or self._overwritten:
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
@@ -454,8 +454,9 @@ class Stepper:
         check_resolution(run.control.h, target)
         stops = np.array([target])
         if len(corners):
-            ahead = (sign * (corners - self.t) >= 0.0) & (sign * (corners - target) <= 0.0)
-            stops = np.append(corners[ahead], target)
+            # the one behind too, which stages outside the step must not pass
+            corners = corners[max(int((sign * (corners - self.t) < 0.0).sum()) - 1, 0) :]
+            stops = np.append(corners[sign * (corners - target) <= 0.0], target)
         run.resume(stops)
         self._target = target
 
@@ -467,7 +468,7 @@ class Stepper:
         run = self._run
         if target != self._target:
             self._go_on(target)
-        self._cut_output, self.status = None, "running"
+        self._cut_output, self._overwritten, self.status = None, False, "running"
         start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
         calls = len(run.events_of_calls)
         message: str | None = "interrupted"
@@ -478,6 +479,7 @@ class Stepper:
                 self._target = None
                 if start is None:
                     self._has_step |= self.t != run.reached.item(0)
+                    self._overwritten = True  # the failed step has used the memory of stages
                     self.t = run.reached.item(0)
                 else:
                     del run.events_of_calls[calls:]
@@ -541,6 +543,9 @@ class Stepper:
         beyond = self.t + self.direction
         run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
         steps = run.last_interpolants()
+        if run.record.failed:
+            failure = next(iter(failures_of(run, raising=True).values()))
+            raise RuntimeError(f"there is no solution within the last step: {failure}")
         begin = float(steps.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):

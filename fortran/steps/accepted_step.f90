@@ -10,7 +10,7 @@ module accepted_step_m
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
-  use requests_m, only: evaluate_events, reject_accepted_step, request, share
+  use requests_m, only: evaluate_events, reject_accepted_step, request, share, within_segment
   use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers
@@ -106,7 +106,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
-      call request(x, x%last%t, x%last_y, phase_interpolant_start_received)
+      call request(x, x%last%start, x%last_y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), &
                    merge(phase_end_received, phase_interpolant_start_received, x%interpolate_only))
@@ -283,7 +283,7 @@ contains
       return
     end if
     if (size(x%last_y) > 0) then
-      x%last = last_step_t(cut=ended, t=x%t, h=x%t_end - x%t)
+      x%last = last_step_t(cut=ended, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
       x%last_y(:) = x%y(:, 0)
       x%last_slope(:) = x%slope
       if (.not. x%slope_known) x%last_slope = nan
@@ -372,13 +372,13 @@ contains
     most = min(max_count, max(1, max_numbers / x%frame%point_size), &
                output%outputs - x%outputs_done)
     x%inner_from = x%outputs_done
-    associate (inner => x%problem%inner)
+    associate (inner => x%problem%inner, &
+               times => output%times(x%outputs_done + 1:x%outputs_done + most))
       inner%owner = x%member
       if (.not. allocated(inner%theta)) &
         allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
-      inner%theta(:most) = (output%times(x%outputs_done + 1:x%outputs_done + most) - x%t) &
-                           / (x%t_end - x%t)
-      inner%count = findloc([inner%theta(:most) < 1, .false.], .false., 1) - 1
+      inner%theta(:most) = (times - x%t) / (x%t_end - x%t)       ! may round to 1 before the end
+      inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
       if (size(inner%y, 2) >= inner%count) return
       deallocate (inner%y)
       allocate (inner%y(x%frame%point_size, inner%count))

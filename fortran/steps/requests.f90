@@ -112,7 +112,8 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    select case (merge(x%phase, phase_ended, x%problem%adaptive))
+    select case (merge(x%phase, phase_ended, x%problem%adaptive .or. &
+                       any(x%phase == [phase_node_received, phase_end_received])))
     case (phase_curvature_received)
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished
@@ -135,6 +136,7 @@ contains
 
     x%status = finished
     if (x%interpolate_only .or. .not. x%problem%adaptive) then
+      if (.not. x%interpolate_only) x%counts%steps = x%counts%steps - 1
       call fail(x, status, t)
     else if (x%problem%record%common) then
       x%error = huge(1.0_wp)

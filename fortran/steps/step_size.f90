@@ -35,7 +35,9 @@ contains
   subroutine begin_segment(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%problem%stops(x%segment) == x%t) then
+    ! ends behind are those that f isn't evaluated beyond
+    if ((x%problem%stops(x%segment) - x%t) &
+        * sign(1.0_wp, x%problem%stops(size(x%problem%stops)) - x%t) <= 0) then
       if (x%segment == size(x%problem%stops)) then
         x%phase = phase_ended
       else
@@ -149,6 +151,9 @@ contains
   subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
 
+    if (x%control%attempts >= x%problem%record%max_steps) call fail(x, too_many_steps, x%t)
+    if (x%status /= finished) return
+    x%control%attempts = x%control%attempts + 1
     associate (stop => x%problem%stops(x%segment))
       if (x%problem%step_function%count > 0) then
         call choose_reversibly(x, stop)
@@ -186,10 +191,6 @@ contains
 
     smallest = smallest_size(x%t)
     associate (control => x%control, max_step => x%tolerances%max_step)
-      if (control%attempts >= x%problem%record%max_steps) then
-        call fail(x, too_many_steps, x%t)
-        return
-      end if
       longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest)
       control%unshortened_size = min(control%step_size, max_step)
       control%step_size = tried_size(control%step_size, smallest, abs(stop - x%t), &
@@ -202,7 +203,6 @@ contains
         ! others with common steps fail here, and this one goes on without them
         control%step_size = min(smallest, abs(stop - x%t), max_step)
       end if
-      control%attempts = control%attempts + 1
       x%h = sign(control%step_size, stop - x%t)
       x%t_end = x%t + x%h
       ! A rest that is smaller than the smallest step belongs to this step.
@@ -224,12 +224,7 @@ contains
     real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
     integer :: i
 
-    associate (h_next => x%control%step_size, attempts => x%control%attempts)
-      if (attempts >= x%problem%record%max_steps) then
-        call fail(x, too_many_steps, x%t)
-        return
-      end if
-      attempts = attempts + 1
+    associate (h_next => x%control%step_size)
       v = 0.0_wp
       call add_free_motion(x%frame, x%y(:, 0), v)
       v(x%frame%forces + 1:) = 0.0_wp

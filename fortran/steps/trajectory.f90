@@ -141,7 +141,7 @@ module trajectory_m
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: cut = .false.                 ! by an event; its interpolant is complete
-    real(wp) :: t = 0.0_wp, h = 0.0_wp
+    real(wp) :: t = 0.0_wp, start = 0.0_wp, h = 0.0_wp ! start: t, or just after a breakpoint at t
   end type last_step_t
 
   ! The joints of a splitting method's frame

@@ -150,3 +150,35 @@ def test_functions_that_fail_between_steps(which):
     for i in (0, 2):
         alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **expected)
         np.testing.assert_array_equal(solution.y[:, i], alone.y)
+
+
+@pytest.mark.filterwarnings("ignore:Failure of")
+def test_steps_without_an_interpolant_are_not_counted():
+    f = lambda t, y: [np.nan if 0.401 < t < 0.449 or 0.451 < t < 0.499 else 1.0]
+    options = {"frame": Euclidean(1), "method": "RKMK4", "h": 0.1, "dense_output": True}
+    run = cg.solve_ensemble(f, (0, 1), [[0.0]], **options)
+    assert (run.steps.tolist(), run.t_end.tolist()) == ([4], [0.4])
+
+
+@pytest.mark.filterwarnings("ignore:Failure of")
+def test_residuals_of_other_members_are_not_named():
+    f = lambda t, y: [-300 * np.sin(y[0]) if 0 < y[0] < 20 else 1.0]
+    options = {"frame": Euclidean(1), "method": "ImplicitMidpoint", "h": 0.1}
+    options["stage_solver"] = "fixed-point"
+    for points in ([[1.0], [50.0]], [[50.0], [1.0]]):
+        (message,) = cg.solve_ensemble(f, (0, 1), points, **options).messages.values()
+        assert "did not converge" in message
+        assert "residual" not in message
+    with pytest.raises(cg.ConvergenceError, match="the residual is 261"):
+        cg.integrate(f, (0, 1), [1.0], **options)
+
+
+def test_compiled_events_name_the_time_when_they_fail():
+    def value(t, y, data):
+        return math.nan if t < 0.5 and y[0] < 2.0 else 1.0
+
+    event = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, ctypes.c_void_p)(value)
+    options = {"frame": Euclidean(1), "h": 0.1, "method": "CF4"}
+    for events in (value and event, lambda t, y: value(t, y, None)):
+        with pytest.raises(ValueError, match=r"events.* must return finite .* at t = 0\.4|0\.39"):
+            cg.solve_ensemble(lambda t, y: [0.0], (1, 0), [[1.0], [50.0]], events=events, **options)

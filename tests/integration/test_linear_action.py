@@ -230,6 +230,18 @@ class TestPolynomialFlows:
         np.testing.assert_allclose(run.y, same.y, rtol=1e-12)
 
 
+@pytest.mark.parametrize("h", [None, 1.0])
+def test_output_just_before_the_end_of_a_step(h):
+    """The part of the step there rounds to one."""
+    line, last = LinearAction([np.array([[0.0, 1.0], [-1.0, 0.0]])]), np.nextafter(0.1, 0.0)
+    options = {"h": h} if h else {"first_step": 1.0, "rtol": 1e-13, "atol": 1e-13}
+    for t in ([last], [-0.5, last, 0.1], [-0.5, last]):
+        run = cg.solve_linear(lambda t: [1.0], (-0.9, 0.1), [1, 0], frame=line, t_eval=t, **options)
+        angle = 0.9 + np.array(t)
+        expected = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
+        np.testing.assert_allclose(run.y, expected, rtol=0, atol=1e-13)
+
+
 def test_weights_of_a_pair_have_no_effect_and_no_warning():
     """The error is estimated along a polynomial through the nodes, whatever its results are."""
     method = cg.MagnusMethod(

@@ -230,6 +230,53 @@ def test_steps_that_begin_with_a_drift_need_no_force_at_their_start():
     assert_array_equal(stepper.dense_output()(0.95), dense.sol(0.95))
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_where_a_call_ends_changes_nothing_beside_breakpoints(sign):
+    """CG6a evaluates f before the start of a step, which must not be beyond a breakpoint."""
+    f = lambda t, y: [0.0 if sign * t <= 1.0 else 10.0 * np.cos(t)]
+    options = {"frame": Euclidean(1), "method": "CG6a", "h": 0.5, "breakpoints": [sign, 2.0 * sign]}
+    expected = cg.integrate(f, (0.0, 3.0 * sign), [0.0], **options).y[-1]
+    for looks in (False, True):
+        stepper = cg.Stepper(f, 0.0, [0.0], 3.0 * sign, **options)
+        for time in (1.5, 2.0, 2.5, 3.0):
+            stepper.advance(time * sign)
+            if looks:
+                stepper.dense_output()
+        assert_allclose(stepper.y, expected, rtol=1e-14)
+
+
+def test_the_step_after_a_breakpoint_has_the_forces_behind_it():
+    """In `dense_output` too, of a method that doesn't evaluate them at the start of a step."""
+    frame, force = cg.frames.PhaseSpace(Euclidean(1)), lambda t, q: [0.0 if t <= 1.0 else 10.0]
+    options = {"frame": frame, "method": "McLachlan2", "h": 0.5, "breakpoints": [1.0]}
+    dense = cg.solve_ivp(force, (0.0, 3.0), [0.0, 0.0], dense_output=True, **options)
+    stepper = cg.Stepper(force, 0.0, [0.0, 0.0], 3.0, **options)
+    stepper.advance(1.0)
+    stepper.step()
+    assert_array_equal(stepper.dense_output()(1.25), dense.sol(1.25))
+    assert_allclose(dense.sol(1.25), [0.3125, 2.5], rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["RKMK4", "RadauIIA5", "CF4", "ImplicitMidpoint"])
+def test_a_step_that_fails_leaves_no_solution_within_the_last(method):
+    """Its stages are where the interpolant of the last step would have been made of its own."""
+    f = lambda t, y: [1.0 / 0.0] if t > 0.65 else [np.cos(5.0 * t) * y[0]]
+    stepper = cg.Stepper(f, 0.0, [1.0], 2.0, frame=Euclidean(1), method=method, h=0.2)
+    stepper.advance(0.6)
+    stepper.dense_output()
+    with pytest.raises(ZeroDivisionError):
+        stepper.step()
+    refuses(RuntimeError, "dense_output must come after a step", stepper.dense_output)
+
+
+def test_an_interpolant_that_cannot_be_made_says_why():
+    f = lambda t, y: [1.0 if t < 0.75 else np.nan]
+    stepper = cg.Stepper(f, 0.0, [1.0], 2.0, frame=Euclidean(1), method="ImplicitMidpoint", h=0.4)
+    stepper.advance(0.8)
+    refuses(RuntimeError, "no solution within the last step: f must ret", stepper.dense_output)
+    assert (stepper.t, stepper.status) == (0.8, "running")
+
+
 COUNTS = ("nfev", "nexp", "njev", "nlu", "nrejected")
 
 

@@ -18,7 +18,7 @@ from cg.tables import Kind
 
 _NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
 _WAITING = int(Stop.NEEDS_FIELD)  # the smallest number of those that wait for an answer
-_REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
+_REJECTIONS = 1000  # rejected steps, if these are more than half of the accepted ones
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"
 
@@ -69,7 +69,7 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.STAGES_NOT_SOLVED:
             collocates = run.plan.step_table.kind is Kind.COLLOCATION
             slow = not collocates and flag in STAGE_SOLVERS.values()
-            residual = math.nan if collocates else run.record.residual
+            residual = math.nan if collocates or run.members > 1 else run.record.residual
             reason = "it is too slow" if slow else "it diverges"
             error = ConvergenceError(reason, flag, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:

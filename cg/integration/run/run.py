@@ -236,7 +236,7 @@ class Run:
             kind = "positive" if name == "step_function" else "finite"
             raise ValueError(
                 f"{name} must return {kind} numbers, got one that isn't {kind} at "
-                f"t = {float(self.failed_at.max()):.17g}"
+                f"t = {self.failed_at[self.status == Stop.RAISED][0]:.17g}"
             )
         self._collect()
 
