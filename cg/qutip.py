@@ -34,7 +34,7 @@ _ENTRY_ERROR = 1e-14  # of generators, relative to the largest entry
 
 
 class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
-    r"""Commutator-free Magnus steps for Schrödinger's and Lindblad's equations.
+    r"""Steps of `cg.solve_linear` for Schrödinger's and Lindblad's equations.
 
     ``qutip.sesolve`` and ``qutip.mesolve`` take it as ``options={"method": "cg"}`` after
     ``import cg.qutip``. The system :math:`y' = \sum_k c_k(t) A_k y` becomes a problem of

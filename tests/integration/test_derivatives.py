@@ -226,3 +226,12 @@ def test_singular_points_have_no_coefficients(convention):
     v = frame.coefficients(y, frame.field(np.arange(1.0, 7.0), y))
     assert np.isnan(v[0]).all()
     np.testing.assert_allclose(v[1], np.arange(1.0, 7.0), rtol=1e-14)
+
+
+def test_plans_of_equal_frames_for_derivatives_are_those_of_the_users_frame():
+    """Frames of Stiefel manifolds move derivatives alike, so that they become equal."""
+    f = lambda t, y: np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 2.0], [0.0, -2.0, 0.0]]) @ y
+    for frame in (Stiefel(3, 2), LowRankStiefel(3, 2), Stiefel(3, 2)):
+        run = cg.solve_ivp(f, (0, 1), np.eye(3, 2), frame=frame, rhs="derivative")
+        assert run.frame == frame
+        assert type(run.frame) is type(frame)

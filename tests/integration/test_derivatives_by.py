@@ -136,6 +136,16 @@ class TestDirections:
     ])  # fmt: skip
     def test_bad_directions(self, by, message):
         refuses(ValueError, f"derivatives_by {message}", solve, SO3(), np.eye(3), derivatives_by=by)
+        refuses(
+            ValueError,
+            r"parameters must be finite, got nan at \[1\]",
+            cg.solve_variational,
+            lambda t, y, p: y[0],
+            (0, 1),
+            np.eye(3),
+            frame=SO3(),
+            parameters=[1.0, np.nan],
+        )
         with pytest.raises(ValueError, match="derivatives_by must be None with P0"):
             solve(SO3(), np.eye(3), derivatives_by="point", P0=np.eye(3))
         with pytest.raises(ValueError, match="derivatives_by must not be given"):

@@ -32,7 +32,9 @@ def test_indices_and_copies():
     for i in range(3):
         np.testing.assert_array_equal(solution[i - 3].y, solution[i].y)
     for i in (3, -4):
-        refuses(IndexError, rf"member must be in range\(-3, 3\), got {i}", lambda: solution[i])  # noqa: B023
+        match = rf"member must be an integer in range\(-3, 3\), got {i}"
+        refuses(IndexError, match, solution.__getitem__, i)
+    refuses(TypeError, "member must be an integer", solution.__getitem__, slice(0, 2))
     assert [member.steps for member in solution] == solution.steps.tolist()
     assert "members=3" in repr(solution)
     assert "members=3" in repr(solution.sol)

@@ -38,9 +38,9 @@ class CertificationError(ArithmeticError):
     Attributes
     ----------
     quantities
-        Measured quantities by name: ``conditions``, ``rank``, ``singular_values`` (the
-        smallest), ``residual`` and what the stored places ``allow``, ``radius``,
-        ``ratio``, ``correction``, ``contraction`` (see `cg.construction.proofs.krawczyk`), …
+        Measured quantities by name: ``conditions``, ``rank``, ``smallest_singular_value``,
+        ``residual``, ``allowed`` (that of the stored places), ``radius``, ``ratio``,
+        ``correction``, ``contraction`` (see `cg.construction.proofs.krawczyk`), …
 
     Examples
     --------

@@ -157,11 +157,11 @@ def search(
     width
         Guesses are uniform in [-width, width]. The default is 1 for ``"lmdif"``. For
         ``"minimum-norm"`` it is the value that found most methods per second in experiments: 1 up
-        to order 4, 0.75 for order 5 and 0.3 above; 0.4 with trees.
+        to order 4, 0.75 for order 5 and 0.3 above; 0.4 with trees, 0.7 with registers.
     maxfev
         Largest number of evaluations in double. The default for ``"lmdif"`` is 200 (n + 1) for n
         unknowns, as in MINPACK; for ``"minimum-norm"`` it is chosen as for `width`: 120 up to
-        order 4, 500 for order 5 and 1000 above; 600 with trees.
+        order 4, 500 for order 5 and 1000 above; 600 with trees or registers.
     refine_below
         A start is refined in real(16) if its sum of squares is at most this.
     refine_maxfev

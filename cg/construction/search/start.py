@@ -27,7 +27,7 @@ EXACT = 1e-31
 this, relative to its largest coefficient where that is above 1."""
 
 _SOLVED = 1e-25
-_PROMISING = 1e-11  # with trees: sum of squares below which `finish` is tried
+_PROMISING = 1e-11  # with trees: sum of squares below which `descend` is tried
 
 
 @dataclass(frozen=True)

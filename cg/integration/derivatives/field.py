@@ -281,7 +281,7 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is None:
         return width, width
-    check_finite("parameters", numbers)
+    check_finite("parameters", numbers if len(numbers) > 1 else numbers[0])
     return numbers.shape[-1] + width, width
 
 

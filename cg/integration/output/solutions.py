@@ -63,7 +63,8 @@ def _range(times: Array) -> str:
 class DenseOutput(ReadOnly):
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
-    It doesn't call ``f``. With ``derivatives="forward"`` these are functions of time as well.
+    That of ``"RadauIIA5"`` is of order three between steps. It doesn't call ``f``. With
+    ``derivatives="forward"`` derivatives are functions of time as well.
 
     Parameters
     ----------
@@ -287,8 +288,8 @@ class Solution(_SolutionBase):
     nrejected
         Rejected steps.
     status
-        0: the end was reached; 1: an event ended the integration; -1: the step size became too
-        small or the number of steps too large, and ``t`` and ``y`` hold the accepted steps.
+        0: the end was reached; 1: an event ended the integration; -1: the integration
+        failed, for the reason in ``message``; ``t`` and ``y`` hold the accepted steps.
     message
         The status as a sentence.
     success
@@ -434,8 +435,9 @@ class EnsembleSolution(_SolutionBase):
 
     def __getitem__(self, member: int) -> Solution:
         allowed = range(-len(self), len(self))
-        if isinstance(member, int | np.integer) and member not in allowed:
-            raise IndexError(f"member must be in {allowed}, got {member}")
+        if not isinstance(member, int | np.integer) or member not in allowed:
+            error = IndexError if isinstance(member, int | np.integer) else TypeError
+            raise error(f"member must be an integer in {allowed}, got {member!r}")
         member = range(len(self))[member]  # which takes negative ones
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
         ends = self._direction, self.t_end[member], self.status[member], counts

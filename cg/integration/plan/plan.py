@@ -164,17 +164,17 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 def plan_of(frame: Frame, table: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
     plans = _plans_on(frame)
-    key = id(table), frame._user_frame is None
+    key = id(table), frame._user_frame  # which == leaves out
     plan = plans.get(key)
     if plan is None:
-        if len(plans) >= _MAX_PLANS:  # more of them by threads
+        if len(plans) >= _MAX_PLANS:  # threads may add a few more
             plans.pop(next(iter(plans)), None)
         plan = plans[key] = Plan(frame, table)  # which keeps the table alive
     return plan
 
 
 @cached_by_value
-def _plans_on(frame: Frame) -> dict[tuple[int, bool], Plan]:
+def _plans_on(frame: Frame) -> dict[tuple[int, Frame | None], Plan]:
     return {}
 
 
