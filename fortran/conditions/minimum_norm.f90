@@ -135,7 +135,7 @@ contains
           factor(i, i) = factor(i, i) + damping
         end do
         call dpotrf('L', conditions, factor, conditions, info)
-        if (info == 0) exit
+        if (info == 0 .or. .not. damping <= max_damping) exit      ! NaN may stay
         damping = 4.0_wp * damping
       end do
     end subroutine factorise
