@@ -123,8 +123,7 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: momenta(frame%forces)
-    real(wp), allocatable :: parts(:)
+    real(wp) :: momenta(frame%forces), part
     integer :: i, k
 
     momenta = y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces)
@@ -139,12 +138,11 @@ contains
             call move_by_series(body, time, momentum, point)
           else
             momentum = momentum + rotor_momentum(body)
-            parts = [time]
-            if (.not. body%commutes) parts = time * substeps
-            do k = 1, size(parts)
-              call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
-              call move_body(frame, i, parts(k), momentum, y)
-              call turn_with_rotor(block, body, parts(k) / 2, momentum, point)
+            do k = 1, merge(1, size(substeps), body%commutes)
+              part = merge(time, time * substeps(k), body%commutes)
+              call turn_with_rotor(block, body, part / 2, momentum, point)
+              call move_body(frame, i, part, momentum, y)
+              call turn_with_rotor(block, body, part / 2, momentum, point)
             end do
             momentum = momentum - rotor_momentum(body)
           end if
