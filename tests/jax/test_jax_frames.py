@@ -105,6 +105,14 @@ def test_reflections_are_off_the_rotations():
     assert rules_of(fr.Hyperbolic(2)).distance(jnp.array([3.0, -1.0])) == 2.0
 
 
+def test_coefficients_between_points_of_symmetric_matrices():
+    frame, rng = fr.SPD(2), np.random.default_rng(3)
+    y = frame.random_point(rng)
+    end = frame.flow(0.1 * rng.standard_normal(frame.dim), y)
+    moved = frame.flow(np.asarray(rules_of(frame).nearby(y, end)), y)
+    np.testing.assert_allclose(moved, end, rtol=1e-13)
+
+
 def unitary(frame, angles, rng):
     """Return a random element of a group of unitary matrices whose eigenvalues have some angles."""
     if isinstance(frame, fr.SO):
