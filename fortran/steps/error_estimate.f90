@@ -76,7 +76,7 @@ contains
       call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%work)
       x%work = x%h * x%work
       call remove_isotropy(x%frame, x%y(:, x%result), x%work)
-      x%error = max(x%error, norm_of_u(x))
+      x%error = max(x%error, norm_of_work(x))
     else if (x%counts%steps == 0) then
       ! without parts the second one is no estimate of its own
       change = variation(x)
@@ -96,7 +96,7 @@ contains
     variation = 0.0_wp
     do k = 2, size(x%method%c)
       x%work = x%h * (x%f(:, k) - x%f(:, 1))
-      call raise(variation, norm_of_u(x))
+      call raise(variation, norm_of_work(x))
     end do
   end function variation
 
@@ -126,7 +126,7 @@ contains
         if (size(x%added) > 0) then
           call combine(size(x%work), size(x%f, 2), weight, x%added, x%work)
           call remove_isotropy(x%frame, x%y(:, x%result), x%work)
-          call raise(errors(2, place), norm_of_u(x))
+          call raise(errors(2, place), norm_of_work(x))
           x%v(:, 1) = x%work                    ! the rest; all paths have been followed
         end if
         ! of collocation methods request_error needs what the last pass leaves in x%work
@@ -134,7 +134,7 @@ contains
         if (method%kind == collocation_kind) call filtered(x)
         call remove_isotropy(x%frame, x%y(:, x%result), x%work)
         if (size(x%added) > 0) x%work = x%work - x%v(:, 1)
-        error = norm_of_u(x)
+        error = norm_of_work(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
         if (.not. method%in_parts .or. method%third == 0) cycle
@@ -243,11 +243,11 @@ contains
   end function distance
 
   ! The norm of the displacement u at the end of the step
-  real(wp) function norm_of_u(x)
+  real(wp) function norm_of_work(x)
     type(trajectory_t), intent(inout) :: x
 
     call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%space%work)
-    norm_of_u = norm(x%tolerances, x%space%work, x%space%scale)
-  end function norm_of_u
+    norm_of_work = norm(x%tolerances, x%space%work, x%space%scale)
+  end function norm_of_work
 
 end module error_estimate_m

@@ -103,8 +103,8 @@ contains
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
 
-  ! Finds the zeros of all events in a step, unless it is too long, a function fails or values are
-  ! requested: then the trajectory is left as it was. While the interpolant isn't complete, they are
+  ! Finds the zeros of all events in a step, unless it is too long or a function fails. Where values
+  ! are requested, the trajectory is left as it was. While the interpolant isn't complete, zeros are
   ! only detected: their times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! its zeros are set
@@ -189,7 +189,7 @@ contains
 
   ! The number of parts whose ends are compared
   integer function parts(x)
-    type(trajectory_t), intent(inout) :: x   ! its u is free
+    type(trajectory_t), intent(inout) :: x   ! its work is free
     real(wp) :: angle
     integer :: column
 

@@ -179,6 +179,6 @@ def test_compiled_events_name_the_time_when_they_fail():
 
     event = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, ctypes.c_void_p)(value)
     options = {"frame": Euclidean(1), "h": 0.1, "method": "CF4"}
-    for events in (value and event, lambda t, y: value(t, y, None)):
-        with pytest.raises(ValueError, match=r"events.* must return finite .* at t = 0\.4|0\.39"):
+    for events in (event, lambda t, y: value(t, y, None)):
+        with pytest.raises(ValueError, match=r"events.* must return finite .* at t = 0\.(4|39)"):
             cg.solve_ensemble(lambda t, y: [0.0], (1, 0), [[1.0], [50.0]], events=events, **options)
