@@ -264,7 +264,7 @@ def _times(times: Array, pieces: Any, tolerance: float) -> Array:
     values = np.stack([pieces[-1].real, pieces[-1].imag], axis=1)  # the numbers of the array
     curve = Samples(times, values, _KINDS.get(len(pieces), "cubic"))
     ends = curve.times[[0, -1]]
-    return np.concatenate([ends, curve.corners(tolerance), curve.longest_steps(tolerance)[:, 0]])
+    return np.concatenate([ends, curve.corners(tolerance), curve.max_steps_at(tolerance)[:, 0]])
 
 
 for solver in (SESolver, MESolver):

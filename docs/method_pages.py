@@ -51,7 +51,7 @@ def order_of(method: Method) -> str:
 def proof(method: Method) -> tuple[str, str]:
     """Return what is proved of a method in a few words, and in sentences."""
     if isinstance(method, cg.MuntheKaas):
-        residual = method.largest_residual()
+        residual = method.max_residual()
         return proved(method), (
             "A Munthe-Kaas method has the order of its tableau. The tableau satisfies the "
             f"conditions of rooted trees {f'to {residual:.0e}' if residual else 'exactly'}."
@@ -184,7 +184,7 @@ def properties(method: Method) -> str:
         if method.pair_exponentials != method.exponentials
         else "",
         "principal error": f"{method.principal_error:.3g}",
-        "largest residual through its order": f"{method.largest_residual():.1e}",
+        "largest residual through its order": f"{method.max_residual():.1e}",
         "error at the end divided by the tolerance": errors_in_tolerances(method),
         "source": method.source,
     }

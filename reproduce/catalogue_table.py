@@ -44,7 +44,7 @@ def describe(method: Method) -> dict[str, Any]:
         ),
         "principal_error": error,
         "effort": method.exponentials * error ** (1 / method.order),
-        "largest_residual": method.largest_residual(),
+        "max_residual": method.max_residual(),
         "rank": int((singular > RANK_THRESHOLD * singular[0]).sum()),
         "conditions": count(method.order, independent=True),
         "certificate": proof and {"radius": str(proof.radius).lower(), "complete": proof.complete},

@@ -101,8 +101,8 @@ def closest(parameters: Numbers, order: int) -> list[Fraction]:
 
     inverse, _ = decompose(slopes(parameters, order), RANK_CUT)
     end = refine_rational(residuals, parameters, inverse, below=ENOUGH, grid=GRID)
-    if end.largest_residual > ENOUGH:
-        raise RuntimeError(f"residuals are still {float(end.largest_residual):.1e}")
+    if end.max_residual > ENOUGH:
+        raise RuntimeError(f"residuals are still {float(end.max_residual):.1e}")
     return list(end.x)
 
 

@@ -183,7 +183,7 @@ def construct_command(**options: Any) -> int:
       crouch-grossman construct --order 5 --stages 9
       crouch-grossman construct --order 6 --stages 13 --seed 1 -o six.toml
       crouch-grossman construct --order 5 --stages 6 --flows 9 --first-flows 10
-      crouch-grossman construct --order 5 --tree CF5a --largest 2
+      crouch-grossman construct --order 5 --tree CF5a --max-coefficient 2
       crouch-grossman construct --order 5 --stages 9 --structure stage_order_two
     """
     return _run(construct, **options)

@@ -98,16 +98,16 @@ def catalan(n: int) -> int:
     return comb(2 * n, n) // (n + 1)
 
 
-def _integer(name: str, value: object, most: int | None = None) -> int:
-    """Return `value` as an int, from 1 to `most` if given; other modules use `check_integer`."""
+def _integer(name: str, value: object, upper: int | None = None) -> int:
+    """Return `value` as an int, from 1 to `upper` if given; other modules use `check_integer`."""
     try:
         if isinstance(value, bool):
             raise TypeError
         checked = to_int(value)  # type: ignore[arg-type]
     except TypeError:
         raise TypeError(f"{name} must be an integer, got {value!r}") from None
-    if most is not None and not 1 <= checked <= most:
-        raise ValueError(f"{name} must be between 1 and {most}, got {checked}")
+    if upper is not None and not 1 <= checked <= upper:
+        raise ValueError(f"{name} must be between 1 and {upper}, got {checked}")
     return checked
 
 

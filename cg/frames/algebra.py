@@ -38,7 +38,7 @@ from cg.support.shared_numbers import BlockKind, BlockOption
 # Largest dimension for which brackets by structure constants are faster than products of matrices.
 MAX_CONSTANTS = 16
 _MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
-_SMALLEST = 1e-150  # its square doesn't underflow
+_MIN_SIZE = 1e-150  # its square doesn't underflow
 RADIUS = 2.0 * math.pi  # where the series of dexpinv ceases to converge
 COMMUTE = 1024.0  # A bracket of less roundings of its factors counts as zero.
 POWERS = 20  # number of powers of ad_u; the latter half gives the rate of growth
@@ -95,7 +95,7 @@ def _growth(
         return np.asarray(np.sqrt((np.abs(x) ** 2).sum(axis=last, keepdims=True)))
 
     rounding = COMMUTE * np.finfo(np.float64).eps * bound.reshape(*bound.shape, *[1] * axes)
-    power = v / np.maximum(size(v), _SMALLEST)
+    power = v / np.maximum(size(v), _MIN_SIZE)
     factors = []
     for _ in range(POWERS):
         power = adjoint(power)

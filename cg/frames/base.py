@@ -429,7 +429,7 @@ class Sized(Frame):
 
     n: int
 
-    smallest: ClassVar[int] = 1
+    min_n: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
+        object.__setattr__(self, "n", check_integer("n", self.n, self.min_n))

@@ -179,7 +179,7 @@ _RANK_TOLERANCE = 1e-12
 # way to the end, by halves; where the nearest doesn't help, the points are too far apart.
 _MAX_CORRECTIONS = 40
 _SLOW = 0.1
-_LEAST_FRACTION = 1 / 64  # least fraction of the way
+_MIN_FRACTION = 1 / 64  # least fraction of the way
 _FAR = 1e9  # largest norm of coefficients
 # Relative residuals: of convergence (some twenty roundings), of a slow iteration that stops, and of
 # an accepted result, at most
@@ -229,7 +229,7 @@ def local_coordinates(
         fraction = np.where(
             better, np.minimum(2.0 * fraction, 1.0), np.where(exact, 0.5 * fraction, fraction)
         )
-        unfinished = better | (slow & (fraction >= _LEAST_FRACTION))
+        unfinished = better | (slow & (fraction >= _MIN_FRACTION))
         active, reached, residual = active[unfinished], reached[unfinished], residual[unfinished]
         exact, fraction = (exact | slow)[unfinished], fraction[unfinished]
     v[distance > _MISSED * length] = np.nan

@@ -21,7 +21,7 @@ would exceed the tolerance for points.
 """
 
 _MAX_CORRECTIONS = 10  # Newton steps
-_LEAST_CORRECTION = 1e-15  # relative to the points; a smaller one is rounding
+_MIN_CORRECTION = 1e-15  # relative to the points; a smaller one is rounding
 
 
 def expm(matrix: Points, v: Array) -> Points:
@@ -108,7 +108,7 @@ def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Point
     for _ in range(_MAX_CORRECTIONS):
         change = correction(y)
         y = y + change
-        if not (np.abs(change).max(initial=0.0) > _LEAST_CORRECTION * np.abs(y).max(initial=0.0)):
+        if not (np.abs(change).max(initial=0.0) > _MIN_CORRECTION * np.abs(y).max(initial=0.0)):
             break
     return y
 

@@ -157,7 +157,7 @@ class SL(NoncompactMatrixGroup):
            [0. , 0.5]])
     """
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
 
     @property
     def dim(self) -> int:
@@ -223,7 +223,7 @@ class Sp(NoncompactMatrixGroup):
            [-1.,  0.]])
     """
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -371,7 +371,7 @@ class SU(U):
            [0.-1.j, 0.+0.j]])
     """
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
     _special: ClassVar[bool] = True
 
     @property

@@ -104,7 +104,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     convention: Convention = "body"
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
     _special: ClassVar[bool] = True
 
     @property

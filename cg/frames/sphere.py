@@ -134,7 +134,7 @@ class Hyperbolic(Sized):
     1.0
     """
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
 
     @property
     def dim(self) -> int:

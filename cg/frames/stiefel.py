@@ -28,7 +28,7 @@ class _Subspaces(Sized):
 
     k: int
 
-    smallest: ClassVar[int] = 2
+    min_n: ClassVar[int] = 2
     _codimension: ClassVar[int] = 0  # the smallest one
 
     def __post_init__(self) -> None:
@@ -92,13 +92,13 @@ class Stiefel(_Columns, HomogeneousSpace):
         return self._act(omega, y)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        return self.group._algebra_projection(least_generator(y, tangent))
+        return self.group._algebra_projection(min_norm_generator(y, tangent))
 
     def _moved_by_derivatives(self) -> Frame:
         return LowRankStiefel(self.n, self.k)
 
 
-def least_generator(y: Points, tangent: Points) -> Points:
+def min_norm_generator(y: Points, tangent: Points) -> Points:
     """Return the skew matrix of least norm whose product with y is a tangent X.
 
     It is X y^T - y X^T - y (y^T X) y^T, since y^T X is skew. The arrays may be those of JAX.

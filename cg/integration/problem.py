@@ -208,7 +208,7 @@ def _make_control(
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
-    largest = check_step("max_step", options["max_step"], infinite=True)
+    max_step = check_step("max_step", options["max_step"], infinite=True)
     max_steps = options["max_steps"]
     max_steps = DEFAULT_MAX_STEPS if max_steps is None else check_count("max_steps", max_steps)
     if h is not None:
@@ -220,8 +220,8 @@ def _make_control(
         size = check_step("h", h)
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
-        if size > largest:
-            limit, got = texts_of(largest, size)
+        if size > max_step:
+            limit, got = texts_of(max_step, size)
             raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
         return Control(h=size, max_steps=max_steps if varies else NO_LIMIT)
     if plan.table.kind is Kind.SPLITTING:
@@ -249,7 +249,7 @@ def _make_control(
     first = None if first_step is None else check_step("first_step", first_step)
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, rtol, atol, largest, first, max_steps)
+    return Control(None, rtol, atol, max_step, first, max_steps)
 
 
 def _warn(table: MethodTable, pair: bool = True) -> None:
@@ -333,17 +333,17 @@ def _returns_derivatives(rhs: str, linear: bool, frame: Frame) -> bool:
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     check_frame(frame)
-    rtol, least = DEFAULT_RTOL, None
+    rtol, min_rtol = DEFAULT_RTOL, None
     if options["h"] is None:
         if options["rtol"] is not None:
             rtol = check_rtol(options["rtol"])
-        least = rtol.item() if rtol.size == 1 else float(rtol.min())
+        min_rtol = rtol.item() if rtol.size == 1 else float(rtol.min())
     method: Any = options["method"]
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
         frame = for_derivatives(frame)[brackets or options["derivatives"] is not None]
-    return plan_of(frame, _checked_method(chosen, options["linear"], frame, least)), rtol
+    return plan_of(frame, _checked_method(chosen, options["linear"], frame, min_rtol)), rtol
 
 
 def _check_flags(options: Any, many: bool) -> None:

@@ -179,8 +179,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
 
         scale = self._scale(y0, y0)
         span = jnp.where(jnp.isfinite(t1 - t0), t1 - t0, 1.0)
-        least = jnp.minimum(_spacing(t0), span)
-        most = span if self.max_step is None else jnp.minimum(span, self.max_step)
+        lower = jnp.minimum(_spacing(t0), span)
+        upper = span if self.max_step is None else jnp.minimum(span, self.max_step)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
         telling = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
@@ -189,15 +189,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             _CONTROL.guess_fraction * size / jnp.where(telling, slope, 1.0),
             _CONTROL.blind_fraction * span,
         ).astype(time)
-        guess = jnp.maximum(jnp.minimum(guess, most), least)
+        guess = jnp.maximum(jnp.minimum(guess, upper), lower)
         h = guess.astype(scale.dtype)
         moved = rules.restore(rules.flow(h * start, y0))
         end = f(t0 + guess, moved)
         change = tangent(end, moved) - tangent(start, y0)
         curvature = self.norm(change / scale) / h
         first = _by_derivatives(size, slope, curvature, error_order).astype(time)
-        first = jnp.minimum(jnp.minimum(_CONTROL.largest_growth * guess, first), most)
-        return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, least), guess)
+        first = jnp.minimum(jnp.minimum(_CONTROL.max_growth * guess, first), upper)
+        return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, lower), guess)
 
     def adapt_step_size(
         self,
@@ -213,9 +213,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return whether a step is accepted, the ends of the next one, and the state."""
         last_error, after_rejection, suspicion, failures = controller_state
         error = self._error_norm(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
-        long = jnp.abs(t1 - t0) > _CONTROL.jump_factor * _CONTROL.smallest_step * _spacing(t0)
+        long = jnp.abs(t1 - t0) > _CONTROL.jump_factor * _CONTROL.min_step * _spacing(t0)
         error = jnp.where(
-            (suspicion > _CONTROL.least_suspicion) & long, _CONTROL.jump_factor * error, error
+            (suspicion > _CONTROL.min_suspicion) & long, _CONTROL.jump_factor * error, error
         )
         keep, finite = error <= 1.0, jnp.isfinite(error)
         factor = _factor(error, last_error, after_rejection, 1.0 / error_order)
@@ -224,10 +224,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
         failures = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
-        too_small = ~keep & (size < _CONTROL.smallest_step * _spacing(t0)) | (
-            failures >= _MAX_FAILURES
-        )
-        size = jnp.where(keep, jnp.maximum(size, _CONTROL.smallest_step * _spacing(start)), size)
+        too_small = ~keep & (size < _CONTROL.min_step * _spacing(t0)) | (failures >= _MAX_FAILURES)
+        size = jnp.where(keep, jnp.maximum(size, _CONTROL.min_step * _spacing(start)), size)
         results = diffrax.RESULTS
         result = results.where(finite, results.dt_min_reached, results.nonfinite)
         result = results.where(too_small, result, results.successful)
@@ -285,12 +283,10 @@ def _factor(
     """Return the factor of the step size: proportional-integral after accepted steps."""
     positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
     grown = positive**-_CONTROL.last_power * last_error**_CONTROL.before_last_power
-    accepted = jnp.clip(
-        _CONTROL.safety * grown**exponent, _CONTROL.smallest_factor, _CONTROL.largest_factor
-    )
-    accepted = jnp.where(error > 0.0, accepted, _CONTROL.largest_factor)
+    accepted = jnp.clip(_CONTROL.safety * grown**exponent, _CONTROL.min_factor, _CONTROL.max_factor)
+    accepted = jnp.where(error > 0.0, accepted, _CONTROL.max_factor)
     accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-    rejected = jnp.maximum(_CONTROL.smallest_factor, _CONTROL.safety * positive**-exponent)
+    rejected = jnp.maximum(_CONTROL.min_factor, _CONTROL.safety * positive**-exponent)
     rejected = jnp.where(jnp.isfinite(error), rejected, _CONTROL.failure_factor)
     return jnp.where(error <= 1.0, accepted, rejected)
 

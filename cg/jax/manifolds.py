@@ -10,7 +10,7 @@ import numpy as np
 
 from cg import frames
 from cg.frames.matrix_functions import newton_schulz
-from cg.frames.stiefel import least_generator
+from cg.frames.stiefel import min_norm_generator
 from cg.integration.plan.plan import has_brackets
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
 from cg.jax.groups import functions_of, make_series_dexpinv
@@ -75,7 +75,7 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
         lambda v, y: group.exponential(v) @ y,
         newton_schulz,
         dexpinv=group.dexpinv,
-        closed_coefficients=lambda y, x: projection(frame.group, least_generator(y, x)),
+        closed_coefficients=lambda y, x: projection(frame.group, min_norm_generator(y, x)),
         distance=column_error,
         unique=False,
     )

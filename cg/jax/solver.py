@@ -34,7 +34,7 @@ from cg.support.checks import check_flag
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
 _DENSE = ("accurate", "steps")
-_LARGEST_ANGLE = math.pi / 6  # angle between comparisons in fortran/steps/step_events.f90
+_MAX_ANGLE = math.pi / 6  # angle between comparisons in fortran/steps/step_events.f90
 
 
 class _State(eqx.Module):
@@ -102,7 +102,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         *,
         dense: str = "accurate",
         unroll: bool = False,
-        max_angle: float | None = _LARGEST_ANGLE,
+        max_angle: float | None = _MAX_ANGLE,
     ) -> None:
         if isinstance(method, str) and method == "auto":
             raise ValueError(
@@ -129,7 +129,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         label = f'"{self.table.name}"' if self.table.name else repr(self.table)
         suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
         suffix += ", unroll=True" if self.unroll else ""
-        suffix += "" if self.max_angle == _LARGEST_ANGLE else f", max_angle={self.max_angle}"
+        suffix += "" if self.max_angle == _MAX_ANGLE else f", max_angle={self.max_angle}"
         return f"Solver({label}{suffix})"
 
     def order(self, terms: Any) -> int:

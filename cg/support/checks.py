@@ -65,7 +65,7 @@ def check_generator(name: str, value: Any) -> np.random.Generator:
     return value
 
 
-def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:
+def check_real(name: str, value: Any, *, positive: bool = False, upper: float = math.inf) -> float:
     """Return `value` as a float; ValueError if it isn't finite or is out of range."""
     number = math.nan
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
@@ -76,12 +76,12 @@ def check_real(name: str, value: Any, *, positive: bool = False, most: float = m
     if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
         kind = "finite positive number" if positive else "finite number, not negative"
         raise ValueError(f"{name} must be a {kind}, got {value!r}")
-    if number > most:
-        raise ValueError(f"{name} must be at most {most:g}, got {value!r}")
+    if number > upper:
+        raise ValueError(f"{name} must be at most {upper:g}, got {value!r}")
     return number
 
 
-def check_integer(name: str, value: Any, least: int, most: int | None = None) -> int:
+def check_integer(name: str, value: Any, lower: int, upper: int | None = None) -> int:
     """Return `value` as an int; TypeError if it isn't one, ValueError if it is out of range."""
     try:
         if isinstance(value, bool | np.bool_):
@@ -89,10 +89,10 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
         checked = operator.index(value)
     except TypeError:
         raise TypeError(f"{name} must be an integer, got {value!r}") from None
-    if checked < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}")
-    if most is not None and checked > most:
-        raise ValueError(f"{name} must be at most {most}, got {value}")
+    if checked < lower:
+        raise ValueError(f"{name} must be at least {lower}, got {value}")
+    if upper is not None and checked > upper:
+        raise ValueError(f"{name} must be at most {upper}, got {value}")
     return checked
 
 

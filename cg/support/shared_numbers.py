@@ -18,8 +18,8 @@ class Stop(IntEnum):
     """Why the compiled loop over steps returned."""
 
     FINISHED = 0
-    STOPPED_BY_FIELD = 1  # it returned a nonzero flag
-    FIELD_NOT_FINITE = 2
+    STOPPED_BY_RHS = 1  # it returned a nonzero flag
+    RHS_NOT_FINITE = 2
     STAGE_NOT_FINITE = 3  # the point at which the field was evaluated
     SOLUTION_NOT_FINITE = 4
     OUT_OF_MEMORY = 5
@@ -37,12 +37,12 @@ class Stop(IntEnum):
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
     # requests of a trajectory, which have larger numbers than all reasons why it ends
-    NEEDS_FIELD = 20  # the coefficients at the requested time and point
+    NEEDS_RHS = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points
     NEEDS_MAXIMUM = 22  # largest error, or negative step size, of trajectories with common steps
 
 
-class FieldFlag(IntEnum):
+class RhsFlag(IntEnum):
     """A return value of right-hand sides that is reserved."""
 
     RAISED_IN_PYTHON = -(2**31) + 1
@@ -90,9 +90,9 @@ class Operation(IntEnum):
     NEAREST = 15  # as NEARBY; where that fails, of the nearest tangent
     SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
-    SHORTEST = 7  # coefficients without what leaves the point fixed
+    WITHOUT_ISOTROPY = 7  # coefficients without what leaves the point fixed
     DEXPINV = 8
-    FIELDS = 9  # coefficients at points of several members
+    RHS = 9  # coefficients at points of several members
     EVENT = 10
     EVENTS = 18  # values of an event at points of several members
     JUMP = 11
@@ -226,8 +226,8 @@ class StageEquation(IntEnum):
 
 STEP_CONTROL: dict[str, float | int] = {
     "safety": 0.9,
-    "smallest_factor": 0.2,
-    "largest_factor": 5.0,
+    "min_factor": 0.2,
+    "max_factor": 5.0,
     "failure_factor": 0.25,  # where there is no estimate
     # powers of the last error and of the one before it, times the exponent
     "last_power": 0.7,
@@ -236,17 +236,17 @@ STEP_CONTROL: dict[str, float | int] = {
     "first_error": 0.01,  # target of the error of the first step, in tolerances
     # The first guess is a fraction of the time in which the point changes by its size, or of the
     # span if a norm is below this many tolerances. The first size is at most
-    # `largest_growth` guesses.
+    # `max_growth` guesses.
     "guess_fraction": 0.01,
     "blind_fraction": 1e-6,
     "negligible": 1e-5,
-    "largest_growth": 100.0,
-    "smallest_step": 10.0,  # in spacings of numbers at the time
+    "max_growth": 100.0,
+    "min_step": 10.0,  # in spacings of numbers at the time
     # At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
-    # raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion`
+    # raises the suspicion of one, and an accepted step lowers it by 1. Above `min_suspicion`
     # errors count as many times as estimates at a jump can be too small.
     "raised_by_rejection": 4,
-    "least_suspicion": 4,
+    "min_suspicion": 4,
     "max_suspicion": 12,
     "jump_factor": 20.0,
     # In place of a first step: the size that was proposed, where points alone may have changed, and
@@ -271,7 +271,7 @@ ERROR_ESTIMATE: dict[str, float | int] = {
 
 _SUFFIXES = {
     Stop: "",
-    FieldFlag: "",
+    RhsFlag: "",
     StepKind: "_kind",
     BlockKind: "_block",
     BlockOption: "",
@@ -311,7 +311,7 @@ def fortran_module() -> str:
 
 def c_header() -> str:
     """Return the C header with the numbers that C uses."""
-    members = ", ".join(f"{flag.name} = {flag.value}" for flag in FieldFlag)
+    members = ", ".join(f"{flag.name} = {flag.value}" for flag in RhsFlag)
     return f"/* Made from cg/support/shared_numbers.py */\nenum {{ {members} }};\n"
 
 

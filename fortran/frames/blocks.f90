@@ -10,7 +10,7 @@ module blocks_m
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
             find_velocities, flow_sequence_t, velocities
 
-  integer, parameter, public :: largest_own = 12   ! rows of matrices multiplied without BLAS
+  integer, parameter, public :: max_own_rows = 12  ! rows of matrices multiplied without BLAS
 
   ! Of the series of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's
   ! numbers

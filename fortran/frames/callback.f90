@@ -1,4 +1,4 @@
-! Operations of shared_numbers on arrays, by a function of Python that python_field.c calls.
+! Operations of shared_numbers on arrays, by a function of Python that python_rhs.c calls.
 module callback_m
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_null_ptr, c_ptr
   use kinds, only: wp

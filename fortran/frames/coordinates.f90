@@ -23,7 +23,7 @@ module coordinates_m
             sizes, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
-  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow
+  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))  ! its square doesn't underflow
 
   ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
   real(wp), parameter :: opposite = 1.0e-4_wp
@@ -62,7 +62,7 @@ contains
         case (so3_block, se3_block)
           call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
         case (sphere_block)
-          v(block%v1:block%v2) = smallest_rotation(x(p:last), y(p:last))
+          v(block%v1:block%v2) = rotation_between(x(p:last), y(p:last))
         case (so_block)
           call orthogonal_difference(block%n, block%space, x(p:last), y(p:last), &
                                      v(block%v1:block%v2))
@@ -123,7 +123,7 @@ contains
   pure function quaternion_of(r) result(q)
     real(wp), intent(in) :: r(3, 3)
     real(wp) :: q(4), outer(4, 4), trace     ! outer: four times the outer product of q with itself
-    integer :: i, largest
+    integer :: i, row
 
     trace = r(1, 1) + r(2, 2) + r(3, 3)
     outer(1:3, 1:3) = r + transpose(r)
@@ -133,8 +133,8 @@ contains
     outer(1:3, 4) = [r(3, 2) - r(2, 3), r(1, 3) - r(3, 1), r(2, 1) - r(1, 2)]
     outer(4, 1:3) = outer(1:3, 4)
     outer(4, 4) = 4 + trace
-    largest = maxloc([(outer(i, i), i=1, 4)], 1)
-    q = outer(:, largest) / norm2(outer(:, largest))
+    row = maxloc([(outer(i, i), i=1, 4)], 1)
+    q = outer(:, row) / norm2(outer(:, row))
     if (q(4) < 0) q = -q
   end function quaternion_of
 
@@ -166,7 +166,7 @@ contains
     r = quotient(block, x(1:3, :), y(1:3, :) - x(1:3, :))
     v = logarithm(quaternion_of(r))
     twist(:, 0) = v
-    half = max(sqrt(dot_product(v, v)) / 2, smallest)
+    half = max(sqrt(dot_product(v, v)) / 2, min_length)
     n = v / (2 * half)
     a = half * cos(half) / sin(half)
     b = half
@@ -192,7 +192,7 @@ contains
   end function quaternion_quotient
 
   ! The smallest rotation vector that rotates the unit vector x to y
-  pure function smallest_rotation(x, y) result(v)
+  pure function rotation_between(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
     real(wp) :: v(3), short(3), sine, cosine
 
@@ -203,7 +203,7 @@ contains
     if (sine > 0) v = (atan2(sine, cosine) / sine) * v
     if ((cosine < 0 .and. .not. sine > opposite * norm2(short)) &
         .or. .not. (sine > 0 .or. cosine > 0)) v = nan
-  end function smallest_rotation
+  end function rotation_between
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.
@@ -287,7 +287,7 @@ contains
 
     do i = 1, size(frame%blocks)
       if (frame%blocks(i)%kind == callback_block) then
-        call frame%callback%apply(shortest_operation, (v), y, v)
+        call frame%callback%apply(without_isotropy_operation, (v), y, v)
       end if
       if (frame%blocks(i)%kind /= sphere_block) cycle
       associate (k => frame%blocks(i)%v1, p => frame%blocks(i)%p1)

@@ -231,7 +231,7 @@ contains
     real(wp) :: now, near                    ! largest constraint, in roundings of some sizes
 
     now = maxval(abs(c%g) / max(c%scale, tiny(now))) / epsilon(now)
-    near = maxval(abs(c%g) / max(c%scale, c%least, tiny(now))) / epsilon(now)
+    near = maxval(abs(c%g) / max(c%scale, c%min_scale, tiny(now))) / epsilon(now)
     if (.not. all(abs(c%g) <= huge(now))) now = huge(now)
     is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
     if (.not. now < huge(now)) is_closed = .false.
@@ -256,7 +256,7 @@ contains
     do i = 1, iterations
       call constraints_at(frame, y, 1, c, status)
       if (status /= finished) return
-      if (i == 1) size_before = maxval(max(c%scale, c%least))
+      if (i == 1) size_before = maxval(max(c%scale, c%min_scale))
       if (is_closed(c, last)) then
         call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%after))
         if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved

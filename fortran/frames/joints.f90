@@ -52,7 +52,7 @@ module joints_m
     real(wp), allocatable :: g(:)            ! (rows + own)
     real(wp), allocatable :: bias(:)         ! (rows + own) second derivative at constant velocities
     real(wp), allocatable :: scale(:)        ! (rows + own) lengths that g is a difference of
-    real(wp), allocatable :: least(:)        ! (rows + own) those of own rows at points of size one
+    real(wp), allocatable :: min_scale(:)    ! (rows + own) those of own rows at points of size one
     ! (forces, rows + own) derivatives along the fields, and J^-1 times these
     real(wp), allocatable :: slope(:, :), moved(:, :)
     real(wp), allocatable :: factor(:)
@@ -117,7 +117,7 @@ contains
       associate (n => linkage%rows + linkage%own, m => linkage%forces)
         allocate (c%g(n), c%bias(n), c%factor(linkage%start(n) + n))
         allocate (c%scale(n), source=1.0_wp)
-        allocate (c%least(n), c%slope(m, n), c%moved(m, n), source=0.0_wp)
+        allocate (c%min_scale(n), c%slope(m, n), c%moved(m, n), source=0.0_wp)
       end associate
     end if
     failed = .false.
@@ -275,7 +275,7 @@ contains
       c%g(rows + 1:) = answer(:n)
       if (depth == 0) return
       c%scale(rows + 1:) = answer(n + 1:2 * n)
-      c%least(rows + 1:) = answer(2 * n + 1:3 * n)
+      c%min_scale(rows + 1:) = answer(2 * n + 1:3 * n)
       c%slope(:, rows + 1:) = reshape(answer(3 * n + 1:3 * n + n * m), [m, n])
       if (depth > 1) c%bias(rows + 1:) = answer(3 * n + n * m + 1:)
     end associate
@@ -285,7 +285,7 @@ contains
   pure subroutine factor_constraints(linkage, c)
     type(linkage_t), intent(in) :: linkage
     type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
-    real(wp), parameter :: least = 1e3_wp * epsilon(1.0_wp)
+    real(wp), parameter :: min_rest = 1e3_wp * epsilon(1.0_wp)
     real(wp) :: entry, rest                  ! of G J^-1 G^T, and without the columns before
     integer :: i, j, k, v, last
 
@@ -303,7 +303,7 @@ contains
                                      l(start(j) + k:start(j) + j - 1))
           if (j < i) l(start(i) + j) = rest / l(start(j) + j)
         end do
-        if (.not. rest > least * entry) return
+        if (.not. rest > min_rest * entry) return
         l(start(i) + i) = sqrt(rest)
       end do
     end associate

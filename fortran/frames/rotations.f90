@@ -12,7 +12,7 @@ module rotations_m
   public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_matrix, &
             rotate_vector, rotation_bound, set_quaternion, turn_point
 
-  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))       ! its square doesn't underflow
+  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
   ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
   ! ones don't count up to the largest square.
   integer :: term
@@ -86,7 +86,7 @@ contains
     do j = 1, flows
       v = all_v(1:3, j)
       call exponential(v, e, sinc)
-      half = max(norm2(v) / 2, smallest)
+      half = max(norm2(v) / 2, min_length)
       n = v / (2 * half)
       a = sinc * e(4)
       b = half * sinc**2

@@ -11,7 +11,7 @@ module api_external_m
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   use free_motion_m, only: add_constraint_forces, close_joints
-  use inputs_m, only: call_python_field, evaluate, grid_t, make_grid, vector_field_t
+  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, vector_field_t
   use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
@@ -21,7 +21,7 @@ module api_external_m
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: coordinates_operation, flow_operation, residual_operation, &
                             stopped_by_user
-  use variational_m, only: variational_field
+  use variational_m, only: variational_rhs
   use vectors_m, only: dgemm, dgetrf, dgetrs, dpotrf, dpotrs, dsyevd, dsyrk, nan, zgemm, zgetrf, &
                        zgetrs
   implicit none
@@ -36,7 +36,7 @@ module api_external_m
 contains
 
   ! Calls a function in C for each of some points, which it may overwrite, at one time or one each.
-  subroutine call_field(function_address, data_address, data_stride, table_address, curves, times, &
+  subroutine call_rhs(function_address, data_address, data_stride, table_address, curves, times, &
                         t, members, n, m, y, f, done, flag) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
@@ -60,15 +60,15 @@ contains
       call evaluate(field, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
       if (flag /= 0) exit
     end do
-  end subroutine call_field
+  end subroutine call_rhs
 
   ! The addresses of functions of the type rhs_i: that which calls a function of Python, and the
   ! right-hand side of a solution with its derivatives
-  subroutine function_addresses(python_field, variational) bind(c)
-    integer(c_intptr_t), intent(out) :: python_field, variational
+  subroutine function_addresses(python_rhs, variational) bind(c)
+    integer(c_intptr_t), intent(out) :: python_rhs, variational
 
-    python_field = transfer(c_funloc(call_python_field), python_field)
-    variational = transfer(c_funloc(variational_field), variational)
+    python_rhs = transfer(c_funloc(call_python_rhs), python_rhs)
+    variational = transfer(c_funloc(variational_rhs), variational)
   end subroutine function_addresses
 
   ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves

@@ -115,7 +115,7 @@ contains
   end subroutine plan_close
 
   ! Makes the run that a record describes.
-  subroutine loop_open(plan_address, record_address, address) bind(c)
+  subroutine run_open(plan_address, record_address, address) bind(c)
     integer(c_intptr_t), intent(in) :: plan_address, record_address
     integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
     type(run_t), pointer :: run
@@ -128,27 +128,27 @@ contains
     if (memory == 0) return
     address = 0
     deallocate (run)
-  end subroutine loop_open
+  end subroutine run_open
 
   ! Frees a run.
-  subroutine loop_close(address) bind(c)
+  subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
 
     run => run_at(address)
     deallocate (run)
-  end subroutine loop_close
+  end subroutine run_close
 
   ! Advances a run until all members have ended, or the budget is used up.
-  subroutine loop_drive(address) bind(c)
+  subroutine run_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
 
     call drive(run_at(address))
-  end subroutine loop_drive
+  end subroutine run_drive
 
-  ! Copies the rows that the last call of loop_drive has stored of steps, interpolants or events.
-  subroutine loop_rows(address, what, n, used, rows) bind(c)
+  ! Copies the rows that the last call of run_drive has stored of steps, interpolants or events.
+  subroutine run_rows(address, what, n, used, rows) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: what, n, used               ! what: from 0, in this order
     real(wp), intent(inout) :: rows(n, used)
@@ -158,12 +158,12 @@ contains
     if (what == 0) rows = run%output%steps(:, :used)
     if (what == 1) rows = run%output%interpolants(:, :used)
     if (what == 2) rows = run%output%events(:, :used)
-  end subroutine loop_rows
+  end subroutine run_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants
-  ! of their last steps, which the next call of loop_drive stores; not of members that a terminal
+  ! of their last steps, which the next call of run_drive stores; not of members that a terminal
   ! event has ended. There are as many lanes as members.
-  subroutine loop_continue(address, interpolating) bind(c)
+  subroutine run_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: interpolating
     type(run_t), pointer :: run
@@ -175,10 +175,10 @@ contains
     do i = 1, size(run%lanes)
       if (run%busy(i)) call continue_trajectory(run%lanes(i), logical(interpolating))
     end do
-  end subroutine loop_continue
+  end subroutine run_continue
 
   ! Starts trajectories from other points or another time, with the data in the record.
-  subroutine loop_restart(address, n, members, t, y, first_step, stopped) bind(c)
+  subroutine run_restart(address, n, members, t, y, first_step, stopped) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, members
     real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
@@ -194,10 +194,10 @@ contains
       call store_lane(run, i)
     end do
     call wake(run)
-  end subroutine loop_restart
+  end subroutine run_restart
 
   ! Copies the states of all trajectories, or restores them.
-  subroutine loop_state(address, restores, count, members, bytes) bind(c)
+  subroutine run_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: restores
     integer, intent(in) :: count, members
@@ -213,7 +213,7 @@ contains
       call store_lane(run, i)
     end do
     if (restores) call wake(run)
-  end subroutine loop_state
+  end subroutine run_state
 
   ! Evaluates stored interpolants.
   subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)

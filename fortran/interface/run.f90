@@ -249,7 +249,7 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        if (any(run%lanes(i)%status == [needs_field, needs_events])) cycle
+        if (any(run%lanes(i)%status == [needs_rhs, needs_events])) cycle
         if (.not. (run%record%common .or. in_rounds)) share(i) = budget
         budget = budget - share(i)
         status = advance_lane(run, i, share(i))
@@ -262,7 +262,7 @@ contains
         exit
       else if (any(run%lanes%status == needs_events)) then
         call answer_events(run)
-      else if (any(run%lanes%status == needs_field)) then
+      else if (any(run%lanes%status == needs_rhs)) then
         call evaluate(run)
       else if (waits .and. .not. stops) then         ! for the maximum of all
         run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
@@ -293,7 +293,7 @@ contains
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
-        if (any(status == [needs_field, needs_events, needs_maximum, paused])) return
+        if (any(status == [needs_rhs, needs_events, needs_maximum, paused])) return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
@@ -357,7 +357,7 @@ contains
     run%record%budget = budget
     i = max(1, findloc(run%lanes%status /= terminal_event, .true., 1))
     run%record%step_size = run%lanes(i)%h
-    run%record%residual = run%lanes(1)%solver%residual
+    run%record%residual = run%lanes(1)%implicit%residual
   end subroutine store_counters
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
@@ -369,7 +369,7 @@ contains
     logical :: failed
     integer :: i, k, m, memory, n
 
-    requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_field)
+    requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_rhs)
     m = run%frame%dimension
     if (run%frame%forces > 0 .and. run%frame%tangents == 0) m = run%frame%forces
     n = run%frame%point_size
@@ -388,7 +388,7 @@ contains
       end associate
       k = k + asked(i)
     end do
-    call run%python%apply(fields_operation, [times, members], points, answers, failed)
+    call run%python%apply(rhs_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
       associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
@@ -399,7 +399,7 @@ contains
           call receive_answers(lane, m, asked(i), own)
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
-        if (lane%status == needs_field) call check_coefficients(lane)
+        if (lane%status == needs_rhs) call check_coefficients(lane)
       end associate
       k = k + asked(i)
     end do

@@ -5,8 +5,8 @@
 !
 ! where df/dy is the derivative of f along the fields of the frame; along chosen directions X has a
 ! column for each, to which df/dp adds by the part of the direction in parameters. Then a column
-! costs one difference of f, along itself. The functions are in C; for
-! functions of many members cg/integration/derivatives/field.py evaluates the same in Python.
+! costs one difference of f, along itself. The functions are in C; for functions of many members
+! cg/integration/derivatives/variational_equation.py evaluates the same in Python.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
@@ -22,7 +22,7 @@ module variational_m
   use vectors_m, only: finite, nan
   implicit none
   private
-  public :: variational_field
+  public :: variational_rhs
 
   ! What one evaluation refers to
   type :: evaluation_t
@@ -37,7 +37,7 @@ contains
 
   ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight
   ! bytes before them are the address of the record.
-  function variational_field(t, y, f, user_data) bind(c) result(code)
+  function variational_rhs(t, y, f, user_data) bind(c) result(code)
     real(c_double), value, intent(in) :: t
     real(c_double), intent(in) :: y(*)
     real(c_double), intent(inout) :: f(*)
@@ -56,7 +56,7 @@ contains
       call evaluate(self, n, columns, y, y(record%width + 1), f, f(n + 1))
     end associate
     code = self%code
-  end function variational_field
+  end function variational_rhs
 
   ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows. What
   ! isn't given is found by differences, along directions by those along each.

@@ -4,7 +4,7 @@
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
-  use controller_m, only: smallest_size
+  use controller_m, only: resolution
   use free_motion_m, only: add_constraint_forces
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
@@ -302,7 +302,7 @@ contains
     ends = t == x%problem%stops(x%segment)
     jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
-      if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
+      if (abs(t - x%t) > 10 * resolution(t)) x%jumps_in_place = 0
       x%jumps_in_place = x%jumps_in_place + 1
       x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
                            2 * abs(x%events%residual))
@@ -367,17 +367,17 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
-    integer :: most
+    integer :: count
 
-    most = min(max_count, max(1, max_numbers / x%frame%point_size), &
+    count = min(max_count, max(1, max_numbers / x%frame%point_size), &
                output%outputs - x%outputs_done)
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner, &
-               times => output%times(x%outputs_done + 1:x%outputs_done + most))
+               times => output%times(x%outputs_done + 1:x%outputs_done + count))
       inner%owner = x%member
       if (.not. allocated(inner%theta)) &
         allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
-      inner%theta(:most) = (times - x%t) / (x%t_end - x%t)       ! may round to 1 before the end
+      inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
       if (size(inner%y, 2) >= inner%count) return
       deallocate (inner%y)

@@ -41,13 +41,13 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (x%newton%iteration == 0) then
+    if (x%collocation%iteration == 0) then
       x%f(:, 1) = x%slope
-      if (.not. x%newton%has_jacobian) then
+      if (.not. x%collocation%has_jacobian) then
         call request_jacobian(x)
         return
       end if
-      if (abs(x%h - x%newton%factored_h) > noise * abs(x%h)) then
+      if (abs(x%h - x%collocation%factored_h) > noise * abs(x%h)) then
         call factor(x, x%h, singular)
         x%counts%nlu = x%counts%nlu + 2
         if (singular) then
@@ -58,12 +58,12 @@ contains
       call predict(x)
       ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with
       ! each step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
-      x%newton%rate_factor = max(x%newton%rate_factor, epsilon(1.0_wp))**0.8_wp
-      x%newton%iteration = 1
+      x%collocation%rate_factor = max(x%collocation%rate_factor, epsilon(1.0_wp))**0.8_wp
+      x%collocation%iteration = 1
       x%stage = 2
     end if
     call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-    call apply_flows(x%frame, 1, x%newton%z(:, x%stage - 1), x%y(:, x%result))
+    call apply_flows(x%frame, 1, x%collocation%z(:, x%stage - 1), x%y(:, x%result))
     x%counts%nexp = x%counts%nexp + 1
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, x%result), phase_stage_received)
   end subroutine request_collocation
@@ -73,8 +73,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (x%newton%factored_h == 0) return
-    call factor(x, x%newton%factored_h, singular)
+    if (x%collocation%factored_h == 0) return
+    call factor(x, x%collocation%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
@@ -83,7 +83,7 @@ contains
     logical :: exists
 
     x%f(:, x%stage) = x%request%answer
-    call dexpinv(x%frame, x%method%series, x%newton%z(:, x%stage - 1), x%f(:, x%stage), exists)
+    call dexpinv(x%frame, x%method%series, x%collocation%z(:, x%stage - 1), x%f(:, x%stage), exists)
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%t)
       return
@@ -101,7 +101,7 @@ contains
     logical :: exists
     integer :: d, i
 
-    associate (newton => x%newton, integral => x%method%transformation%integral)
+    associate (newton => x%collocation, integral => x%method%transformation%integral)
       newton%z = 0.0_wp
       if (newton%last_h == 0) return
       back = -newton%last_h * matmul(newton%last, sum(integral, dim=1))
@@ -122,8 +122,8 @@ contains
     real(wp) :: answer(1)
     integer :: i, info
 
-    x%newton%factored_h = h
-    associate (newton => x%newton, n => size(x%newton%pivot), &
+    x%collocation%factored_h = h
+    associate (newton => x%collocation, n => size(x%collocation%pivot), &
                gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
       if (x%problem%record%jacobian == outside_jacobian) then
         answer = 1.0_wp
@@ -155,7 +155,7 @@ contains
     real(wp) :: numbers(size(b))
     integer :: info
 
-    associate (newton => x%newton, n => size(x%work))
+    associate (newton => x%collocation, n => size(x%work))
       if (x%problem%record%jacobian == outside_jacobian) then
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
@@ -176,7 +176,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp) :: slopes(size(x%work), 3)
 
-    slopes = matmul(x%newton%z, transpose(x%method%transformation%inverse / x%h))
+    slopes = matmul(x%collocation%z, transpose(x%method%transformation%inverse / x%h))
   end function slopes
 
   ! Applies (1 - h J / gamma)^-1 to u, which damps fast components of error estimates.
@@ -184,7 +184,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: v(size(x%work))
 
-    v = x%work * (x%method%transformation%gamma / x%newton%factored_h)
+    v = x%work * (x%method%transformation%gamma / x%collocation%factored_h)
     call solve(x, 1, v)
     x%work = v
   end subroutine filtered
@@ -197,7 +197,7 @@ contains
     integer :: remaining
     logical :: slow, solved
 
-    associate (newton => x%newton, rtol => x%tolerances%rtol)
+    associate (newton => x%collocation, rtol => x%tolerances%rtol)
       d = x%f(:, 2:) - slopes(x)
       d = matmul(d, transpose(x%method%transformation%t_inverse))
       call solve(x, 1, d(:, 1))
@@ -246,7 +246,7 @@ contains
       call sizes(x%frame, x%y(:, 0), x%work)
       correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
       if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
-        / max(maxval(x%work), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
+        / max(maxval(x%work), maxval(abs(x%collocation%z + dz)), tiny(1.0_wp))
       return
     end if
     call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
@@ -262,13 +262,13 @@ contains
   subroutine give_up(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%newton%rate_factor = 1.0_wp
-    x%request%detail = x%newton%iteration
-    if (x%newton%fresh) then
+    x%collocation%rate_factor = 1.0_wp
+    x%request%detail = x%collocation%iteration
+    if (x%collocation%fresh) then
       call reject_stage(x, stages_not_solved, x%t)
     else
-      x%newton%has_jacobian = .false.
-      x%newton%iteration = 0
+      x%collocation%has_jacobian = .false.
+      x%collocation%iteration = 0
       x%phase = phase_next_stage
     end if
   end subroutine give_up
@@ -276,13 +276,13 @@ contains
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
   subroutine request_jacobian(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: answer(max(1, size(x%newton%jacobian)))
+    real(wp) :: answer(max(1, size(x%collocation%jacobian)))
     logical :: failed
 
     x%counts%njev = x%counts%njev + 1
     if (x%problem%record%jacobian == differences_jacobian) then
-      call displacements(x, x%newton%z(:, 1))          ! z is free until the Jacobian is complete
-      x%newton%column = 1
+      call displacements(x, x%collocation%z(:, 1))     ! z is free until the Jacobian is complete
+      x%collocation%column = 1
       call request_column(x)
       return
     end if
@@ -292,7 +292,9 @@ contains
       call fail(x, raised, x%t)
       return
     end if
-    x%newton%jacobian = reshape(answer(:size(x%newton%jacobian)), shape(x%newton%jacobian))
+    associate (jacobian => x%collocation%jacobian)
+      jacobian = reshape(answer(:size(jacobian)), shape(jacobian))
+    end associate
     if (x%problem%record%jacobian /= outside_jacobian) call add_brackets(x)
     call finish_jacobian(x)
   end subroutine request_jacobian
@@ -327,9 +329,9 @@ contains
   subroutine request_column(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (column => x%newton%column)
+    associate (column => x%collocation%column)
       x%work = 0.0_wp
-      x%work(column) = x%newton%z(column, 1)
+      x%work(column) = x%collocation%z(column, 1)
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call apply_flows(x%frame, 1, x%work, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
@@ -343,7 +345,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%work))
 
-    associate (newton => x%newton, column => x%newton%column, series => x%method%series)
+    associate (newton => x%collocation, column => x%collocation%column, series => x%method%series)
       newton%jacobian(:, column) = x%request%answer
       call dexpinv(x%frame, series, x%work, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
@@ -369,7 +371,7 @@ contains
       x%work = 0.0_wp
       x%work(j) = -0.5_wp
       call bracket(x%frame, x%work, x%slope, change)
-      x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + change
+      x%collocation%jacobian(:, j) = x%collocation%jacobian(:, j) + change
     end do
   end subroutine add_brackets
 
@@ -377,9 +379,9 @@ contains
   subroutine finish_jacobian(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%newton%has_jacobian = .true.
-    x%newton%fresh = .true.
-    x%newton%factored_h = 0.0_wp
+    x%collocation%has_jacobian = .true.
+    x%collocation%fresh = .true.
+    x%collocation%factored_h = 0.0_wp
     x%phase = phase_next_stage
   end subroutine finish_jacobian
 
@@ -387,18 +389,18 @@ contains
   pure logical function converges_fast(x)
     type(trajectory_t), intent(in) :: x
 
-    converges_fast = x%newton%iteration <= 2 .or. x%newton%rate <= fast_rate
+    converges_fast = x%collocation%iteration <= 2 .or. x%collocation%rate <= fast_rate
   end function converges_fast
 
   ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
   pure subroutine keep_step(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%newton%last = x%f(:, 2:)
-    x%newton%last_h = x%h
-    x%newton%fresh = .false.
-    x%newton%moved = .false.
-    x%newton%has_jacobian = converges_fast(x)
+    x%collocation%last = x%f(:, 2:)
+    x%collocation%last_h = x%h
+    x%collocation%fresh = .false.
+    x%collocation%moved = .false.
+    x%collocation%has_jacobian = converges_fast(x)
   end subroutine keep_step
 
 end module collocation_m

@@ -13,11 +13,11 @@ module controller_m
   implicit none
   private
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
-            suspected_error, min_last_predicted, predicted_size, smallest_size, tried_size
+            suspected_error, min_last_predicted, predicted_size, resolution, tried_size
 
   ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake
   ! of the factored matrices.
-  real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
+  real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7             ! of Newton's method
 
@@ -29,7 +29,7 @@ contains
     integer, intent(in) :: suspicion
 
     suspected_error = error
-    if (suspicion > least_suspicion .and. taken > jump_factor * smallest_size(t)) &
+    if (suspicion > min_suspicion .and. taken > jump_factor * resolution(t)) &
       suspected_error = jump_factor * min(error, huge(error) / jump_factor)
   end function suspected_error
 
@@ -40,7 +40,7 @@ contains
     real(wp), intent(in) :: exponent       ! power of an error that a step size is proportional to
 
     rejected_size = failure_factor * taken
-    if (error < huge(error)) rejected_size = max(smallest_factor, safety * error**(-exponent)) &
+    if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) &
       * taken
   end function rejected_size
 
@@ -61,10 +61,10 @@ contains
     real(wp), intent(out) :: next          ! size of the next step
     real(wp) :: factor
 
-    factor = largest_factor
+    factor = max_factor
     if (error > 0) then
       factor = error**(-last_power) * last_error**before_last_power
-      factor = min(largest_factor, max(smallest_factor, safety * factor**exponent))
+      factor = min(max_factor, max(min_factor, safety * factor**exponent))
     end if
     if (after_rejection) factor = min(factor, 1.0_wp)
     next = taken * factor
@@ -82,7 +82,7 @@ contains
     real(wp), intent(in) :: last_error
     real(wp) :: factor
 
-    factor = largest_predicted
+    factor = max_predicted
     if (.not. error < huge(error)) then
       factor = 0.5_wp
     else if (error > 0) then
@@ -91,7 +91,7 @@ contains
                                                 * (last_error / error)**exponent)
       factor = factor * safety * real(2 * max_iterations + 1, wp) &
                / real(2 * max_iterations + iterations, wp)
-      factor = min(largest_predicted, max(smallest_factor, factor))
+      factor = min(max_predicted, max(min_factor, factor))
     end if
     if (error <= 1 .and. factor < worthwhile .and. keeps_factors) factor = 1.0_wp
     predicted_size = taken * factor
@@ -99,14 +99,14 @@ contains
 
   ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
   ! That may be due to a rejection; before one the smallest size is tried.
-  pure real(wp) function tried_size(proposed, smallest, to_end, max_step, after_rejection)
-    real(wp), intent(in) :: proposed, smallest, to_end, max_step
+  pure real(wp) function tried_size(proposed, min_size, to_end, max_step, after_rejection)
+    real(wp), intent(in) :: proposed, min_size, to_end, max_step
     logical, intent(in) :: after_rejection
 
     tried_size = proposed
-    if (.not. after_rejection) tried_size = max(proposed, smallest)
+    if (.not. after_rejection) tried_size = max(proposed, min_size)
     tried_size = min(tried_size, max_step)
-    if (tried_size < min(smallest, to_end)) tried_size = -1.0_wp
+    if (tried_size < min(min_size, to_end)) tried_size = -1.0_wp
   end function tried_size
 
   ! A first guess from the norms, in tolerances, of the point and of its derivative
@@ -136,10 +136,10 @@ contains
 
   ! The smallest step size that is larger than the rounding of the time. The intrinsic function
   ! spacing has a larger value near zero.
-  pure real(wp) function smallest_size(t)
+  pure real(wp) function resolution(t)
     real(wp), intent(in) :: t
 
-    smallest_size = smallest_step * (nearest(abs(t), 1.0_wp) - abs(t))
-  end function smallest_size
+    resolution = min_step * (nearest(abs(t), 1.0_wp) - abs(t))
+  end function resolution
 
 end module controller_m

@@ -45,7 +45,7 @@ module error_estimate_m
   ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish
   ! by chance, unless all values of f commute
   real(wp), parameter :: max_change = 3.0_wp
-  real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
+  real(wp), parameter :: min_excess = 0.1_wp           ! below which steps may grow freely
 
 contains
 
@@ -189,9 +189,9 @@ contains
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
     excess = abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle
-    if (excess <= least_excess) return       ! a power above one makes it smaller still
+    if (excess <= min_excess) return         ! a power above one makes it smaller still
     excess = excess**(1 / x%tolerances%exponent)
-    if (excess <= max(x%error, least_excess)) return
+    if (excess <= max(x%error, min_excess)) return
     if (.not. variation(x) <= 1) x%error = excess
   end subroutine limit_angle
 

@@ -33,9 +33,9 @@ contains
   subroutine request_implicit(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%solver%first == 0) then
+    if (x%implicit%first == 0) then
       x%f = spread(x%slope, 2, size(x%f, 2))
-      x%solver%last = 0
+      x%implicit%last = 0
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
@@ -46,19 +46,19 @@ contains
   subroutine next_block(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%solver%last > 0) call rewind_paths(x)
+    if (x%implicit%last > 0) call rewind_paths(x)
     do
-      x%solver%first = x%solver%last + 1
-      if (x%solver%first > size(x%method%c)) exit
-      x%solver%last = x%solver%last + size(x%method%c) / x%method%blocks
-      if (x%solver%first < x%solver%last .or. x%method%stage_path(x%solver%first) > 0) exit
+      x%implicit%first = x%implicit%last + 1
+      if (x%implicit%first > size(x%method%c)) exit
+      x%implicit%last = x%implicit%last + size(x%method%c) / x%method%blocks
+      if (x%implicit%first < x%implicit%last .or. x%method%stage_path(x%implicit%first) > 0) exit
     end do
-    x%solver%iteration = 1
-    x%solver%column = 0
-    x%solver%correction = huge(1.0_wp)
-    x%solver%smallest = huge(1.0_wp)
-    x%stage = x%solver%first
-    x%phase = merge(phase_finish_step, phase_next_stage, x%solver%first > size(x%method%c))
+    x%implicit%iteration = 1
+    x%implicit%column = 0
+    x%implicit%correction = huge(1.0_wp)
+    x%implicit%smallest = huge(1.0_wp)
+    x%stage = x%implicit%first
+    x%phase = merge(phase_finish_step, phase_next_stage, x%implicit%first > size(x%method%c))
   end subroutine next_block
 
   ! Returns to the first stage of the block. If it is the only one, its path is the last of its
@@ -66,7 +66,7 @@ contains
   pure subroutine rewind_paths(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%stage = x%solver%first
+    x%stage = x%implicit%first
     x%paths = 0
     if (x%method%blocks > 1 .and. .not. x%problem%record%of_time) &
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
@@ -78,7 +78,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer :: block, flow, info
 
-    associate (solver => x%solver, n => size(x%f, 1), method => x%method)
+    associate (solver => x%implicit, n => size(x%f, 1), method => x%method)
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1) then
         flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
@@ -119,7 +119,7 @@ contains
     integer, intent(out) :: info             ! nonzero if the matrix is singular
 
     info = 0
-    associate (solver => x%solver, n => size(x%f, 1))
+    associate (solver => x%implicit, n => size(x%f, 1))
       if (solver%column > 0) then
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%old
         solver%column = solver%column + 1
@@ -141,8 +141,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: scale(size(x%f, 1))
 
-    associate (solver => x%solver, i => 1 + mod(x%solver%column - 1, size(x%f, 1)), &
-               stage => x%solver%first + (x%solver%column - 1) / size(x%f, 1))
+    associate (solver => x%implicit, i => 1 + mod(x%implicit%column - 1, size(x%f, 1)), &
+               stage => x%implicit%first + (x%implicit%column - 1) / size(x%f, 1))
       call scale_of(x, x%f(:, stage), scale)
       solver%old = x%f(i, stage)
       x%f(i, stage) = solver%old + sqrt(epsilon(1.0_wp)) * scale(i)
@@ -181,10 +181,10 @@ contains
   subroutine correct(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
-    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last), correction
+    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%implicit%first: x%implicit%last), correction
     integer :: i, info, limit
 
-    associate (solver => x%solver)
+    associate (solver => x%implicit)
       d = solver%value(:, solver%first:solver%last) - x%f(:, solver%first:solver%last)
       solver%residual = maxval(abs(d))
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
@@ -221,8 +221,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
 
-    x%solver%factored_h(block) = 0.0_wp
-    x%request%detail = x%solver%iteration
+    x%implicit%factored_h(block) = 0.0_wp
+    x%request%detail = x%implicit%iteration
     call reject_stage(x, stages_not_solved, x%t)
   end subroutine give_up
 

@@ -11,7 +11,7 @@ module inputs_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_field, evaluate, grid_t, longest_step, make_grid, member_data_t, rhs_i, &
+  public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, &
             vector_field_t
 
   type :: grid_t
@@ -43,7 +43,7 @@ module inputs_m
     end function rhs_i
   end interface
 
-  procedure(rhs_i), bind(c) :: call_python_field       ! in python_field.c: functions of Python
+  procedure(rhs_i), bind(c) :: call_python_rhs         ! in python_rhs.c: functions of Python
 
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
@@ -141,26 +141,26 @@ contains
 
   ! The longest step from a time, of two signs of direction, that doesn't reach into times where
   ! steps must be shorter than it. It may end where these begin.
-  pure real(wp) function longest_step(limits, t, direction)
+  pure real(wp) function max_step_at(limits, t, direction)
     real(wp), intent(in) :: limits(:, :)     ! (2, n) a time t, and the largest step from t on
     real(wp), intent(in) :: t, direction
     real(wp) :: ahead                        ! to the end of the times of the same limit
     integer :: i, next
 
-    longest_step = huge(longest_step)
+    max_step_at = huge(max_step_at)
     if (size(limits, 2) == 0) return
     i = last_before(limits(1, :), t)
     if (direction < 0 .and. i > 1 .and. .not. limits(1, i) < t) i = i - 1
-    longest_step = limits(2, i)
+    max_step_at = limits(2, i)
     do
       next = i + merge(1, -1, direction > 0)
       if (next < 1 .or. next > size(limits, 2)) return
       ahead = abs(limits(1, max(i, next)) - t)
-      if (ahead >= longest_step) return
-      longest_step = min(longest_step, max(limits(2, next), ahead))
+      if (ahead >= max_step_at) return
+      max_step_at = min(max_step_at, max(limits(2, next), ahead))
       i = next
     end do
-  end function longest_step
+  end function max_step_at
 
   ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
   ! array descriptors take as long as a short loop.

@@ -2,7 +2,7 @@
 ! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
-! returns with a status (needs_field: coefficients at request%t and request%y; needs_events: values
+! returns with a status (needs_rhs: coefficients at request%t and request%y; needs_events: values
 ! of events at `query`; needs_maximum: of a number over all trajectories with common steps; paused)
 ! and is called again when the answer has been stored. The phase says where to continue.
 ! Phases follow each other as
@@ -20,8 +20,8 @@ module loop_m
                              request_ends, request_node, receive_end, receive_node, store_output
   use collocation_m, only: receive_column
   use step_m, only: receive_error, receive_stage, finish_step, accept_or_reject, request_stage
-  use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
-                         request_curvature
+  use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
+                         max_step_by_turn, request_curvature
   use requests_m, only: retry_step
   use trajectory_m
   use iso_fortran_env, only: int64
@@ -117,7 +117,7 @@ contains
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return
-    if (x%control%step_size > longest_turn(x)) then    ! chosen again, shorter, now that it is known
+    if (x%control%step_size > max_step_by_turn(x)) then ! chosen again, now that it is known
       x%control%attempts = x%control%attempts - 1
       x%phase = phase_choose_step
     end if

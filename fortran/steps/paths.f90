@@ -137,7 +137,7 @@ contains
           if (failed) exit
           if (linkage%own > 0) then
             ahead%scale(linkage%rows + 1:) = here%scale(linkage%rows + 1:)
-            ahead%least(linkage%rows + 1:) = here%least(linkage%rows + 1:)
+            ahead%min_scale(linkage%rows + 1:) = here%min_scale(linkage%rows + 1:)
           end if
           if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit

@@ -50,7 +50,7 @@ contains
     x%request%t = t
     if (size(x%problem%stops) > 1) x%request%t = within_segment(x, t)
     x%phase = next
-    x%status = needs_field
+    x%status = needs_rhs
     x%counts%nfev = x%counts%nfev + 1
     call copy(size(y), y, x%request%y)
     if (x%problem%record%vectorized) return
@@ -98,9 +98,9 @@ contains
       else if (.not. finite(size(y), y)) then
         call reject_stage(x, stage_not_finite, x%request%t)
       else if (flag /= 0) then
-        call fail(x, stopped_by_field, x%request%t)
+        call fail(x, stopped_by_rhs, x%request%t)
       else
-        call reject_stage(x, field_not_finite, x%request%t)
+        call reject_stage(x, rhs_not_finite, x%request%t)
       end if
     end associate
   end subroutine check_coefficients

@@ -100,7 +100,7 @@ contains
       if (x%phase /= phase_next_stage) return          ! the step is rejected
       x%counts%nfev = x%counts%nfev + 1
       x%phase = phase_stage_received
-      x%status = needs_field
+      x%status = needs_rhs
     end do
   end subroutine receive_answers
 
@@ -121,7 +121,8 @@ contains
       x%error = huge(1.0_wp)
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
       if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-          .and. (x%control%after_rejection .or. x%newton%moved .or. x%newton%last_h == 0)) then
+          .and. (x%control%after_rejection .or. x%collocation%moved &
+                 .or. x%collocation%last_h == 0)) then
         call request_error(x)
       else
         call share_error(x, x%error)
@@ -159,7 +160,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error
 
-    associate (exponent => x%tolerances%exponent, control => x%control, newton => x%newton, &
+    associate (exponent => x%tolerances%exponent, control => x%control, newton => x%collocation, &
                collocation => x%method%kind == collocation_kind)
       x%phase = phase_accepted
       predicted = 0.0_wp

@@ -9,7 +9,7 @@
 ! parabola tells where it is, else by bisection (T. R. Chandrupatla, Adv. Eng. Software 28 (1997)
 ! 145-149). Zeros are put in the order of their times; those at the same time happen together.
 module step_events_m
-  use controller_m, only: smallest_size
+  use controller_m, only: resolution
   use frames_m, only: turning
   use free_motion_m, only: add_free_motion
   use kinds, only: wp
@@ -51,7 +51,7 @@ contains
     real(wp), intent(out) :: zero
     ! the last point, one on the other side of the zero, and the one that was replaced, with values
     real(wp) :: a(2), b(2), c(2)
-    real(wp) :: new(2), part, least, xi, phi           ! part: of the way from a to b
+    real(wp) :: new(2), part, min_part, xi, phi        ! part: of the way from a to b
     integer :: i
 
     a = high
@@ -70,8 +70,8 @@ contains
       end if
       a = new
       zero = merge(a(1), b(1), abs(a(2)) < abs(b(2)))
-      least = tolerance * (abs(zero) + 1) / abs(b(1) - a(1)) / 2
-      if (least > 0.5_wp .or. a(2) == 0) exit
+      min_part = tolerance * (abs(zero) + 1) / abs(b(1) - a(1)) / 2
+      if (min_part > 0.5_wp .or. a(2) == 0) exit
       ! where the inverse of a parabola through three points increases between them, its zero
       xi = (a(1) - b(1)) / (c(1) - b(1))
       phi = (a(2) - b(2)) / (c(2) - b(2))
@@ -79,7 +79,7 @@ contains
       if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
         part = a(2) / (b(2) - a(2)) * c(2) / (b(2) - c(2)) &
                + (c(1) - a(1)) / (b(1) - a(1)) * a(2) / (c(2) - a(2)) * b(2) / (c(2) - b(2))
-      part = min(1 - least, max(least, part))
+      part = min(1 - min_part, max(min_part, part))
     end do
   end subroutine find_zero
 
@@ -281,9 +281,9 @@ contains
   end subroutine find_turning_point
 
   ! Finds the minimum of the parabola through three values.
-  pure subroutine minimise_parabola(theta, v, at, least, bends)
+  pure subroutine minimise_parabola(theta, v, at, minimum, bends)
     real(wp), intent(in) :: theta(3), v(3)
-    real(wp), intent(out) :: at, least                 ! its place, and the value there
+    real(wp), intent(out) :: at, minimum               ! its place, and the value there
     logical, intent(out) :: bends                      ! whether there is one
     real(wp) :: first, second
 
@@ -291,10 +291,10 @@ contains
     second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
     bends = second > 0
     at = 0.0_wp
-    least = 0.0_wp
+    minimum = 0.0_wp
     if (.not. bends) return
     at = (theta(1) + theta(2) - first / second) / 2
-    least = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
+    minimum = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
   end subroutine minimise_parabola
 
   ! Puts a point between three and leaves out the end that is farther from the smaller inner value.
@@ -482,7 +482,7 @@ contains
         call evaluate_events(x, zeros(k)%event, until, value)
         if (x%status /= finished) return
         happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
-                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
+                    .or. abs(time_at(x, zeros(k)%at) - t) <= resolution(t)
         ! its zero is yet to come, and isn't another event
         if (happen(k)) x%events(zeros(k)%event)%residual = value(1)
       end do

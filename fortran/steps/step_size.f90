@@ -14,19 +14,19 @@
 ! the same ones.
 module step_size_m
   use kinds, only: wp
-  use controller_m, only: first_guess, first_size, smallest_size, tried_size
+  use controller_m, only: first_guess, first_size, resolution, tried_size
   use coordinates_m, only: norm, point_sizes, scales, tangent
   use free_motion_m, only: add_free_motion
   use frames_m, only: apply_flows, restore, turning
-  use inputs_m, only: longest_step, make_grid
+  use inputs_m, only: max_step_at, make_grid
   use requests_m, only: evaluate_at_start, request, share
   use trajectory_m
   use vectors_m, only: copy
-  use shared_numbers, only: finished, largest_growth, raised, size_failed, slope_not_finite, &
+  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
                             splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
-  public :: begin_segment, choose_step, choose_first_size, guess_size, longest_turn, &
+  public :: begin_segment, choose_step, choose_first_size, guess_size, max_step_by_turn, &
             request_curvature
 
 contains
@@ -109,7 +109,7 @@ contains
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
       curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
                   / x%control%guessed_size
-      first = limited(x, min(largest_growth * x%control%guessed_size, first_size( &
+      first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
     call share(x, -first, phase_size_shared)
@@ -134,17 +134,17 @@ contains
 
   ! The longest step. Without an end, where a terminal event may never come, it is a turn at most:
   ! events are looked for in each part of a turn, so that steps of ever more would take ever longer.
-  real(wp) function longest_turn(x)
+  real(wp) function max_step_by_turn(x)
     type(trajectory_t), intent(in) :: x
     real(wp), parameter :: turn = 1.98_wp * acos(-1.0_wp)    ! before the pole of dexp^-1 at 2 pi
     real(wp) :: rate
 
-    longest_turn = x%tolerances%max_step
+    max_step_by_turn = x%tolerances%max_step
     if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%record%common &
         .or. .not. x%slope_known .or. size(x%events) == 0) return
     rate = turning(x%frame, x%slope, .false.)
-    if (rate * longest_turn > turn) longest_turn = turn / rate
-  end function longest_turn
+    if (rate * max_step_by_turn > turn) max_step_by_turn = turn / rate
+  end function max_step_by_turn
 
   ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
   ! differences of rounded times, so that all are equal.
@@ -170,8 +170,8 @@ contains
       if (x%status /= finished) return
       x%weight(:) = x%h * x%method%flows%weight
       x%stage = 1
-      x%newton%iteration = 0
-      x%solver%first = 0
+      x%collocation%iteration = 0
+      x%implicit%first = 0
       x%paths = 0
       x%end_known = .false.
       x%phase = phase_next_stage
@@ -186,31 +186,31 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
     ! Sums of stages over a step don't overflow before it; an infinite step isn't made shorter.
-    real(wp), parameter :: largest_time = 1e-3_wp * huge(1.0_wp)
-    real(wp) :: longest, smallest
+    real(wp), parameter :: max_time = 1e-3_wp * huge(1.0_wp)
+    real(wp) :: longest, min_size
 
-    smallest = smallest_size(x%t)
+    min_size = resolution(x%t)
     associate (control => x%control, max_step => x%tolerances%max_step)
-      longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest)
+      longest = max(max_step_at(x%problem%limits, x%t, stop - x%t), min_size)
       control%unshortened_size = min(control%step_size, max_step)
-      control%step_size = tried_size(control%step_size, smallest, abs(stop - x%t), &
-                                     min(longest_turn(x), longest), control%after_rejection)
+      control%step_size = tried_size(control%step_size, min_size, abs(stop - x%t), &
+                                     min(max_step_by_turn(x), longest), control%after_rejection)
       if (control%step_size < 0) then
         if (.not. (x%problem%record%common .and. x%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
         ! others with common steps fail here, and this one goes on without them
-        control%step_size = min(smallest, abs(stop - x%t), max_step)
+        control%step_size = min(min_size, abs(stop - x%t), max_step)
       end if
       x%h = sign(control%step_size, stop - x%t)
       x%t_end = x%t + x%h
       ! A rest that is smaller than the smallest step belongs to this step.
-      control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest
+      control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -min_size
       if (control%shortened) x%t_end = stop
       control%shortened = control%shortened .or. control%unshortened_size > longest
       x%h = x%t_end - x%t
-      if (abs(stop) > huge(stop) .and. .not. abs(x%t_end) <= largest_time) &
+      if (abs(stop) > huge(stop) .and. .not. abs(x%t_end) <= max_time) &
         call fail(x, time_not_finite, x%t)
     end associate
   end subroutine choose_adaptively

@@ -201,8 +201,8 @@ module trajectory_m
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
     real(wp), allocatable :: work(:)         ! (dimension) work space within a phase, and as said
-    type(collocation_t) :: newton                 ! for a collocation method
-    type(implicit_t) :: solver           ! for another implicit method
+    type(collocation_t) :: collocation            ! for a collocation method
+    type(implicit_t) :: implicit         ! for another implicit method
     type(joints_t) :: joints
     ! output
     type(interpolant_t) :: interpolant
@@ -262,12 +262,13 @@ contains
       n = merge(0, k, outside)
       blocks = merge(method%blocks, 0, method%kind == implicit_kind)
       unknowns = merge(0, size(x%f) / max(1, blocks), outside .or. blocks == 0)
-      x%solver%fixed_point = outside
-      allocate (x%newton%last(k, 3), x%newton%z(k, 3), x%newton%jacobian(k, n), &
-                x%newton%lu(n, n), x%newton%complex_lu(n, n), x%newton%pivot(n), &
-                x%newton%complex_pivot(n), x%solver%value(m, merge(0, columns, blocks == 0)), &
-                x%solver%lu(unknowns, unknowns, blocks), x%solver%pivot(unknowns, blocks), &
-                x%solver%factored_h(blocks), stat=memory)
+      x%implicit%fixed_point = outside
+      allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
+                x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
+                x%collocation%complex_pivot(n), &
+                x%implicit%value(m, merge(0, columns, blocks == 0)), &
+                x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
+                x%implicit%factored_h(blocks), stat=memory)
       if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
                              .or. record%keep_last)) &
         call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
@@ -316,12 +317,12 @@ contains
 
     x%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
-    x%solver%factored_h = 0.0_wp
-    x%newton%fresh = .false.
-    x%newton%moved = .false.
-    if (present(near)) x%newton%moved = near
-    if (.not. x%newton%moved) &
-      x%newton%newton_state_t = newton_state_t(factored_h=x%newton%factored_h)
+    x%implicit%factored_h = 0.0_wp
+    x%collocation%fresh = .false.
+    x%collocation%moved = .false.
+    if (present(near)) x%collocation%moved = near
+    if (.not. x%collocation%moved) &
+      x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments, or
@@ -351,7 +352,7 @@ contains
 
     used = 0
     call move(c_loc(x%state_t), storage_size(x%state_t) / 8)
-    call move(c_loc(x%newton%newton_state_t), storage_size(x%newton%newton_state_t) / 8)
+    call move(c_loc(x%collocation%newton_state_t), storage_size(x%collocation%newton_state_t) / 8)
     call move(c_loc(x%events), storage_size(x%events) / 8 * size(x%events))
     call move(c_loc(x%y), bytes_of_real * size(x%y, 1))
     call move(c_loc(x%slope), bytes_of_real * size(x%slope))
@@ -360,11 +361,11 @@ contains
     call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
     call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
     call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
-    call move(c_loc(x%newton%last), bytes_of_real * size(x%newton%last))
-    call move(c_loc(x%newton%jacobian), bytes_of_real * size(x%newton%jacobian))
-    call move(c_loc(x%solver%factored_h), bytes_of_real * size(x%solver%factored_h))
-    call move(c_loc(x%solver%lu), bytes_of_real * size(x%solver%lu))
-    call move(c_loc(x%solver%pivot), storage_size(x%solver%pivot) / 8 * size(x%solver%pivot))
+    call move(c_loc(x%collocation%last), bytes_of_real * size(x%collocation%last))
+    call move(c_loc(x%collocation%jacobian), bytes_of_real * size(x%collocation%jacobian))
+    call move(c_loc(x%implicit%factored_h), bytes_of_real * size(x%implicit%factored_h))
+    call move(c_loc(x%implicit%lu), bytes_of_real * size(x%implicit%lu))
+    call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot) / 8 * size(x%implicit%pivot))
     if (.not. restores) return
     x%last%cut = .false.                     ! its interpolant isn't saved
     status = x%status

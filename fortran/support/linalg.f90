@@ -52,14 +52,14 @@ contains
   ! ordinary and large components are summed apart, the outer two scaled.
   pure function enorm(x) result(norm)
     real(wp), intent(in) :: x(:)  ! (n)
-    real(wp) :: norm, large, ordinary, small, largest, largest_small, magnitude, giant
+    real(wp) :: norm, large, ordinary, small, large_scale, small_scale, magnitude, giant
     integer :: i
 
     large = 0
     ordinary = 0
     small = 0
-    largest = 0
-    largest_small = 0
+    large_scale = 0
+    small_scale = 0
     giant = rgiant / real(max(size(x), 1), wp)
 
     do i = 1, size(x)
@@ -67,20 +67,20 @@ contains
       if (magnitude > rdwarf .and. magnitude < giant) then
         ordinary = ordinary + magnitude**2
       else if (magnitude <= rdwarf) then
-        if (magnitude > 0) call add_scaled(magnitude, largest_small, small)
+        if (magnitude > 0) call add_scaled(magnitude, small_scale, small)
       else
-        call add_scaled(magnitude, largest, large)
+        call add_scaled(magnitude, large_scale, large)
       end if
     end do
 
     if (large <= 0 .and. ordinary <= 0) then
-      norm = largest_small * sqrt(small)
-    else if (large <= 0 .and. ordinary >= largest_small) then
-      norm = sqrt(ordinary * (1 + (largest_small / ordinary) * (largest_small * small)))
+      norm = small_scale * sqrt(small)
+    else if (large <= 0 .and. ordinary >= small_scale) then
+      norm = sqrt(ordinary * (1 + (small_scale / ordinary) * (small_scale * small)))
     else if (large <= 0) then
-      norm = sqrt(largest_small * ((ordinary / largest_small) + (largest_small * small)))
+      norm = sqrt(small_scale * ((ordinary / small_scale) + (small_scale * small)))
     else
-      norm = largest * sqrt(large + (ordinary / largest) / largest)
+      norm = large_scale * sqrt(large + (ordinary / large_scale) / large_scale)
     end if
   end function enorm
 

@@ -137,7 +137,7 @@ def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
     return {
         "start": start.index,
         "f": start.quad.f if start.quad else start.double.f,
-        "largest_residual": start.largest_residual,
+        "max_residual": start.max_residual,
         "exact": start.exact,
         **method_data(method, plan.order),
     }
@@ -194,7 +194,7 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         best = data["best"]
         title = (
             f"Not exact: the start with the smallest residual, f = {number(best['f'], 2)}, "
-            f"largest residual {number(best['largest_residual'], 2)}"
+            f"largest residual {number(best['max_residual'], 2)}"
         )
         blocks.append(coefficient_table(title, best))
     return blocks

@@ -129,7 +129,7 @@ def test_too_few_digits():
     cases = (list(map(cut, a)), cut(b)), single, CG4A.exact
     for tableau in (cg.Tableau(*case) for case in cases):
         (mistake,) = cg.diagnose(tableau).mistakes
-        residual = tableau.largest_residual(4)
+        residual = tableau.max_residual(4)
         assert f"conditions through order 4 hold up to {residual:.1g} only" in mistake
 
 

@@ -117,7 +117,7 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.layout.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.layout), x)
     assert solved(candidate)
-    reduction = Reduction(np.random.default_rng(0), settings.largest)
+    reduction = Reduction(np.random.default_rng(0), settings.max_coefficient)
     assert reduction.accepts(candidate) is useful
 
 

@@ -84,7 +84,7 @@ class TestLift:
         assert method.exact == tableau.exact
         assert method.exact_embedded == tableau.exact_embedded
         assert method.embedded_order == (4 if tableau is FEHLBERG else None)
-        assert lifted.largest_residual < 1e-33
+        assert lifted.max_residual < 1e-33
         assert lifted.flows == method.exponentials
         assert method.name == tableau.name
 

@@ -73,7 +73,7 @@ def test_intervals_are_not_bisected_beyond_the_resolution_of_time():
 
 
 def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long(monkeypatch):
-    monkeypatch.setattr(adjoint_equation, "_LARGEST", 1e3)
+    monkeypatch.setattr(adjoint_equation, "_MAX_INTEGRAL", 1e3)
     noise = np.random.default_rng(1)
     run = cg.solve_variational(
         lambda t, y, p: p * (1.0 + 1e-3 * noise.standard_normal()), (0, 1), [0.0],

@@ -15,7 +15,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
-from cg.integration.run import drive as loop_drive
+from cg.integration.run import drive as run_drive
 from cg.integration.run.drive import StepBudget
 
 EXTRA = {
@@ -113,7 +113,7 @@ def test_memory_for_steps_grows():
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(loop_drive.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(run_drive.time, "perf_counter", lambda: now[0])
     return now
 
 

@@ -189,8 +189,8 @@ class TestMethods:
         assert method.exact == HEUN.exact
         assert method.exact_embedded == (1, 0)
         assert method.principal_error == pytest.approx(np.sqrt(2.0) / 6.0, abs=5e-15)
-        assert method.largest_residual() == 0
-        assert method.largest_residual(3) == pytest.approx(1 / 6, abs=5e-15)
+        assert method.max_residual() == 0
+        assert method.max_residual(3) == pytest.approx(1 / 6, abs=5e-15)
         assert repr(method) == "<MuntheKaas Heun: order 2(1), 2 evaluations, 2 flows>"
         assert method == cg.MuntheKaas(HEUN, name="other")
         assert method != cg.MuntheKaas(EULER)

@@ -45,7 +45,7 @@ def agree(actual, expected, tolerance):
 def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
     expected = solve({"f": top})
     monkeypatch.setattr(
-        "cg.integration.derivatives.field.VariationalField.__call__",
+        "cg.integration.derivatives.variational_equation.VariationalEquation.__call__",
         lambda *arguments: pytest.fail("Python was asked"),
     )
     agree(solve({"f": top}), expected, 1e-12)

@@ -30,8 +30,8 @@ class TestMethods:
         assert (method.stages, method.exponentials, method.pair_exponentials) == (4, 5, 5)
         assert (method.order, method.exact_order, method.approximate) == (4, 4, False)
         assert method.explicit
-        assert method.largest_residual() == 0
-        assert method.largest_residual(5) > 1e-3
+        assert method.max_residual() == 0
+        assert method.max_residual(5) > 1e-3
         assert method.principal_error > 1e-3
         assert repr(method) == "<CommutatorFree CF4: order 4, 4 evaluations, 5 flows>"
 

@@ -65,7 +65,7 @@ def masked(x):
     (lambda: exactly(CF4.a, CF4.b, 4), ValueError, "residuals.method"),
     (lambda: count(99), ValueError, "order must be at most 13, got 99"),
     (lambda: exactly([[0]], [1], 99), ValueError, "order must be at most 13"),
-    (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),
+    (lambda: CG3.max_residual(99), ValueError, "order must be at most 13, got 99"),
     (lambda: exactly(MASKED, [0, 1], 2), ValueError, "row 2 of a must hold finite"),
     (lambda: exactly([[0]], [np.inf], 2), ValueError, "b must hold finite real numb"),
     (lambda: exactly([[1j]], [1], 2), ValueError, "row 1 of a must hold finite real"),
@@ -124,7 +124,7 @@ def test_method_names_must_be_strings(name):
     count, conditions.condition_trees, conditions.table_rows, conditions.right_sides,
     lambda order: conditions.residuals([[0]], [1], order),
     lambda order: exactly([[0]], [1], order),
-    CG3.largest_residual,
+    CG3.max_residual,
 ])  # fmt: skip
 def test_orders_must_be_integers(function):
     function(1)  # the cached result for 1 must not serve True
@@ -185,7 +185,7 @@ OF_SEARCH = {
     "bound": [0, {"x": (0, 1)}, {"b": (1, 0)}, {"b": 1}, {3: (0, 1)}, {"c": ("0", 1)}],
     "nonnegative": [3, "", [2]],
 }  # fmt: skip
-CONSTRUCT = {"tries": [0, MANY], "iterations": [MANY], "largest": [0], "first_stages": [2]}
+CONSTRUCT = {"tries": [0, MANY], "iterations": [MANY], "max_coefficient": [0], "first_stages": [2]}
 LIFT = {
     "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]], "order": [0, 5],
     "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],

@@ -181,7 +181,7 @@ def test_figure_of_a_search():
         "settings": {"width": 1, "seed": 0, "maxfev": 9, "refine_below": 1e-12, "refine_maxfev": 9},
         "at_limit": 1, "distinct": 2,
         "abscissae_in_unit_interval": 0, "methods": [],
-        "best": {"f": 1e-69, "largest_residual": 1e-35, "coefficients": []},
+        "best": {"f": 1e-69, "max_residual": 1e-35, "coefficients": []},
     }  # fmt: skip
     blocks = search.present(search.PLANS[4], data)
     (axes,) = drawn(charts(blocks)["search4"]).axes

@@ -141,7 +141,7 @@ def test_properties(catalogue):
     for name, actual in catalogue.items():
         assert actual["conditions"] == count(actual["order"], independent=True)
         assert 0 < actual["rank"] <= actual["conditions"]
-        assert actual["approximate"] == (actual["largest_residual"] > 1e-32) == (name == "CG6a")
+        assert actual["approximate"] == (actual["max_residual"] > 1e-32) == (name == "CG6a")
         assert actual["principal_error"] > 1e-5
 
 

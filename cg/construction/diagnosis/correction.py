@@ -30,7 +30,7 @@ from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner
 
 _MAX_ORDER = 8  # sought; more takes long
-_LARGEST = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
+_MAX_CHANGE = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
 _QUAD_ROUNDING = (
     1e-30  # error of residuals in real(16), relative to their sensitivity to coefficients
@@ -132,7 +132,7 @@ def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correct
             ends, violated, reached = left, conditions.violated, order
     changes = [(k, change) for k, change in ends.items() if change]
     if violated == 1:  # many coefficients solve one condition
-        changes = [(k, change) for k, change in changes if abs(change) <= _LARGEST]
+        changes = [(k, change) for k, change in changes if abs(change) <= _MAX_CHANGE]
     texts = [(_text(method, k, change), abs(change), k) for k, change in changes]
     names, second = method.layout.names, owner == ConditionOwner.SECOND_RESULT
     return tuple(

@@ -206,8 +206,8 @@ def _wrong_coefficients(
 ) -> Iterator[str]:
     if method.approximate:
         return
-    highest, residual = order, method.largest_residual(order) if order else 0.0
-    while highest < MAX_ORDER and (more := method.largest_residual(highest + 1)) < _ALMOST_ZERO:
+    highest, residual = order, method.max_residual(order) if order else 0.0
+    while highest < MAX_ORDER and (more := method.max_residual(highest + 1)) < _ALMOST_ZERO:
         highest, residual = highest + 1, more
     if changes and (changes[0].embedded or changes[0].order >= highest):
         yield _changed(changes)

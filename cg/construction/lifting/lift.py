@@ -98,7 +98,7 @@ class Lifted:
         Its flat tableau is exactly the given one.
     index
         Number of the start that led to it.
-    largest_residual
+    max_residual
         Largest residual of the order conditions, in extended precision.
 
     Examples
@@ -107,13 +107,13 @@ class Lifted:
 
     >>> import crouch_grossman as cg
     >>> lifted = cg.lift(cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"]))
-    >>> lifted.method.order, lifted.flows, lifted.largest_residual < 1e-30
+    >>> lifted.method.order, lifted.flows, lifted.max_residual < 1e-30
     (3, 4, True)
     """
 
     method: CommutatorFree
     index: int
-    largest_residual: float
+    max_residual: float
 
     @property
     def flows(self) -> int:
@@ -221,9 +221,9 @@ def lift(
     for _, start, end in sorted(solutions, key=itemgetter(0, 1)):
         system = end.system
         exact = polish(list(map(Fraction, end.x.tolist())), system)
-        if exact.largest_residual < _EXACT:
+        if exact.max_residual < _EXACT:
             method = CommutatorFree.from_layout(system.layout, system.texts(exact.x), **names)
-            return Lifted(method, start, float(exact.largest_residual))
+            return Lifted(method, start, float(exact.max_residual))
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
@@ -268,11 +268,13 @@ def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
     """Return a solution with its key, if `improve` with a reduced principal error."""
     flows = len(end.system.layout.parents)
     if not improve:
-        return (float(flows), end.largest), index, end
+        return (float(flows), end.max_coefficient), index, end
     assert isinstance(end.system, SplitRows)
     rows = [*end.system.flat.stages, end.system.flat.result]
-    most = max(end.largest, _GROWTH * float(max(abs(entry) for row in rows for entry in row)))
-    end = optimise(end, limits=Limits(np.eye(end.system.size), -most, most))
+    limit = max(
+        end.max_coefficient, _GROWTH * float(max(abs(entry) for row in rows for entry in row))
+    )
+    end = optimise(end, limits=Limits(np.eye(end.system.size), -limit, limit))
     return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 

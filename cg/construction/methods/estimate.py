@@ -109,14 +109,14 @@ def estimate_ratio(method: Method) -> float | None:
     if method.embedded_order is None:
         return None
     if isinstance(method, MagnusMethod):
-        return max(_largest_ratio(method, MAX_ANGLE, base) for base in _BASES)
+        return max(_max_ratio(method, MAX_ANGLE, base) for base in _BASES)
     if not isinstance(method, MuntheKaas):
-        return _largest_ratio(method, MAX_ANGLE)
+        return _max_ratio(method, MAX_ANGLE)
     series = method.advancing.order, None
-    return max(_largest_ratio(method, _MAX_TURN, powers=powers) for powers in series)
+    return max(_max_ratio(method, _MAX_TURN, powers=powers) for powers in series)
 
 
-def _largest_ratio(
+def _max_ratio(
     method: Method, max_angle: float, base: Vector = _CONSTANT, powers: int | None = None
 ) -> float:
     ratios = [0.0]

@@ -294,16 +294,16 @@ def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Arr
     """Return the coefficients of least norm beyond the cubic of Hermite, and the residual."""
     basis = _hermite(result, final)
     if len(targets.T) > 3:
-        further = _least_norm(known, targets[:, 3:])
+        further = _minimum_norm(known, targets[:, 3:])
         # weights that are only rounding are set to zero
         used = np.abs(further).max(axis=1) > _NO_WEIGHT * np.abs(further).max()
-        further[used] = _least_norm(known[:, used], targets[:, 3:])
+        further[used] = _minimum_norm(known[:, used], targets[:, 3:])
         further[~used] = 0.0
         basis = np.concatenate([basis, further.T])
     return basis, float(np.abs(known @ basis.T - targets).max())
 
 
-def _least_norm(known: Array, targets: Array) -> Array:
+def _minimum_norm(known: Array, targets: Array) -> Array:
     solution = np.linalg.lstsq(known, targets, rcond=_NO_RANK)[0]
     return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 

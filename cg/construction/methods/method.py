@@ -351,7 +351,7 @@ class Method(ABC):
         """
         return conditions.residuals(self.tree, order, arithmetic="exact")
 
-    def largest_residual(self, order: int | None = None) -> float:
+    def max_residual(self, order: int | None = None) -> float:
         """Return the magnitude of the largest residual through an order.
 
         Parameters

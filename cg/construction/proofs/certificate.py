@@ -16,7 +16,7 @@ from cg.support.parsing import check_keys, quoted, read_file, read_toml, write_f
 MAX_SMALL = Decimal("1e-40")
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
 
-_LARGEST = Decimal("1e4000")  # more digits of an integer Python doesn't write by default
+_MAX_ENTRY = Decimal("1e4000")  # more digits of an integer Python doesn't write by default
 
 _KINDS: dict[str, type] = {
     "name": str,
@@ -286,7 +286,7 @@ def _read_decimal(table: dict[str, Any], key: str) -> Decimal:
 
 def _check_decimal(value: object, name: str) -> Decimal:
     if isinstance(value, Decimal) and (
-        value.is_zero() or (value.is_finite() and 1 / _LARGEST <= value <= _LARGEST)
+        value.is_zero() or (value.is_finite() and 1 / _MAX_ENTRY <= value <= _MAX_ENTRY)
     ):
         return value
     raise CertificationError(

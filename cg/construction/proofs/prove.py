@@ -44,7 +44,7 @@ from cg.construction.proofs.zero import (
     check_left_out,
     check_places,
     check_rational,
-    largest_residual,
+    max_residual,
     prove_zero,
 )
 from cg.support.checks import check_flag, check_instance, check_integer
@@ -94,7 +94,7 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
                 check_left_out(packed, box, test, bits)
                 return box
             # with a bound of the conditions that are left out, a power of ten
-            largest = float(largest_residual(packed, box, test, SMALL_PLACES, bits))
+            largest = float(max_residual(packed, box, test, SMALL_PLACES, bits))
             exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
             return replace(box, bound=Decimal((0, (1,), exponent)))
     raise CertificationError(message, **outcome)
@@ -232,7 +232,7 @@ def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
             raise CertificationError(
                 f"{packed.name}: no condition of order {order + 1} is violated by much, "
                 f"so order {order} isn't the highest, or coefficients are wrong",
-                largest_bound=float(bounds[best]),
+                max_bound=float(bounds[best]),
             )
         numerator, denominator = map(Decimal, bounds[best].as_integer_ratio())
         violations.append(

@@ -64,7 +64,7 @@ def check_left_out(packed: Packed, box: Box, test: KrawczykTest, bits: int) -> N
                 left_out=len(box.left_out),
             )
         return
-    largest = largest_residual(packed, box, test, -box.bound.adjusted(), bits)
+    largest = max_residual(packed, box, test, -box.bound.adjusted(), bits)
     if not largest < to_ball(Fraction(box.bound)):
         raise CertificationError(
             f"{packed.name}: that conditions are small is not proved", residual=float(largest)
@@ -77,9 +77,7 @@ def zero_of(packed: Packed, box: Box, test: KrawczykTest, places: int) -> list[f
     return enclose_zero(system, packed.balls(), movable, test, places)
 
 
-def largest_residual(
-    packed: Packed, box: Box, test: KrawczykTest, places: int, bits: int
-) -> flint.arb:
+def max_residual(packed: Packed, box: Box, test: KrawczykTest, places: int, bits: int) -> flint.arb:
     """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
     with precision(precise(places, bits)):

@@ -51,7 +51,7 @@ class Candidate:
         object.__setattr__(self, "x", self.system.complete(self.x))
 
     @property
-    def largest(self) -> float:
+    def max_coefficient(self) -> float:
         """Magnitude of the largest coefficient."""
         return float(np.abs(self.x).max())
 
@@ -115,14 +115,16 @@ def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
 def solved(candidate: Candidate) -> bool:
     """Return whether the conditions hold up to rounding errors of double precision."""
     # divided twice, since the square of large weights may overflow
-    return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
+    return candidate.f / max(1.0, candidate.max_coefficient) <= SOLVED * max(
+        1.0, candidate.max_coefficient
+    )
 
 
 def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
     """Refine a candidate, whose exact zeros stay; return what may move, and the bound to reach."""
     movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)
-    return refined, movable, EXACT * max(1.0, candidate.largest)
+    return refined, movable, EXACT * max(1.0, candidate.max_coefficient)
 
 
 def pack_method(method: Method) -> Candidate:
@@ -139,10 +141,9 @@ def to_method(candidate: Candidate, *, name: str, source: str) -> Method:
     """
     system = candidate.system
     refined, movable, bound = _refined(candidate)
-    if refined.largest_residual > bound:
+    if refined.max_residual > bound:
         raise NotExactError(
-            f"largest residual {refined.largest_residual:.2e} after refinement, "
-            f"more than {bound:.0e}"
+            f"largest residual {refined.max_residual:.2e} after refinement, more than {bound:.0e}"
         )
     polished = polish_zeros(quads.decode(refined.x), system, movable)
     return make_method(system.layout, system.texts(polished.x), name=name, source=source)
@@ -162,15 +163,15 @@ class Reduction:
     """Steps along the solution set, by which stages and flows are eliminated."""
 
     random: np.random.Generator
-    largest: float = 4.0  # bound on coefficients
+    max_coefficient: float = 4.0  # bound on coefficients
     restarts: int = 3  # walks after which a number of stages or flows is the smallest
 
     def accepts(self, candidate: Candidate) -> bool:
         """Return whether a candidate is bounded, on the solution set, and no useless pair."""
-        if not (solved(candidate) and candidate.largest <= self.largest):
+        if not (solved(candidate) and candidate.max_coefficient <= self.max_coefficient):
             return False
         refined, _, bound = _refined(candidate)
-        return refined.largest_residual <= bound and not candidate.blind
+        return refined.max_residual <= bound and not candidate.blind
 
     def eliminate(self, candidate: Candidate, size: str, number: int) -> Candidate:
         """Drop ``"stages"`` or ``"flows"`` one by one until `number` are left, or none can be.
@@ -195,7 +196,7 @@ class Reduction:
             x = candidate.x.copy()
             x[movable] += size / np.sqrt(movable.size) * self.random.standard_normal(movable.size)
             moved = correct(Candidate(system, x), fixed_entries(system.order, system.layout))
-            if solved(moved) and moved.largest <= self.largest:
+            if solved(moved) and moved.max_coefficient <= self.max_coefficient:
                 return moved
             size /= 2
         return candidate

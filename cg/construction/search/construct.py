@@ -64,7 +64,7 @@ def run_try(settings: Settings, index: int) -> Try:
     guess[system.zeros] = 0.0
     start = Candidate(system, guess)
     candidate = solve_start(start, settings.iterations, promising=settings.promising)
-    reduction = Reduction(random, settings.largest, settings.restarts)
+    reduction = Reduction(random, settings.max_coefficient, settings.restarts)
     goal = ("stages", settings.stages) if settings.flows is None else ("flows", settings.flows)
     if reduction.accepts(candidate):
         candidate = reduction.eliminate(candidate, *goal)
@@ -120,7 +120,7 @@ def construct(
     seed: int = 0,
     *,
     tries: int = 400,
-    largest: float = 3.0,
+    max_coefficient: float = 3.0,
     restarts: int = 1,
     structure: Structure | None = None,
     first_stages: int | None = None,
@@ -155,7 +155,7 @@ def construct(
         Seed of all tries, not negative; on one machine try k depends on (seed, k) alone.
     tries
         Largest number of random starts.
-    largest
+    max_coefficient
         Bound on the magnitude of coefficients.
     restarts
         Largest number of walks along the solution set after elimination fails.
@@ -177,7 +177,8 @@ def construct(
         Number of flows of the random trees to start from; by default `flows`.
     embedded, first_same_as_last, abscissae, minimise, hold
         As for `cg.search`. With `abscissae` or `minimise`, the method is moved along its solution
-        set with coefficients below `largest`. With `hold`, no stages or flows are eliminated.
+        set with coefficients below `max_coefficient`. With `hold`, no stages or flows are
+        eliminated.
 
     Examples
     --------
@@ -185,14 +186,15 @@ def construct(
     3
     """
     settings = Settings.checked(
-        "construct", force, order, stages, seed, hold=hold, largest=largest, restarts=restarts,
+        "construct", force, order, stages, seed, hold=hold,
+        max_coefficient=max_coefficient, restarts=restarts,
         structure=structure, first_stages=first_stages, width=width,
         iterations=iterations, tree=tree, flows=flows, first_flows=first_flows,
         embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
-    bound = None if abscissae is None and minimise is None else settings.largest
+    bound = None if abscissae is None and minimise is None else settings.max_coefficient
     requirements = Requirements.checked(order, abscissae, bound, minimise)
     results = run_pieces(
         settings, partial(run_try, settings), tries,

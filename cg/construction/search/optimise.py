@@ -85,7 +85,7 @@ def optimise(
     >>> from cg.construction.search.candidate import pack_method, to_method
     >>> candidate = pack_method(cg.methods["CF4b"])
     >>> smaller = optimise(candidate, principal_error=0, coefficients=1)
-    >>> smaller.largest < 0.8 * candidate.largest
+    >>> smaller.max_coefficient < 0.8 * candidate.max_coefficient
     True
     >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
     4

@@ -85,7 +85,7 @@ class SearchResult:
     @property
     def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
-        return min(self.starts, key=attrgetter("largest_residual"))
+        return min(self.starts, key=attrgetter("max_residual"))
 
     def _exact(self) -> Iterable[RandomStart]:
         return (start for start in self.starts if start.exact)

@@ -91,7 +91,7 @@ class Requirements:
         rows, lower, upper = [], [], []
         sums = {name: [k] for k, name in enumerate(layout.names)}
         sums |= {f"c_{stage + 1}": layout.row(stage) for stage in range(layout.stages)}
-        for name, least, most in self.bounds:
+        for name, low, high in self.bounds:
             named = [
                 row for key, row in sums.items()
                 if name in (key, key.rpartition("_")[0]) or (name == _ALL and key[:2] != "c_")
@@ -100,11 +100,11 @@ class Requirements:
                 raise ValueError(
                     f"bound, nonnegative: there is no {name}; names are {', '.join(sums)}"
                 )
-            inside = margin * min((most - least) / 2, max(1.0, abs(least)), max(1.0, abs(most)))
+            inside = margin * min((high - low) / 2, max(1.0, abs(low)), max(1.0, abs(high)))
             for row in named:
                 rows.append(np.isin(np.arange(layout.size), row).astype(float))
-                lower.append(least + inside)
-                upper.append(most - inside)
+                lower.append(low + inside)
+                upper.append(high - inside)
         return Limits(np.reshape(rows, (-1, layout.size)), np.array(lower), np.array(upper))
 
     def satisfied(self, candidate: Candidate) -> bool:
@@ -146,10 +146,10 @@ def _named(name: Any, interval: Any) -> tuple[str, float, float]:
     name = plain_name("bound", name)
     if not (isinstance(interval, tuple | list) and len(interval) == 2):
         raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
-    most = np.finfo(float).max
+    unbounded = np.finfo(float).max
     ends = [
         default if end is None else end
-        for end, default in zip(interval, (-most, most), strict=True)
+        for end, default in zip(interval, (-unbounded, unbounded), strict=True)
     ]
     lower, upper = check_interval(f"bound: {name}", ends)
-    return name, lower if lower > -most else -np.inf, upper if upper < most else np.inf
+    return name, lower if lower > -unbounded else -np.inf, upper if upper < unbounded else np.inf

@@ -13,7 +13,7 @@ from cg.construction.conditions import Rows, check_rows
 from cg.construction.conditions.counts import check_order
 from cg.construction.layouts import MAX_STAGES, Layout
 from cg.construction.points import START
-from cg.construction.search.shapes import draw_layout, layout_of, most_unknowns
+from cg.construction.search.shapes import draw_layout, layout_of, max_unknowns
 from cg.construction.solvers.held import Hold, read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.trees import rooted_trees_through
@@ -83,15 +83,15 @@ _EXCLUDED = {
 }
 """By the shape of methods: arguments that don't apply to it."""
 
-_COUNT = partial(check_integer, least=1, most=MAX_COUNT)
+_COUNT = partial(check_integer, lower=1, upper=MAX_COUNT)
 _CHECKS: dict[str, Callable[[str, Any], float]] = {
-    "width": partial(check_real, most=MAX_HALF_WIDTH),
+    "width": partial(check_real, upper=MAX_HALF_WIDTH),
     "maxfev": _COUNT,
     "refine_below": check_real,
     "refine_maxfev": _COUNT,
     "iterations": _COUNT,
-    "largest": partial(check_real, positive=True),
-    "restarts": partial(check_integer, least=0),
+    "max_coefficient": partial(check_real, positive=True),
+    "restarts": partial(check_integer, lower=0),
 }
 
 
@@ -134,7 +134,7 @@ class Settings:
     first_flows: int | None = None
     iterations: int = 0
     promising: float = 0.0
-    largest: float = 0.0
+    max_coefficient: float = 0.0
     restarts: int = 0
 
     @classmethod
@@ -215,13 +215,13 @@ class Settings:
         return replace(self, structure=system.structure)
 
     def _with_flows(self) -> Settings:
-        least, most = self.stages - self.first_same_as_last, 10 * MAX_STAGES
+        lower, upper = self.stages - self.first_same_as_last, 10 * MAX_STAGES
         check_integer("stages", self.stages, 1 + self.first_same_as_last)
-        flows = check_integer("flows", self.flows, least, most)
+        flows = check_integer("flows", self.flows, lower, upper)
         if self.kind == "search":
             return replace(self, flows=flows)
         first_flows = flows if self.first_flows is None else self.first_flows
-        first_flows = check_integer("first_flows", first_flows, flows, most)
+        first_flows = check_integer("first_flows", first_flows, flows, upper)
         return replace(self, flows=flows, first_flows=first_flows)
 
     def _with_tree(self) -> Settings:
@@ -233,10 +233,10 @@ class Settings:
             raise ValueError("embedded must be False, as tree has no second result")
         if self.kind == "search":
             return replace(self, tree=layout)
-        most = layout.flows
-        least = len({START, *layout.stage_points, layout.results[0]}) - 1
-        flows = most if self.flows is None else check_integer("flows", self.flows, least, most)
-        return replace(self, tree=layout, flows=flows, first_flows=most, embedded=layout.pair)
+        upper = layout.flows
+        lower = len({START, *layout.stage_points, layout.results[0]}) - 1
+        flows = upper if self.flows is None else check_integer("flows", self.flows, lower, upper)
+        return replace(self, tree=layout, flows=flows, first_flows=upper, embedded=layout.pair)
 
     def _check_counts(self, force: bool) -> None:
         """Refuse methods with too few stages or unknowns, unless `force` is true.
@@ -246,7 +246,7 @@ class Settings:
         order, layout, stages = self.order, self.layout, self.stages - self.first_same_as_last
         conditions, kind = len(rooted_trees_through(order)), "conditions where flows commute"
         if layout is None:
-            size = most_unknowns(stages, self.flows or 0)
+            size = max_unknowns(stages, self.flows or 0)
         else:
             system = self.system(layout)
             size = system.movable.size
@@ -254,8 +254,8 @@ class Settings:
             conditions += len(rooted_trees_through(order - 1)) if self.embedded else 0
         elif not self.of_points:
             conditions, kind = system.equations, "independent conditions"
-        elif stages < (least := MIN_STAGES[order - 1]):
-            few = f"stages = {stages} is too few for order {order}, which needs {least}"
+        elif stages < (needed := MIN_STAGES[order - 1]):
+            few = f"stages = {stages} is too few for order {order}, which needs {needed}"
             refuse(force, f"{few} even where flows commute")
         if size < conditions:
             subject = f"stages = {stages} gives" + " two registers" * self.registers
@@ -270,7 +270,7 @@ class Settings:
             raise ValueError(
                 "algorithm must be 'minimum-norm' with hold, registers or pairs, got 'lmdif'"
             )
-        size = most_unknowns(self.stages, self.flows or 0)
+        size = max_unknowns(self.stages, self.flows or 0)
         if layout is not None:
             size = layout.size - len(layout.fixed)
         width, maxfev = _TREES if self.of_points else _TABLEAUX[min(max(self.order, 4), 6)]
@@ -296,7 +296,7 @@ class Settings:
             raise ValueError("hold: stages and flows can't be dropped")
         settings = replace(self, first_stages=first_stages, promising=start.promising)
         return settings._with_numbers(
-            width=start.width, iterations=start.iterations, largest=None, restarts=None
+            width=start.width, iterations=start.iterations, max_coefficient=None, restarts=None
         )
 
     def _with_numbers(self, **defaults: Any) -> Settings:

@@ -154,7 +154,7 @@ def draw_guess(
     return guess
 
 
-def most_unknowns(stages: int, flows: int) -> int:
+def max_unknowns(stages: int, flows: int) -> int:
     """Return the largest number of weights of a drawn tree, without those to a second result."""
     return sum(min(m + 1, stages) for m in range(flows))
 

@@ -47,7 +47,7 @@ class RandomStart:
     double: Phase
     quad: Phase | None  # None if `double` ended above `refine_below`
     x: tuple[str, ...]  # packed coefficients, 36 digits
-    largest_residual: float  # over all order conditions, in real(16)
+    max_residual: float  # over all order conditions, in real(16)
     exact: bool  # whether that is rounding error
 
     @property
@@ -131,7 +131,7 @@ def _run_minimum_norm(
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)
-    bound = count(settings.order) * refined.largest_residual**2
+    bound = count(settings.order) * refined.max_residual**2
     return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
 
 

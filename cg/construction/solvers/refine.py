@@ -25,7 +25,7 @@ from cg.support.quads import exact_midpoint, to_ball, working_precision
 _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
 
-_LARGEST_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
+_MAX_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _RESIDUAL_GOAL = Fraction(1, 10**44)
 _GRID = 10**60
 _BITS = 400
@@ -37,7 +37,7 @@ class Refined:
     """Packed weights (n, 16), their largest residual, and the number of corrections."""
 
     x: quads.Quads
-    largest_residual: float
+    max_residual: float
     iterations: int
 
 
@@ -80,7 +80,7 @@ class RationalZero(NamedTuple):
     """The best point of a refinement, and the magnitude of its largest residual."""
 
     x: tuple[Fraction, ...]
-    largest_residual: Fraction
+    max_residual: Fraction
 
 
 def refine_rational(
@@ -138,7 +138,7 @@ def polish(
 
     with working_precision(_BITS):
         end = refine_rational(residuals, [start[k] for k in moving], inverse)
-    return RationalZero(whole(end.x), end.largest_residual)
+    return RationalZero(whole(end.x), end.max_residual)
 
 
 def polish_zeros(
@@ -149,14 +149,10 @@ def polish_zeros(
     If the conditions can't be solved with these zeros, the weights keep their values.
     """
     polished = polish(x, system, movable=movable)
-    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _LARGEST_ZERO}
+    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _MAX_ZERO}
     rest = [k for k in movable if k not in tiny]
     if not tiny or not rest:
         return polished
     start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
     sparse = polish(start, system, movable=rest)
-    return (
-        sparse
-        if sparse.largest_residual <= max(polished.largest_residual, _RESIDUAL_GOAL)
-        else polished
-    )
+    return sparse if sparse.max_residual <= max(polished.max_residual, _RESIDUAL_GOAL) else polished

@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
-from cg.integration.derivatives.adjoint_equation import Equation, Gradient, Intervals, solve
-from cg.integration.derivatives.field import (
+from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradient, Intervals, solve
+from cg.integration.derivatives.variational_equation import (
     count_parameters,
     parameter_differences,
     structure_constants,
@@ -33,7 +33,7 @@ from cg.integration.derivatives.field import (
 from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
-from cg.integration.rhs.compiled import CompiledRhs, call_field
+from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
@@ -62,7 +62,7 @@ class Adjoint:
     (array([0.540302, 0.841471]), array([-0.420735]))
     """
 
-    _equation: Equation
+    _equation: AdjointEquation
     _output: DenseOutput
     _times: Array  # times of the output
     _frame: Frame
@@ -224,7 +224,9 @@ def _map_arrays(function: Callable[..., Points], *results: Any) -> Any:
     return None if results[0] is None else function(*results)
 
 
-def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation]) -> Problem:
+def with_adjoint(
+    problem: Problem, equation_of: Callable[[DenseOutput], AdjointEquation]
+) -> Problem:
     """Return the problem whose solution has gradients, after checking that it can have them."""
     if problem.events is not None:
         raise ValueError(
@@ -271,18 +273,18 @@ def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     return with_adjoint(problem, partial(_equation, problem, derivative))
 
 
-def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> Equation:
+def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> AdjointEquation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
     count, inputs = problem.rhs.given.parameter_count, problem.rhs.given.inputs
     linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
         at, rest = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
-        return Equation(at, frame.point_shape, tolerance, count, inputs, *rest)
+        return AdjointEquation(at, frame.point_shape, tolerance, count, inputs, *rest)
     (i, j, k), constants = structure_constants(frame)
     brackets = np.zeros((frame.dim,) * 3)
     brackets[i, k, j] = constants
-    return Equation(partial(linearisation, brackets), (frame.dim,), tolerance, count, inputs)
+    return AdjointEquation(partial(linearisation, brackets), (frame.dim,), tolerance, count, inputs)
 
 
 def _linearisation(
@@ -318,7 +320,7 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     if not isinstance(function, CompiledRhs):
         context = call_context(function, arguments, frame, shape, df_dp.check)
         address, data = core.function_addresses()[0], np.array(id(context))
-        return call_field(rhs, address, data.ctypes.data, frame, times, points, shape)
+        return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)
     assert numbers is not None
     user_data = function.user_data

@@ -28,7 +28,7 @@ _INTEGRALS = (
     np.stack([1 - _NODES ** (k + 1) for k in range(_COUNT)], axis=1) / np.arange(1, _COUNT + 1)
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _BISECTIONS = 20  # most bisections of an interval
-_LARGEST = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
+_MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
 _MANY = 8  # most intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
@@ -55,7 +55,7 @@ class Gradient(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Equation:
+class AdjointEquation:
     """The equation of derivatives of a solution, and of covectors."""
 
     # A and B at times, shapes (times, n, n) and (times, m, k); B is None without parameters and
@@ -148,7 +148,7 @@ def _unresolved(values: Points) -> Array:
     return estimate
 
 
-def solve(equation: Equation, edges: Array) -> list[Intervals]:
+def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
     """Return the intervals between times, bisected until the estimates are below the tolerance.
 
     They aren't sorted. ValueError is raised if bisection doesn't lead there.
@@ -171,7 +171,7 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
         if not start.size:
             return chunks
         too_short = np.abs(size) < _SHORT * np.spacing(np.abs(start))
-        if start.size > max(_LARGEST, _MANY * len(edges)) or too_short.any():
+        if start.size > max(_MAX_INTEGRAL, _MANY * len(edges)) or too_short.any():
             break
         size = np.tile(size / 2, 2)
         start = np.concatenate([start, start + size[: len(start)]])
@@ -183,7 +183,7 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
 
 
 def _solve_once(
-    equation: Equation, start: Array, size: Array, span: float
+    equation: AdjointEquation, start: Array, size: Array, span: float
 ) -> tuple[Intervals, Array]:
     """Return solved intervals with estimates of the errors, in the whole span, of maps like each.
 
@@ -193,12 +193,14 @@ def _solve_once(
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
     amount = float(np.abs(size) @ np.abs(matrix).sum(axis=-1).max(axis=(1, 2)))
-    if _LARGEST < amount < np.inf:  # norms grow with coordinates that are large, eigenvalues don't
+    if (
+        _MAX_INTEGRAL < amount < np.inf
+    ):  # norms grow with coordinates that are large, eigenvalues don't
         amount = float(np.abs(size) @ np.abs(np.linalg.eigvals(matrix)).max(axis=(1, 2)))
-    if not amount <= _LARGEST:
+    if not amount <= _MAX_INTEGRAL:
         raise ValueError(
             "derivatives must not be 'adjoint' for an equation that is this stiff: the integral of "
-            f"the largest eigenvalue of its Jacobian is {amount:.2g}, more than {_LARGEST:.0g}"
+            f"the largest eigenvalue of its Jacobian is {amount:.2g}, more than {_MAX_INTEGRAL:.0g}"
         )
     maps, errors = _collocate(matrix, size)
     errors = errors * (span / np.maximum(np.abs(size), np.finfo(float).tiny))

@@ -12,7 +12,7 @@ import numpy as np
 
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.derivatives.field import VariationalField, parameter_steps
+from cg.integration.derivatives.variational_equation import VariationalEquation, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import Reader, data_at
@@ -25,7 +25,7 @@ _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
-_LEAST_RATE = 1e-8
+_MIN_RATE = 1e-8
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -51,39 +51,39 @@ class VariationalEvents(EventTable):
        for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
     """
 
-    def __init__(self, table: EventTable, field: VariationalField, edges: Array) -> None:
+    def __init__(self, table: EventTable, equation: VariationalEquation, edges: Array) -> None:
         events, flags = table._arguments
         super().__init__(events, table.frame, **flags)
-        self.table, self.field, self.edges = table, field, edges
-        if not field.count and isinstance(field.f, CompiledRhs):
-            self.rows["data"][self.rows["data"] == 0] = field.f.user_data
+        self.table, self.equation, self.edges = table, equation, edges
+        if not equation.count and isinstance(equation.f, CompiledRhs):
+            self.rows["data"][self.rows["data"] == 0] = equation.f.user_data
         self._callable = [
             None if source is None else _EVENT(source.address) for source in self.compiled
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return VariationalEvents, (self.table, self.field, self.edges)
+        return VariationalEvents, (self.table, self.equation, self.edges)
 
     def on_frame(self, frame: Frame) -> VariationalEvents:
         """Return the events on another frame of the same points without derivatives."""
-        field = replace(self.field, frame=frame)
-        return VariationalEvents(self.table.on_frame(frame), field, self.edges)
+        equation = replace(self.equation, frame=frame)
+        return VariationalEvents(self.table.on_frame(frame), equation, self.edges)
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
-        return self.table.value(index, t, self.field.split(y)[0], arguments)
+        return self.table.value(index, t, self.equation.split(y)[0], arguments)
 
     def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the values of a vectorized function at points with derivatives."""
-        return self.table.values(index, t, self.field.split(y)[0], arguments)
+        return self.table.values(index, t, self.equation.split(y)[0], arguments)
 
     def jump(
         self, index: int, t: float, y: Points, arguments: tuple[Any, ...],
         tolerance: float = MEMBERSHIP_TOLERANCE,
     ) -> Points:  # fmt: skip
         """Return the point after a jump with its derivatives."""
-        field = self.field
-        before, x = field.split(y)
+        equation = self.equation
+        before, x = equation.split(y)
         after = self.table.jump(index, t, before, arguments, tolerance)
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
@@ -92,7 +92,7 @@ class VariationalEvents(EventTable):
                 f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
             )
 
-        n, m = self.frame.dim, field.directions
+        n, m = self.frame.dim, equation.directions
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             # a point nearby may open the joints of a phase space
@@ -102,16 +102,16 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)
         transformed = by_fields.T @ x
-        if field.count:
-            transformed[:, :m] += field.along_directions(by_parameters.T)
+        if equation.count:
+            transformed[:, :m] += equation.along_directions(by_parameters.T)
         transformed += np.outer(jump_of_rate, delta)
-        if field.noise is not None:
+        if equation.noise is not None:
             # a covariance is multiplied by the saltation matrix from both sides
-            unit = np.eye(n, field.columns)
+            unit = np.eye(n, equation.columns)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
             matrix = by_fields.T + np.outer(jump_of_rate, local)
             transformed[:, m:] = matrix @ x[:, m:] @ matrix.T
-        return field.product.join(after, transformed.ravel())
+        return equation.product.join(after, transformed.ravel())
 
     def time_derivatives(
         self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
@@ -120,8 +120,8 @@ class VariationalEvents(EventTable):
 
         They aren't finite where the solution touches the event without crossing it.
         """
-        derivatives = np.empty((len(times), self.field.directions))
-        for row, t, y, x in zip(derivatives, times.tolist(), *self.field.split(z), strict=True):
+        derivatives = np.empty((len(times), self.equation.directions))
+        for row, t, y, x in zip(derivatives, times.tolist(), *self.equation.split(z), strict=True):
             row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
         return derivatives
 
@@ -134,10 +134,12 @@ class VariationalEvents(EventTable):
             return np.array([self._value_of(index, time, point, extra)])
 
         by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
-        rate = float(along[0]) if abs(along[0]) > _LEAST_RATE * largest else 0.0
+        rate = float(along[0]) if abs(along[0]) > _MIN_RATE * largest else 0.0
         gradient = by_fields[:, 0] @ x
-        if self.field.count:
-            gradient[: self.field.directions] += self.field.along_directions(by_parameters[:, 0])
+        if self.equation.count:
+            gradient[: self.equation.directions] += self.equation.along_directions(
+                by_parameters[:, 0]
+            )
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
 
@@ -146,7 +148,7 @@ class VariationalEvents(EventTable):
         if function is None:
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
-        numbers = data_at(t, arguments, self.field.count > 0)
+        numbers = data_at(t, arguments, self.equation.count > 0)
         data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
@@ -154,12 +156,12 @@ class VariationalEvents(EventTable):
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
-        field = self.field
-        if not field.vectorized:
-            return field.coefficients(t, y, arguments, whole=True)
-        if field.count:
+        equation = self.equation
+        if not equation.vectorized:
+            return equation.coefficients(t, y, arguments, whole=True)
+        if equation.count:
             arguments = (*arguments[:-1], arguments[-1][None])
-        row: Array = field.coefficients(np.array([t]), y[None], arguments, True)[0]
+        row: Array = equation.coefficients(np.array([t]), y[None], arguments, True)[0]
         return row
 
     def _derivatives(
@@ -189,8 +191,8 @@ class VariationalEvents(EventTable):
             _WEIGHTS @ values_along(size * e) / (_STEP * size)
             for size, e in zip(sizes, np.eye(n), strict=True)
         ]
-        by_parameters = np.empty((self.field.count, len(by_fields[0])))
-        if self.field.count:
+        by_parameters = np.empty((self.equation.count, len(by_fields[0])))
+        if self.equation.count:
             *others, row = arguments
             for i, (change, size) in enumerate(parameter_steps(row, _STEP)):
                 values = [function(t, y, (*others, row + s * change)) for s in _STEPS]

@@ -11,10 +11,14 @@ import numpy as np
 
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
-from cg.integration.derivatives.adjoint_equation import Equation
+from cg.integration.derivatives.adjoint_equation import AdjointEquation
 from cg.integration.derivatives.events import VariationalEvents
-from cg.integration.derivatives.field import VariationalField, compiled_variation, count_parameters
 from cg.integration.derivatives.noise import check_covariance, noise_of
+from cg.integration.derivatives.variational_equation import (
+    VariationalEquation,
+    compiled_variation,
+    count_parameters,
+)
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import has_brackets, plan_of
@@ -32,7 +36,7 @@ class Derivatives:
     ``(members, n, n)`` if the members are the last of the leading axes of the points.
     """
 
-    field: VariationalField
+    equation: VariationalEquation
     initial_covariance: Array | None
 
     def member(self, member: int) -> Derivatives:
@@ -40,17 +44,17 @@ class Derivatives:
         covariance = self.initial_covariance
         if covariance is None or covariance.ndim == 2:
             return self
-        return Derivatives(self.field, covariance[member])
+        return Derivatives(self.equation, covariance[member])
 
     def split(self, z: Array) -> dict[str, Any]:
         """Return the fields of a solution that come from points with derivatives."""
-        field, covariance = self.field, self.initial_covariance
-        y, x = field.split(z)
-        n = field.frame.dim
+        equation, covariance = self.equation, self.initial_covariance
+        y, x = equation.split(z)
+        n = equation.frame.dim
         transition = np.ascontiguousarray(x[..., :n])
         total = None if covariance is None else transition @ covariance @ transition.mT
-        if field.noise is not None:
-            added = x[..., n + field.count :]
+        if equation.noise is not None:
+            added = x[..., n + equation.count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
         fields: dict[str, Any] = {
             "y": np.ascontiguousarray(y),
@@ -58,10 +62,10 @@ class Derivatives:
             "sensitivity": None,
             "covariance": total,
         }
-        if field.chosen is not None and not field.has_point_directions:
+        if equation.chosen is not None and not equation.has_point_directions:
             fields["transition"], fields["sensitivity"] = None, np.ascontiguousarray(x)
-        elif field.count and field.chosen is None:
-            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + field.count])
+        elif equation.count and equation.chosen is None:
+            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + equation.count])
         for array in fields.values():
             if array is not None:
                 array.flags.writeable = False
@@ -74,12 +78,12 @@ class Derivatives:
 
         ``solution`` is that of the ``variational`` problem, whose points hold the derivatives.
         """
-        table, split = variational.events, self.field.split
+        table, split = variational.events, self.equation.split
         fields: Any = self.split(solution.y)
         if isinstance(table, VariationalEvents):
             tables = [table] * len(problem.points)
             if (inertia := problem.inertia) is not None:
-                frames = (inertia.frame(k, self.field.frame) for k in range(len(tables)))
+                frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
                 tables = [table.on_frame(frame) for frame in frames]
             assert solution.t_events is not None
             assert solution.y_events is not None
@@ -124,20 +128,20 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     """
     plan, rhs, control, events = problem.plan, problem.rhs, problem.control, problem.events
     _check_problem(problem, options)
-    field = _make_field(problem, options)
+    equation = _make_equation(problem, options)
     if options["derivatives_by"] is not None:
-        field = replace(field, chosen=_directions(options, field))
+        equation = replace(equation, chosen=_directions(options, equation))
     variational_rhs: Rhs
     if rhs.vectorized:
-        variational_rhs = PythonRhs(field, field.product, rhs.given, True)
+        variational_rhs = PythonRhs(equation, equation.product, rhs.given, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
         user_plan = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
-        variational_rhs = compiled_variation(field, user_plan, rhs.given)
+        variational_rhs = compiled_variation(equation, user_plan, rhs.given)
     if control.h is None:
         controlled = options["control_derivatives"]
-        absolute = _tolerances(problem, field, controlled, "atol")
-        relative = _tolerances(problem, field, controlled, "rtol")
+        absolute = _tolerances(problem, equation, controlled, "atol")
+        relative = _tolerances(problem, equation, controlled, "rtol")
         control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
     covariance = check_covariance(options["P0"], plan.frame.dim, members)
@@ -145,12 +149,12 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     edges = np.unique(edges[np.isfinite(edges)])
     return replace(
         problem,
-        plan=plan_of(field.product, plan.table),
+        plan=plan_of(equation.product, plan.table),
         rhs=variational_rhs,
-        points=field.start(problem.points),
+        points=equation.start(problem.points),
         control=control,
-        events=None if events is None else VariationalEvents(events, field, edges),
-        finish=partial(Derivatives(field, covariance).finish, problem),
+        events=None if events is None else VariationalEvents(events, equation, edges),
+        finish=partial(Derivatives(equation, covariance).finish, problem),
     )
 
 
@@ -181,13 +185,13 @@ def _check_problem(problem: Problem, options: Options) -> None:
         )
 
 
-def _make_field(problem: Problem, options: Options) -> VariationalField:
+def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     """Return the coefficients of points with derivatives, after checking functions."""
     frame, rhs, df_dp = problem.plan.frame, problem.rhs, options["df_dp"]
     noise = noise_of(options["noise"], problem)
     n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.given.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
-    return VariationalField(
+    return VariationalEquation(
         frame,
         rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
@@ -200,10 +204,10 @@ def _make_field(problem: Problem, options: Options) -> VariationalField:
     )
 
 
-def _directions(options: Options, field: VariationalField) -> Array:
+def _directions(options: Options, equation: VariationalEquation) -> Array:
     """Return the directions of derivatives in initial coordinates and parameters, as columns."""
-    chosen, n, k = options["derivatives_by"], field.frame.dim, field.count
-    if options["P0"] is not None or field.noise is not None:
+    chosen, n, k = options["derivatives_by"], equation.frame.dim, equation.count
+    if options["P0"] is not None or equation.noise is not None:
         raise ValueError("derivatives_by must be None with P0 or noise, which take all derivatives")
     if isinstance(chosen, str):
         if chosen not in ("point", "parameters"):
@@ -224,11 +228,11 @@ def _directions(options: Options, field: VariationalField) -> Array:
 
 
 def _tolerances(
-    problem: Problem, field: VariationalField, control_derivatives: bool, name: str
+    problem: Problem, equation: VariationalEquation, control_derivatives: bool, name: str
 ) -> Array:
     """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
-    plan, tolerances, n = problem.plan, getattr(problem.control, name), field.frame.dim
-    shape = (n,) if problem.in_coordinates else field.frame.point_shape
+    plan, tolerances, n = problem.plan, getattr(problem.control, name), equation.frame.dim
+    shape = (n,) if problem.in_coordinates else equation.frame.point_shape
     point_tolerances = np.broadcast_to(tolerances, shape).ravel()
     rows = point_tolerances if problem.in_coordinates else np.full(n, point_tolerances.min())
     if not problem.in_coordinates:
@@ -242,14 +246,14 @@ def _tolerances(
         )
     if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
         rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
-    others = np.repeat(rows, field.columns)
+    others = np.repeat(rows, equation.columns)
     # the square of the norm of the whole error is then the sum of those of both parts
     sizes = np.array([point_tolerances.size, others.size])
     shares = np.sqrt(sizes / sizes.sum())
     return np.concatenate([shares[0] * point_tolerances, shares[1] * others])
 
 
-def _equation_along(variational: Problem, sol: DenseOutput) -> Equation:
+def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     """Return the equation of a problem with derivatives, whose differences may become one-sided."""
     rhs: Any = variational.rhs
     # where t is far larger than the span, its rounding makes f inexact
@@ -259,7 +263,7 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> Equation:
             record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
     tolerance, given = tolerance_of(variational), rhs.given
-    return Equation(along, shape, tolerance, given.parameter_count, given.inputs)
+    return AdjointEquation(along, shape, tolerance, given.parameter_count, given.inputs)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:

@@ -126,11 +126,11 @@ class CompiledRhs:
         return self.values(self.frame, self.data_address, times, y, shape, table)
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:
-        """Return what the function writes at several points; ``rest`` is that of `call_field`."""
-        return call_field(self, self.address, data, frame, *rest)
+        """Return what the function writes at several points; ``rest`` is that of `call_rhs`."""
+        return call_rhs(self, self.address, data, frame, *rest)
 
 
-def call_field(
+def call_rhs(
     rhs: Any, address: int, data: int, frame: Frame, t: float | Array, y: Points,
     shape: tuple[int, ...] = (), table: Any = (),
 ) -> Array:  # fmt: skip
@@ -148,7 +148,7 @@ def call_field(
     values = np.empty((len(y), math.prod(shape)), dtype).view(np.float64)
     rows = points.reshape(len(y), -1).view(np.float64)
     place = table.ctypes.data if len(table) else 0
-    done, code = core.call_field(address, data, 0, place, len(table), t, rows.T, values.T)
+    done, code = core.call_rhs(address, data, 0, place, len(table), t, rows.T, values.T)
     if code:
         time = float(np.ravel(t)[done if np.ndim(t) else 0])
         raise RuntimeError(f"{rhs.failed_name} returned the error code {code} at t = {time:.17g}")

@@ -104,7 +104,7 @@ class Inputs:
         """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         if tolerance is None:
             return np.empty((0, 2))
-        tables = [curve.longest_steps(tolerance) for curve in self.curves]
+        tables = [curve.max_steps_at(tolerance) for curve in self.curves]
         limits, *others = [table for table in tables if len(table)] or tables[:1]
         for other in others:
             times = np.union1d(limits[:, 0], other[:, 0])

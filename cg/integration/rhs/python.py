@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.rhs.compiled import CompiledRhs, call_field, compiled_rhs
+from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import NOTHING, Given, Inputs, WithInput
 from cg.support.arrays import (
@@ -111,7 +111,7 @@ Coefficients = Callable[..., ArrayLike]
 
 
 class Contexts:
-    """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
+    """What ``fortran/interface/python_rhs.c`` reads to call a function, of each member or once.
 
     With a ``count`` of members there is a context for each of them.
     """
@@ -208,7 +208,7 @@ class PythonRhs(Contexts):
         """Return the coefficients of a single member at times and points, of a linear equation."""
         if self.vectorized:
             return self.at_members(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
-        return call_field(self, *self.addresses()[:2], self.frame, times, y)
+        return call_rhs(self, *self.addresses()[:2], self.frame, times, y)
 
 
 Rhs = CompiledRhs | PythonRhs

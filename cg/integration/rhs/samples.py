@@ -98,7 +98,7 @@ class Resolution:
             relative = np.where(sizes > 0.0, sizes / scale, 0.0)
         return np.asarray(relative.max(axis=1))
 
-    def longest_steps(self, tolerance: float) -> Array:
+    def max_steps_at(self, tolerance: float) -> Array:
         """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         allowed = tolerance**0.25
         pieces = len(self._times) - 1
@@ -168,7 +168,7 @@ def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
     return np.where(error > rounding, error, 0.0)
 
 
-_LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
+_MIN_COUNT = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _VALUES_AT_A_TIME = 64  # number of values whose curves are made at a time
 _VALUE_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
@@ -228,7 +228,7 @@ class Samples(ReadOnly):
         causal: bool = False,
         members: bool = False,
     ) -> None:
-        check_choice("kind", kind, _LEAST)
+        check_choice("kind", kind, _MIN_COUNT)
         self.kind = kind
         self.causal = check_flag("causal", causal)
         if self.causal and kind != "averages":
@@ -299,11 +299,11 @@ class Samples(ReadOnly):
         corners: Array = inner[jumps.any(axis=1)]
         return corners
 
-    def longest_steps(self, tolerance: float) -> Array:
+    def max_steps_at(self, tolerance: float) -> Array:
         """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
         if not self._is_spline or len(self._edges) < 2:
             return np.empty((0, 2))
-        return self._resolution.longest_steps(tolerance)
+        return self._resolution.max_steps_at(tolerance)
 
     @property
     def _is_spline(self) -> bool:
@@ -449,7 +449,7 @@ def _read_times(times: ArrayLike) -> Array:
 def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Array:
     array = real_array(values, "values")
     count = times - (kind == "averages")
-    needed = _LEAST[kind]
+    needed = _MIN_COUNT[kind]
     if count < needed:
         raise ValueError(f"times must have at least {needed + times - count} entries, got {times}")
     lead = array.shape[: 2 if members else 1]

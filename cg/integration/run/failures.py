@@ -17,7 +17,7 @@ from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
 _NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
-_WAITING = int(Stop.NEEDS_FIELD)  # the smallest number of those that wait for an answer
+_WAITING = int(Stop.NEEDS_RHS)  # the smallest number of those that wait for an answer
 _REJECTIONS = 1000  # rejected steps, if these are more than half of the accepted ones
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"
@@ -58,7 +58,7 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
                 "the contact; if the solution shall pass, let the jump move it past the zero"
             )
     error = _exception(run, stop, member, t, flag)
-    return str(error) if stop is Stop.FIELD_NOT_FINITE and t != run.t0 else error
+    return str(error) if stop is Stop.RHS_NOT_FINITE and t != run.t0 else error
 
 
 def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
@@ -81,11 +81,11 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
                     f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, "
                     f"y = {point}"
                 )
-        case Stop.STOPPED_BY_FIELD:
+        case Stop.STOPPED_BY_RHS:
             error = RuntimeError(f"{name} returned the error code {flag} {where}")
-        case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
+        case Stop.RHS_NOT_FINITE if name == DERIVATIVES:
             error = OverflowError(f"{name} exceed the range of floating point {where}")
-        case Stop.FIELD_NOT_FINITE:
+        case Stop.RHS_NOT_FINITE:
             point = run.plan.points(run.end[member].copy(), ())  # that of later stages is unknown
             value = run.rhs.answer(member, t, point) if t == run.t0 else np.zeros(1)
             got = "" if np.isfinite(value).all() else f", got {short(value)}"

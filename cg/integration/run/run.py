@@ -22,7 +22,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
-from cg.support.shared_numbers import FieldFlag, JacobianKind, Stop
+from cg.support.shared_numbers import JacobianKind, RhsFlag, Stop
 from cg.support.shared_records import (
     COUNTERS,
     COUNTS,
@@ -34,7 +34,7 @@ from cg.tables import Kind
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
 _LANES = 1024  # members integrated at the same time by a vectorized function
-_FAILED = {int(FieldFlag.OBSERVER_FAILED): "observe", int(FieldFlag.SIZE_FAILED): "step_function"}
+_FAILED = {int(RhsFlag.OBSERVER_FAILED): "observe", int(RhsFlag.SIZE_FAILED): "step_function"}
 
 
 class Record(ctypes.Structure):
@@ -156,7 +156,7 @@ class Run:
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         self._check_memory(needed)
-        self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
+        self.address = self._core.run_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
@@ -166,7 +166,7 @@ class Run:
 
     def __del__(self) -> None:
         if self.address:
-            self._core.loop_close(self.address)
+            self._core.run_close(self.address)
 
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
@@ -223,7 +223,7 @@ class Run:
         try:
             # bytes of what one step of each lane stores: points, times, slopes and events
             self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
-            self._core.loop_drive(self.address)
+            self._core.run_drive(self.address)
         except Exception as error:
             self._add_note(error)
             raise
@@ -265,7 +265,7 @@ class Run:
         for what, count in enumerate(counts):
             if count:
                 rows = np.empty((count, collected[what][0].shape[1]))
-                self._core.loop_rows(self.address, what, rows.T)
+                self._core.run_rows(self.address, what, rows.T)
                 collected[what].append(rows)
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
@@ -284,7 +284,7 @@ class Run:
 
     def last_interpolants(self) -> Steps:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
-        self._core.loop_continue(self.address, True)
+        self._core.run_continue(self.address, True)
         self.record.budget = 0
         try:
             self.call()
@@ -297,17 +297,17 @@ class Run:
     ) -> None:
         """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
         self.record.data = self.rhs.data_address
-        self._core.loop_restart(self.address, t, rows.T, first_step or 0.0, stopped)
+        self._core.run_restart(self.address, t, rows.T, first_step or 0.0, stopped)
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
         self.record.segments = len(self._share("stops", stops))
-        self._core.loop_continue(self.address, False)
+        self._core.run_continue(self.address, False)
 
     def saved(self) -> dict[str, Any]:
         """Return what another run of the same problem needs to go on."""
         states = np.empty((self._lanes, self.record.state_size), np.int8)
-        self._core.loop_state(self.address, False, states.T)
+        self._core.run_state(self.address, False, states.T)
         jacobian = self.callbacks.jacobian
         kept = {} if jacobian is None else jacobian.kept
         return {
@@ -320,7 +320,7 @@ class Run:
         """Go on from what another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
-        self._core.loop_state(self.address, True, saved["states"].T)
+        self._core.run_state(self.address, True, saved["states"].T)
         self.events_of_calls[:] = saved["events"]
 
     def replace_rhs(self, rhs: Rhs) -> None:

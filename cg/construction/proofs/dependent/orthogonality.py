@@ -69,13 +69,13 @@ def follow(
 
 
 def find_relations(
-    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], most: int
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], count: int
 ) -> _Doubles:
-    """Return at most `most` linear relations between residuals, in double precision.
+    """Return at most `count` linear relations between residuals, in double precision.
 
     They are orthonormal rows, shape (relations, conditions), conditions as in `conditions_of`.
     """
-    return _Relations(layout, orders, y).choose(most)[1]
+    return _Relations(layout, orders, y).choose(count)[1]
 
 
 class _Relations:
@@ -89,7 +89,7 @@ class _Relations:
         self._products: dict[tuple[int, int, int], _Doubles] = {}
 
     def choose(
-        self, most: int, among: Sequence[int] = ()
+        self, limit: int, among: Sequence[int] = ()
     ) -> tuple[list[tuple[Spanned, int, int]], _Doubles]:
         """Choose independent relations, each by indices of `us` and `vs`, and return their span.
 
@@ -99,7 +99,7 @@ class _Relations:
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         for spanned in self._spanned():
-            if len(chosen) == most:
+            if len(chosen) == limit:
                 break
             try:
                 rows = self._in_doubles(spanned)
@@ -113,7 +113,7 @@ class _Relations:
             if not places.size:
                 continue
             columns, triangle, pivots = linalg.qr(rest[new].T, mode="economic", pivoting=True)
-            count = min(int(np.sum(np.abs(np.diag(triangle)) >= _NEW)), most - len(chosen))
+            count = min(int(np.sum(np.abs(np.diag(triangle)) >= _NEW)), limit - len(chosen))
             basis = np.vstack([basis, columns[:, :count].T])
             pairs = (divmod(k, len(spanned.vs)) for k in places[pivots[:count]].tolist())
             chosen += [(spanned, m, n) for m, n in pairs]
@@ -134,11 +134,11 @@ class _Relations:
             sizes = np.array([c.degree for c in pairing.columns])
             left, right = doubles(pairing.left), doubles(pairing.right)
             around, within = _nonzero(pairing.left), _nonzero(pairing.right)
-            for few, many, most, last in product(
+            for few, many, degree, last in product(
                 _alike(within), _alike(around), range(1, orders[0]), range(len(orders))
             ):
-                columns = np.flatnonzero(few & (sizes <= most))
-                contexts = np.flatnonzero(many & (room >= most) & (rows <= last))
+                columns = np.flatnonzero(few & (sizes <= degree))
+                contexts = np.flatnonzero(many & (room >= degree) & (rows <= last))
                 inside = around[contexts].any(axis=0) & within[columns].any(axis=0)
                 places = np.flatnonzero(inside)
                 key = (which, tuple(contexts), tuple(columns))

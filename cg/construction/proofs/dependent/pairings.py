@@ -116,9 +116,9 @@ def pairings(
 
     `orders` are those of the rows of weights; they bound the nodes of words.
     """
-    most = orders[0] - 1
+    max_order = orders[0] - 1
     of_time = layout.of_time
-    words = sorted([(), *condition_words(most, False, of_time)], key=nodes)
+    words = sorted([(), *condition_words(max_order, False, of_time)], key=nodes)
     letters = [w for w in words if not any(w)] if of_time else words
     contexts = [(row, h) for row, q in enumerate(orders) for h in ((SLOT,), *basis(q - 2, of_time))]
     ends = range(len(layout.ends))
@@ -129,7 +129,7 @@ def pairings(
     around = {(row, h): _adjoint(weights, y, layout.stages + row, h) for row, h in contexts}
     return (
         _over_stages(layout, orders, y, around, values),
-        _over_flows(layout, most, y, around, values),
+        _over_flows(layout, max_order, y, around, values),
     )
 
 
@@ -153,7 +153,7 @@ def _over_stages(
 
 
 def _over_flows(
-    layout: Layout, most: int, y: Sequence[flint.arb], around: _Around, values: _Values
+    layout: Layout, max_order: int, y: Sequence[flint.arb], around: _Around, values: _Values
 ) -> Pairing:
     """Return the vectors over the flows, those of letters with their moments."""
     contexts = sorted((Context(row, h) for row, h in around), key=lambda u: u.degree)
@@ -163,7 +163,7 @@ def _over_flows(
             sum((y[k] * at_stages[s] for k, s in _terms(layout, m)), flint.arb(0))
             for m in range(len(layout.parents))
         ]
-        for k in range(most - nodes(w) + 1):
+        for k in range(max_order - nodes(w) + 1):
             right[Column(w, k)] = vector
             vector = _moments_of(layout, y, vector)
     columns = sorted(right, key=lambda c: c.degree)

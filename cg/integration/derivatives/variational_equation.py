@@ -36,7 +36,7 @@ DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 
 
 @dataclass(frozen=True, eq=False)
-class VariationalField:
+class VariationalEquation:
     r"""The coefficients of a solution and of its derivatives: a right-hand side on a product.
 
     A point is :math:`(y, X)` with :math:`X = (\Phi, S, C)`, shape ``(dim, columns)`` in C order.
@@ -105,7 +105,7 @@ class VariationalField:
     check: Check = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return VariationalField, tuple(getattr(self, x.name) for x in fields(self) if x.init)
+        return VariationalEquation, tuple(getattr(self, x.name) for x in fields(self) if x.init)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
@@ -311,7 +311,7 @@ class CompiledVariation(CompiledRhs):
     member, then its parameters and inputs.
     """
 
-    variational: Any = None  # the `VariationalField`
+    variational: Any = None  # the `VariationalEquation`
     plan: Any = None  # plan of the frame without derivatives
     records: Any = None  # one for each member, or one for all
     kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
@@ -344,7 +344,7 @@ class CompiledVariation(CompiledRhs):
 
 
 def compiled_variation(
-    variational: VariationalField, plan: Plan, given: Given
+    variational: VariationalEquation, plan: Plan, given: Given
 ) -> CompiledVariation:
     """Return the right-hand side for functions of one point.
 
@@ -379,7 +379,11 @@ def compiled_variation(
 
 
 def _add_contexts(
-    records: Any, variational: VariationalField, in_python: list[Any], given: Given, values: Array
+    records: Any,
+    variational: VariationalEquation,
+    in_python: list[Any],
+    given: Given,
+    values: Array,
 ) -> list[Any]:
     """Put data of functions in Python into records, and return it."""
     arguments = [given.arguments(member) for member in range(len(records))]
@@ -399,7 +403,7 @@ def _add_contexts(
     return contexts
 
 
-def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
+def _first_record(variational: VariationalEquation, plan: Plan) -> tuple[Any, ...]:
     """Return a record, its functions in Python, and the arrays whose addresses are in it.
 
     It lacks the data of functions in Python, which differ between members.
@@ -434,7 +438,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[Any, ...]:
     return record, in_python, index, constant, directions
 
 
-def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
+def _functions(variational: VariationalEquation) -> list[tuple[str, Any, tuple[int, ...], Any]]:
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
     functions: list[Any] = [("f", variational.f, frame.rhs_shape, variational.check)]

@@ -168,7 +168,7 @@ static int copy_plain(PyObject *value, PyObject *context, double *f)
     return isfinite(sum);
 }
 
-int call_python_field(double t, const double *y, double *f, void *user_data)
+int call_python_rhs(double t, const double *y, double *f, void *user_data)
 {
     PyObject *context = *(PyObject **)user_data;
     int code = RAISED_IN_PYTHON;
