@@ -161,7 +161,17 @@ def _lift_in_child() -> None:
     _limit = _Limit()
 
 
-in_children(_lift_in_child)
+def _hold() -> None:
+    """Let no thread set a number of threads, with a lock of a library that a child can't take."""
+    _limit.lock.acquire()
+
+
+def _release() -> None:
+    _limit.lock.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_hold, after_in_parent=_release, after_in_child=_lift_in_child)
 
 
 def _take_control() -> None:
