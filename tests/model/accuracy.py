@@ -95,9 +95,12 @@ def bound_of(case: Case) -> float:
     ends = [float(t) for t in case.grid()[:-1]]
     task, h = case.path.task, case.names["options"]["h"]
     gaps = np.diff(np.unique([task.span[0], *task.breakpoints, *task.knots, case.path.end]))
-    short = min([h, *gaps[gaps > 1e-3 * case.length]])
+    short = min([h, *gaps[gaps > 3e-3 * case.length]])
+    plain = {"derivatives": None, "control_derivatives": False, "P0": None, "noise": None}
     try:
-        runs = [case.solve(h=float(size), t_eval=ends) for size in (h, short / 4, short / 16)]
+        runs = [
+            case.solve(h=float(size), t_eval=ends, **plain) for size in (h, short / 4, short / 16)
+        ]
     except Unclear:
         return np.inf
     first, second = (_change(case, *pair) for pair in pairwise(runs))

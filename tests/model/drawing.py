@@ -75,7 +75,7 @@ def program(seed: int, index: int) -> Program:
         rhs=one("coefficients", "coefficients", "derivative"),
         linear=one(False, False, False, True), derivatives=one("", "", "forward", "adjoint"),
         # compiling for JAX takes seconds, so that few programs do; `test_in_jax` has others
-        callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.005 else ("in_jax",),
+        callers=some(1, lambda: one(*CALLERS)) if rng.random() > 0.001 else ("in_jax",),
     ))  # fmt: skip
 
 

@@ -51,7 +51,9 @@ class Task:
     def derivative(self, t: float, z: np.ndarray) -> np.ndarray:
         y = self.point(z)
         v = np.asarray(self.f(t, y, *self.arguments(t)), dtype=float).reshape(-1)
-        return reals(self.space.field(np.nan_to_num(v), y))  # f stands still out of its domain
+        if not np.isfinite(v).all():  # out of the domain of f, where it stands still
+            v = np.nan_to_num(v)
+        return reals(self.space.field(v, y))
 
 
 def curve(kind: str, times: np.ndarray, values: np.ndarray) -> Callable:

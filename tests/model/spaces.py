@@ -81,7 +81,8 @@ def moved_by(basis: np.ndarray, side: str) -> Field:
         "congruent": lambda omega, y: omega @ y + y @ omega.T,
         "similar": lambda omega, y: omega @ y - y @ omega,
     }
-    return lambda v, y: actions[side](np.tensordot(v, basis, 1), y)
+    act, rows, shape = actions[side], basis.reshape(len(basis), -1), basis.shape[1:]
+    return lambda v, y: act((v @ rows).reshape(shape), y)
 
 
 PAULI = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
