@@ -38,6 +38,7 @@ class Case:
     names: dict[str, Any]
     path: Path
     bound: float = 0.0  # largest distance of points
+    short: float = 0.0  # a step size to compare with fixed steps
     solution: Any = None
 
     def run(self, code: str) -> dict[str, Any]:
@@ -98,11 +99,11 @@ def bound_of(case: Case) -> float:
     short = min([h, *gaps[gaps > 3e-3 * case.length]])
     plain = {"derivatives": None, "control_derivatives": False, "P0": None, "noise": None}
     try:
-        runs = [
-            case.solve(h=float(size), t_eval=ends, **plain) for size in (h, short / 4, short / 16)
-        ]
+        sizes = h, float(short / 4), float(short / 16)
+        runs = [case.solve(h=size, t_eval=ends, **plain) for size in sizes]
     except Unclear:
         return np.inf
+    case.short = sizes[1]
     first, second = (_change(case, *pair) for pair in pairwise(runs))
     return 5 * max(first, second) + floor if second < 0.4 * first + floor else np.inf
 

@@ -1,6 +1,7 @@
 """Derivatives of solutions, and the solver for JAX, compared with differences of the model."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,6 @@ from tests.model.accuracy import EPS, Case, Difference, Unclear, doubt, near
 from tests.model.reference import covariance, difference, solve
 from tests.model.scripts import CALL
 from tests.model.spaces import reals
-
-NO_BOUND = "derivatives with fixed steps have no bound"
 
 
 def _changes(case: Case) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -50,9 +49,24 @@ def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
 def derivatives(case: Case) -> None:
     if not case.program.derivatives or np.isinf(case.bound):
         return
-    if case.program.steps:  # `bound_of` is that of points
-        raise Unclear(NO_BOUND)
     forward(case) if case.program.derivatives == "forward" else backward(case)
+
+
+def _with_bound(case: Case, change: float) -> Case:
+    """Return the case for derivatives that change by as much with shorter fixed steps."""
+    return replace(case, bound=max(case.bound, 5 * change))
+
+
+def _change_of_derivatives(case: Case, times: Sequence[float]) -> float:
+    """Return by how much derivatives at times and those of events change with shorter steps."""
+    coarse, fine = (case.solve(h=h, t_eval=list(times))
+                    for h in (case.names["options"]["h"], case.short))  # fmt: skip
+    pairs = [(getattr(coarse, name), getattr(fine, name))
+             for name in ("transition", "sensitivity", "covariance")]  # fmt: skip
+    pairs += zip(coarse.dt_events or (), fine.dt_events or (), strict=True)
+    if any(a is not None and len(a) != len(b) for a, b in pairs):
+        raise Unclear("shorter steps have other events")
+    return max(float(np.abs(a - b).max(initial=0.0)) for a, b in pairs if a is not None)
 
 
 def forward(case: Case) -> None:
@@ -60,6 +74,10 @@ def forward(case: Case) -> None:
     program, space, s = case.program, case.program.frame, case.solution
     xi, changes = _changes(case)
     kept = [i for i, t in enumerate(s.t) if not case.near_jump(t)]
+    if program.steps:
+        ends = abs(case.path.end - s.t) < 1e-9 * case.length  # shorter steps may end before
+        times = [float(s.t[i]) for i in kept if not (case.path.terminated and ends[i])]
+        case = _with_bound(case, _change_of_derivatives(case, times))
     model = difference(lambda step: _numbers(case, step, changes, s.t[kept]))
     points, happened = np.split(model, [len(kept) * reals(space.base).size])
     lines = f"{CALL}\nprint(s.transition, s.sensitivity)  # xi = {xi.tolist()}, {changes}"
@@ -98,16 +116,25 @@ def backward(case: Case) -> None:
     rows = range(len(s.t)) if program.output else [-1]
     # errors at several times add up as their root mean square does
     weights = rng.uniform(-1, 1, (len(rows), reals(space.base).size)) / np.sqrt(len(rows))
-    cotangent = np.array([
-        [weight @ space.tangent(e, s.y[i]) for e in np.eye(space.coordinates)]
-        for i, weight in zip(rows, weights, strict=True)
-    ])  # fmt: skip
-    cotangent = cotangent if program.output else cotangent[0]
-    code = f"{CALL}\ng = s.gradient(np.array({cotangent.tolist()}))"
-    g = case.run(code)["g"]
-    inputs = g.inputs if isinstance(g.inputs, tuple) else (g.inputs,)
-    ours = g.y0 @ xi + (g.parameters @ changes["parameters"] if program.parameters else 0.0)
-    ours += sum(np.sum(inputs[k] * changes[f"values{k}"]) for k in range(len(program.inputs)))
+
+    def gradient(call: str, s: Any) -> tuple[str, float]:
+        """Return the lines of a gradient, and the change of the cost that it says."""
+        cotangent = np.array([
+            [weight @ space.tangent(e, s.y[i]) for e in np.eye(space.coordinates)]
+            for i, weight in zip(rows, weights, strict=True)
+        ])  # fmt: skip
+        cotangent = cotangent if program.output else cotangent[0]
+        code = f"{call}\ng = s.gradient(np.array({cotangent.tolist()}))"
+        g = case.run(code)["g"]
+        inputs = g.inputs if isinstance(g.inputs, tuple) else (g.inputs,)
+        change = g.y0 @ xi + (g.parameters @ changes["parameters"] if program.parameters else 0.0)
+        of_inputs = (inputs[k] * changes[f"values{k}"] for k in range(len(program.inputs)))
+        return code, float(change + sum(map(np.sum, of_inputs)))
+
+    code, ours = gradient(CALL, s)
+    if program.steps:
+        call = CALL.replace("**options", f"**{{**options, 'h': {case.short!r}}}")
+        case = _with_bound(case, abs(ours - gradient(call, case.solve(call))[1]))
     expected = difference(lambda step: _numbers(case, step, changes, s.t[rows]))
     lines = f"{code}\nprint(g)  # xi = {xi.tolist()}, {changes}"
     _check_derivative(case, ours, weights.ravel() @ expected, lines)
