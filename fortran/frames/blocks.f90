@@ -217,15 +217,33 @@ contains
     integer, intent(in) :: begin, last, m
     real(wp), intent(in) :: weight(*), f(m, *)         ! weight: those of the flows times the step
     real(wp), intent(out) :: v(m, begin:last)
-    integer :: j, k
+    integer :: j
 
     do j = begin, last
-      k = flows%first(j)
-      v(:, j) = weight(k) * f(:, flows%stage(k))
-      do k = flows%first(j) + 1, flows%first(j + 1) - 1
-        v(:, j) = v(:, j) + weight(k) * f(:, flows%stage(k))
-      end do
+      associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
+        select case (m)
+        case (3)                             ! frequent sizes, which the compiler then knows
+          call add_terms(3, terms, weight(k), flows%stage(k), f, v(1, j))
+        case (6)
+          call add_terms(6, terms, weight(k), flows%stage(k), f, v(1, j))
+        case default
+          call add_terms(m, terms, weight(k), flows%stage(k), f, v(1, j))
+        end select
+      end associate
     end do
   end subroutine combine_flows
+
+  ! Adds some of the columns of f with weights.
+  pure subroutine add_terms(m, terms, weight, stage, f, v)
+    integer, intent(in) :: m, terms, stage(terms)
+    real(wp), intent(in) :: weight(terms), f(m, *)
+    real(wp), intent(out) :: v(m)
+    integer :: k
+
+    v = weight(1) * f(:, stage(1))
+    do k = 2, terms
+      v = v + weight(k) * f(:, stage(k))
+    end do
+  end subroutine add_terms
 
 end module blocks_m

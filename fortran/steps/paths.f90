@@ -275,12 +275,14 @@ contains
       end if
     end if
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
-      associate (flow => x%method%path_first(x%method%stage_path(x%stage)))    ! its only one
-        call combine_flows(x%method%flows, x%weight, flow, flow, size(x%work), x%f, x%work)
+      associate (path => x%method%stage_path(x%stage), f => x%f(:, x%stage))
+        ! v has the coefficients of the flow that was followed last, unless an error was estimated
+        if (x%paths /= path .or. x%stage == x%method%final_stage) &
+          call combine_flows(x%method%flows, x%weight, x%method%path_first(path), &
+                             x%method%path_first(path), size(f), x%f, x%v)
+        call dexpinv(x%frame, x%method%series, x%v(:, 1), f, exists)
+        if (size(x%added) > 0) x%added(:, x%stage) = f - x%request%answer
       end associate
-      if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)
-      call dexpinv(x%frame, x%method%series, x%work, x%f(:, x%stage), exists)
-      if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage) - x%added(:, x%stage)
       if (.not. exists) then
         call reject_stage(x, step_too_long, x%t)
         return
