@@ -313,3 +313,19 @@ def test_gradients_by_tiny_and_negative_numbers(size):
     np.testing.assert_allclose(by_parameters * abs(size), [by_parameter], rtol=2e-9)
     expected = lengths * end * np.cos(phases)
     np.testing.assert_allclose(by_values * abs(size), expected, rtol=2e-9)
+
+
+@pytest.mark.parametrize("units", [-3, -2, -1, 1])
+def test_breakpoints_next_to_times_of_samples_are_passed(units):
+    near = 0.5 + units * np.spacing(0.5)
+    samples = cg.Samples([0.0, 0.5, 1.0], [1.0, -2.0, 0.0], "hold")
+    s = cg.solve_ivp(
+        lambda t, y, u, p: p * u * y, (0.0, 1.0), [2.0], frame=cg.frames.Euclidean(1),
+        inputs=samples, parameters=[0.7], breakpoints=[near], derivatives="adjoint", rtol=1e-9,
+        atol=1e-9,
+    )  # fmt: skip
+    assert near in s.t
+    gradient = s.gradient([1.0])  # of 2 exp(p (u1 + u2) / 2)
+    end = 2.0 * np.exp(-0.35)
+    np.testing.assert_allclose(gradient.parameters, [-0.5 * end], atol=1e-7)
+    np.testing.assert_allclose(gradient.inputs, [0.35 * end, 0.35 * end, 0.0], atol=1e-7)

@@ -31,6 +31,7 @@ _BISECTIONS = 20  # most bisections of an interval
 _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
 _MANY = 8  # most intervals that aren't resolved, for each of the first ones
 _SHORT = 64  # units of rounding of time, in an interval that can't be bisected
+_NO_TIME = 8  # such units between edges that nearly coincide, where nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
 
@@ -162,7 +163,8 @@ def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         for first in range(0, len(start), chunk_size):
             chunk = slice(first, first + chunk_size)
             intervals, errors = _solve_once(equation, start[chunk], size[chunk], span)
-            resolved = errors <= equation.tolerance
+            rounding = np.spacing(np.abs(intervals.start))
+            resolved = (errors <= equation.tolerance) | (np.abs(size[chunk]) <= _NO_TIME * rounding)
             if not resolved.all():
                 intervals = Intervals(*(array[resolved] for array in intervals))
             chunks.append(intervals)
