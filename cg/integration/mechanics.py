@@ -60,7 +60,7 @@ def refuse_friction(
     differ &= ~(np.isnan(forces) & np.isnan(others))
     if differ.any():
         i = int(np.flatnonzero(differ.any(axis=-1))[0])
-        which = "" if rhs.given.first is None else f" in member {rhs.given.first + members[i]}"
+        which = "" if rhs.extra.first is None else f" in member {rhs.extra.first + members[i]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t[i]:.17g}{which}; "
@@ -184,7 +184,7 @@ def is_symmetric(table: MethodTable) -> bool:
 class MemberInertia(NamedTuple):
     """The bodies of all members, as compiled code reads them."""
 
-    columns: NDArray[np.intc]  # (members, bodies)
+    signed_columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
     entries: Sequence[Any]  # the inertia of each member, as the user gave it
     # whether each member is integrated alone on its own frame, as joints and derivatives need
@@ -192,7 +192,7 @@ class MemberInertia(NamedTuple):
 
     def part(self, members: slice) -> MemberInertia:
         """Return the bodies of some members."""
-        rows = self.columns[members].copy(), self.numbers[members].copy()
+        rows = self.signed_columns[members].copy(), self.numbers[members].copy()
         return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
@@ -227,7 +227,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     columns, rows = [], []
     for k, entry in enumerate(entries):
         _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
-        columns.append([body.columns for body in bodies])
+        columns.append([body.signed_columns for body in bodies])
         rows.append(numbers_of(bodies))
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
@@ -256,12 +256,12 @@ def step_function_of(
         raise TypeError(
             f"step_function must be callable as step_function(t, y), got {short(function)}"
         )
-    if rhs.given.inputs is not None:
+    if rhs.extra.inputs is not None:
         function = WithInput(function)
     checked = StepFunction(function, plan.frame, (), True)
 
     def size_at(time: float, point: Points) -> Array:
-        return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
+        return checked.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
 
     # a time at which a function of time that repeats with h has another value
     later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]

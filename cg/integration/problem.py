@@ -54,7 +54,7 @@ from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
-    Given,
+    ExtraArguments,
     Inputs,
     WithInput,
     check_inputs,
@@ -152,8 +152,8 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
-        first, plan, events, given = members.start, self.plan, self.events, self.rhs.given
-        stops, limits, inputs, numbers = self.stops, self.limits, given.inputs, given.parameters
+        first, plan, events, extra = members.start, self.plan, self.events, self.rhs.extra
+        stops, limits, inputs, numbers = self.stops, self.limits, extra.inputs, extra.parameters
         inertia = self.inertia and self.inertia.part(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]
@@ -161,7 +161,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(given._replace(parameters=numbers, inputs=inputs, first=first))
+        rhs = self.rhs.with_data(extra._replace(parameters=numbers, inputs=inputs, first=first))
         if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
@@ -173,8 +173,8 @@ class Problem:
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
         if not self.member_inputs:
-            return self.rhs.given.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.given.arguments(0)
+            return self.rhs.extra.arguments(member)
+        return self.part(slice(member, member + 1)).rhs.extra.arguments(0)
 
 
 def _make_rhs(
@@ -186,7 +186,7 @@ def _make_rhs(
     many: bool,
 ) -> Rhs:
     """Return the right-hand side after checking ``f`` and args."""
-    given = Given(check_args(options["args"]), parameters, inputs, 0 if many else None)
+    extra = ExtraArguments(check_args(options["args"]), parameters, inputs, 0 if many else None)
     of_time = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
@@ -196,11 +196,11 @@ def _make_rhs(
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
-        return PythonRhs(f, frame, given, options["vectorized"])
+        return PythonRhs(f, frame, extra, options["vectorized"])
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, given)
+    return compiled.on(frame, extra)
 
 
 def _make_control(
@@ -257,8 +257,8 @@ def _warn(table: MethodTable, pair: bool = True) -> None:
     name = table.name or "the method"
     if not table.converges:
         warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=5)
-    if pair and table.fault:
-        warnings.warn(f"{name}: {table.fault}", stacklevel=5)
+    if pair and table.estimate_fault:
+        warnings.warn(f"{name}: {table.estimate_fault}", stacklevel=5)
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
@@ -389,7 +389,7 @@ def _read_members(
         members = _count_members(inputs)
     if options["inertia"] is not None:
         inertia = read_member_inertia(options["inertia"], frame, options, members)
-        members = len(inertia.columns)
+        members = len(inertia.signed_columns)
     if members > len(points):  # a single point serves all of them
         points = np.repeat(points, members, axis=0)
         if numbers is not None:
@@ -404,7 +404,7 @@ def _read_jointed_members(
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
     rows = read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
-    members = len(inertia.columns)
+    members = len(inertia.signed_columns)
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         member_plan: Any = inertia.plan(k, plan)
@@ -451,8 +451,8 @@ def _read_events(
     events = None
     if options["events"] is not None:
         events = EventTable(
-            options["events"], frame, inputs=rhs.given.inputs is not None,
-            parameters=rhs.given.parameters is not None, in_python=isinstance(rhs, PythonRhs),
+            options["events"], frame, inputs=rhs.extra.inputs is not None,
+            parameters=rhs.extra.parameters is not None, in_python=isinstance(rhs, PythonRhs),
         )  # fmt: skip
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")
@@ -469,7 +469,7 @@ def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
     executor, sent = options["executor"], {name: options[name] for name in _FUNCTIONS}
     if executor != "processes" and not isinstance(executor, ProcessPoolExecutor):
         return
-    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.given.args, **sent}.items():
+    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.extra.args, **sent}.items():
         try:
             pickle.dumps(value)
         except Exception as error:

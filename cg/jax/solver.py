@@ -263,8 +263,10 @@ def divergence(
     -2.0
     """
     term, rules = FrameTerm(f, frame), rules_of(frame)
-    if own := _own(frame):
-        raise ValueError(f"frame must have a known invariant volume, got fields of the user: {own}")
+    if user_frame := _user_frame_in(frame):
+        raise ValueError(
+            f"frame must have a known invariant volume, got fields of the user: {user_frame}"
+        )
 
     def evaluate(t: Any, y: Any, args: Any) -> JaxArray:
         y = read_point(frame, y)
@@ -281,11 +283,11 @@ def divergence(
     return evaluate
 
 
-def _own(frame: Frame) -> Frame | None:
+def _user_frame_in(frame: Frame) -> Frame | None:
     """Return the first factor whose fields the user gives, None if there is none."""
     if isinstance(frame, UserFrame):
         return frame
     if isinstance(frame, Power):
-        return _own(frame.factor)
+        return _user_frame_in(frame.factor)
     factors = frame.factors if isinstance(frame, Product) else ()
-    return next(filter(None, map(_own, factors)), None)
+    return next(filter(None, map(_user_frame_in, factors)), None)

@@ -82,7 +82,7 @@ class TestFamilies:
             for tolerance in tolerances
         ])  # fmt: skip
         assert np.median(quotients) <= 0.3
-        assert quotients.max() <= estimates.LARGEST
+        assert quotients.max() <= estimates.MAX_QUOTIENT
         assert np.median(quotients) > 1e-4  # no needless accuracy
 
     @pytest.mark.parametrize("name", DEFAULTS)

@@ -116,8 +116,8 @@ class MethodPaths:
             "flow_stage": [stage + 1 for stage, _ in terms],
             "stage_path": self.stages,
         }
-        columns = len(self.stages) + len(self.brackets)
-        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
+        vectors = len(self.stages) + len(self.brackets)
+        sides = [(*side, *[Fraction(0)] * (vectors - len(side))) for side in chain(*self.brackets)]
         reals = {
             "weight": [weight for _, weight in terms],
             "c": self.c,

@@ -43,11 +43,11 @@ class Jacobian:
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
         """Return the matrix at a point, after checking it."""
         if rhs.vectorized:
-            row = self.derivative(np.array([t]), y[None], rhs.given.arguments(np.array([member])))
+            row = self.derivative(np.array([t]), y[None], rhs.extra.arguments(np.array([member])))
             return row[0]
-        arguments = rhs.given.arguments(member)
+        arguments = rhs.extra.arguments(member)
         if not self.sparse:
-            data = data_at(t, arguments, rhs.given.parameters is not None)
+            data = data_at(t, arguments, rhs.extra.parameters is not None)
             user_data = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
             return self.derivative(t, y, arguments, user_data if data is None else data.ctypes.data)
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
@@ -114,11 +114,11 @@ def jacobian_of(
         if matrix.shape != shape:
             raise ValueError(f"jac must have shape {shape}, got {matrix.shape}")
         jac = partial(_constant, matrix)
-    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.given.inputs)
+    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.extra.inputs)
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        sparse = hasattr(derivative.function(t, y.copy(), *rhs.given.arguments(0)), "tocsc")
+        sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
     jacobian = Jacobian(derivative, sparse, constant)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian
@@ -222,7 +222,7 @@ class Callbacks:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
         members = members.astype(np.intp)
         try:
-            return self.events.values(event, t, self._points(y), self.rhs.given.arguments(members))
+            return self.events.values(event, t, self._points(y), self.rhs.extra.arguments(members))
         except Exception:
             member = int(members[0]) if len(t) == 1 else None
             self.failed_event = f"events[{event}]", float(t[0]), member
@@ -233,7 +233,7 @@ class Callbacks:
         member, event = int(member), int(event)
         function = self.events.jump if is_jump else self.events.value
         try:
-            return function(event, t, self._point(y), self.rhs.given.arguments(member))
+            return function(event, t, self._point(y), self.rhs.extra.arguments(member))
         except Exception:
             self.failed_event = f"events[{event}]{'.jump' * is_jump}", t, member
             raise

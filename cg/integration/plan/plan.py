@@ -50,9 +50,9 @@ class Plan:
     """A frame and a method in compiled code.
 
     A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
-    that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
-    interpolant. ``table`` is that of the method. ``step_table`` is the one whose steps compiled
-    code takes: the same, or on a `LinearAction` that of one flow along a polynomial.
+    that of the plan; ``width`` is the number of doubles of a point, ``interpolant_vectors`` the
+    number of vectors of an interpolant. ``table`` is the table of the method; ``step_table`` that
+    whose steps compiled code takes: the same, or on a `LinearAction` one flow along a polynomial.
     """
 
     def __init__(self, frame: Frame, table: MethodTable) -> None:
@@ -67,7 +67,7 @@ class Plan:
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
-        self.columns = self.step_table.output.columns
+        self.interpolant_vectors = self.step_table.output.interpolant_vectors
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
         self._linkage = self._share_mechanics()
