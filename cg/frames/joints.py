@@ -244,7 +244,8 @@ class Linkage:
         blocks = describe_blocks(frame.compiled_blocks() or ())
         self.address: int = core.plan_open(blocks, np.zeros(1), False, 0)
         weakref.finalize(self, core.plan_close, self.address)
-        core.plan_set_bodies(self.address, *frame.compiled_bodies(), 0)
+        columns, constants = frame.compiled_bodies()
+        core.plan_set_bodies(self.address, columns, constants, 0)
         core.plan_set_joints(
             self.address, _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
             _padded(numbers, 13, np.float64), self.user_count, id(reader),
