@@ -7,7 +7,7 @@ import numpy as np
 
 from cg import frames as fr
 from cg.frames.compiled import _apply
-from cg.integration.plan.plan import has_compiled_difference
+from cg.frames.facts import has_compiled_difference
 from cg.support.shared_numbers import Operation
 
 

@@ -12,7 +12,7 @@ import cg
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.plan.plan import is_compiled
+from cg.frames.facts import is_compiled
 from cg.problems import StateDependentRotation
 from cg.problems.convergence import observed_order
 

@@ -14,8 +14,8 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import GL, SL, SO, SO3, SU, Euclidean, Power, Product, Sphere, U
+from cg.frames.facts import dexpinv_of
 from cg.integration import integrate
-from cg.integration.plan.plan import dexpinv_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.run.drive import StepBudget
 

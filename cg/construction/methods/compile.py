@@ -34,23 +34,14 @@ def table_of_paths(
     vectors = len(paths.stages) + len(paths.brackets)
     pair = method.embedded_order is not None
     return MethodTable(
-        name=method.name,
-        kind=kind_of(method),
-        label=repr(method),
-        order=method.order,
-        embedded_order=method.embedded_order,
-        stages=method.stages,
-        exponent=exponent,
+        name=method.name, kind=kind_of(method), label=repr(method), order=method.order,
+        embedded_order=method.embedded_order, stages=method.stages, exponent=exponent,
         kept_vectors=vectors if paths.registers is None else 1,
         kept_nodes=vectors * (method.explicit and method.stages > 2 and not any(paths.stages)),
-        converges=method.satisfies(1),
-        estimate_fault=_estimate_fault(method) if pair else "",
-        numbers=paths.numbers,
-        arrays=paths.arrays,
-        output=output_of(method, paths),
-        polynomial=polynomial,
-        source=method,
-    )
+        converges=method.satisfies(1), estimate_fault=_estimate_fault(method) if pair else "",
+        numbers=paths.numbers, arrays=paths.arrays, output=output_of(method, paths),
+        polynomial=polynomial, source=method,
+    )  # fmt: skip
 
 
 def _estimate_fault(method: Method) -> str:

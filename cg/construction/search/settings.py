@@ -139,16 +139,9 @@ class Settings:
 
     @classmethod
     def checked(
-        cls,
-        kind: str,
-        force: bool,
-        order: int,
-        stages: int,
-        seed: int,
-        *,
-        hold: Mapping[str, Any] | None,
-        **others: Any,
-    ) -> Settings:
+        cls, kind: str, force: bool, order: int, stages: int, seed: int, *,
+        hold: Mapping[str, Any] | None, **others: Any,
+    ) -> Settings:  # fmt: skip
         """Return the settings of the arguments of a function, checked, with defaults for None."""
         force = check_flag("force", force)
         settings = cls(

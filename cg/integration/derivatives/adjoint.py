@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.frames.facts import has_brackets
 from cg.frames.linear_action import LinearAction
 from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradient, Intervals, solve
 from cg.integration.derivatives.variational_equation import (
@@ -31,7 +32,6 @@ from cg.integration.derivatives.variational_equation import (
     structure_constants,
 )
 from cg.integration.output.solutions import DenseOutput, Solution
-from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction

@@ -166,12 +166,9 @@ class VariationalEvents(EventTable):
         return row
 
     def _derivatives(
-        self,
-        function: Callable[[float, Points, tuple[Any, ...]], Array],
-        t: float,
-        y: Points,
+        self, function: Callable[[float, Points, tuple[Any, ...]], Array], t: float, y: Points,
         arguments: tuple[Any, ...],
-    ) -> tuple[Array, Array, Array, float]:
+    ) -> tuple[Array, Array, Array, float]:  # fmt: skip
         """Return derivatives of ``function(t, y, arguments)``, which has m values.
 
         They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cg.frames.facts import has_brackets
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
@@ -21,7 +22,7 @@ from cg.integration.derivatives.variational_equation import (
 )
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
-from cg.integration.plan.plan import has_brackets, plan_of
+from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
@@ -192,16 +193,12 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.extra.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
     return VariationalEquation(
-        frame,
-        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        frame, rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
-        count,
-        vectorized,
-        width,
-        noise,
+        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise,
         forces_alone=problem.plan.table.kind is Kind.SPLITTING,
-    )
+    )  # fmt: skip
 
 
 def _directions(options: Options, equation: VariationalEquation) -> Array:

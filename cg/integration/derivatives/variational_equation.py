@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
+from cg.frames.facts import is_compiled
 from cg.frames.product import Product
 from cg.integration.derivatives.noise import Noise
 from cg.integration.messages import DERIVATIVES
-from cg.integration.plan.plan import Plan, is_compiled
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, data_at
 from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
@@ -375,12 +376,9 @@ def compiled_variation(
 
 
 def _add_contexts(
-    records: Any,
-    variational: VariationalEquation,
-    in_python: list[_Function],
-    extra: ExtraArguments,
-    values: Array,
-) -> list[Any]:
+    records: Any, variational: VariationalEquation, in_python: list[_Function],
+    extra: ExtraArguments, values: Array,
+) -> list[Any]:  # fmt: skip
     """Put data of functions in Python into records, and return it."""
     arguments = [extra.arguments(member) for member in range(len(records))]
     if extra.inputs is not None and variational.input_count and variational.df_dp is None:

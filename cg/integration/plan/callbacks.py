@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import FlowOverflowError, Frame
+from cg.frames.facts import Dexpinv, dexpinv_of
 from cg.frames.manifold import usable_or_zero
-from cg.integration.plan.plan import Dexpinv, Plan, dexpinv_of
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
@@ -136,12 +137,9 @@ class Callbacks:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        rhs: Rhs | None = None,
-        events: EventTable | None = None,
+        self, plan: Plan, rhs: Rhs | None = None, events: EventTable | None = None,
         jacobian: Jacobian | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.plan, self.frame = plan, plan.frame
         # compiled code calls only operations whose object was given
         self.rhs: Any = rhs

@@ -136,14 +136,9 @@ class EventTable:
     """
 
     def __init__(
-        self,
-        events: Any,
-        frame: Frame,
-        *,
-        inputs: bool = False,
-        parameters: bool = False,
+        self, events: Any, frame: Frame, *, inputs: bool = False, parameters: bool = False,
         in_python: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
             events = (events,)
         elif not isinstance(events, Sequence) or isinstance(events, str):

@@ -25,15 +25,9 @@ def when(t: Any) -> str:
 
 
 def read_value(
-    value: Any,
-    name: str,
-    shape: tuple[int, ...],
-    t: Any,
-    rows: str = "",
-    hint: str = "",
-    number: bool = False,
-    dtype: Any = np.float64,
-) -> Points:
+    value: Any, name: str, shape: tuple[int, ...], t: Any, rows: str = "", hint: str = "",
+    number: bool = False, dtype: Any = np.float64,
+) -> Points:  # fmt: skip
     """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
 
     A vectorized function returns ``rows``, each of a member or of a time. The hint ends the message
@@ -259,14 +253,9 @@ class Derivative:
 
 
 def derivative_of(
-    function: Any,
-    name: str,
-    frame: Frame,
-    shape: tuple[int, ...],
-    vectorized: bool,
-    inputs: Inputs | None,
-    kind: type[Derivative] = Derivative,
-) -> Derivative | None:
+    function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool,
+    inputs: Inputs | None, kind: type[Derivative] = Derivative,
+) -> Derivative | None:  # fmt: skip
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
     if compiled is not None and vectorized:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.plan.plan import has_brackets
+from cg.frames.facts import has_brackets
 from cg.integration.run.run import Run
 from cg.support.parallel import raise_if_stopped
 from cg.support.shared_numbers import Stop

@@ -56,14 +56,9 @@ class Run:
     address = 0  # address of the run in compiled code
 
     def __init__(
-        self,
-        problem: Problem,
-        *,
-        y: Array | None = None,
-        observed: Array | None = None,
-        keep_last: bool = False,
-        lanes: int | None = None,
-    ) -> None:
+        self, problem: Problem, *, y: Array | None = None, observed: Array | None = None,
+        keep_last: bool = False, lanes: int | None = None,
+    ) -> None:  # fmt: skip
         self.problem, self.rhs = problem, problem.rhs
         self.plan = plan = problem.plan
         self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
