@@ -90,9 +90,9 @@ def test_copies_of_solutions_are_read_only():
 
 
 @pytest.fixture(params=["Python", "C"])
-def growth(request, function):
+def growth(request, compiled_function):
     """Return f with y' = y."""
-    return function("growth") if request.param == "C" else lambda t, y: y
+    return compiled_function("growth") if request.param == "C" else lambda t, y: y
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.1}])

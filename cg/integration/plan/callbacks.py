@@ -154,7 +154,7 @@ class Callbacks:
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""
-        answer = _HANDLERS[operation](self, a, b)
+        answer = HANDLERS[operation](self, a, b)
         if isinstance(answer, float):
             return answer
         answer = np.ascontiguousarray(answer)
@@ -237,7 +237,7 @@ class Callbacks:
             raise
 
 
-_HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
+HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FLOW: Callbacks._flow,
     Operation.COORDINATES: Callbacks._coordinates,
     Operation.NEARBY: Callbacks._nearby,
