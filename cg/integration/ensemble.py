@@ -30,7 +30,7 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
-from cg.integration.run.failures import failures_of, find_mistakes
+from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
 from cg.support.checks import total_memory
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
@@ -310,7 +310,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     return MemberResults(
         times, points, observed, run.reached, status, run.counts, messages,
         run.interpolants() if problem.dense else None,
-        None if problem.events is None else run.events(), texts + find_mistakes(run),
+        None if problem.events is None else run.events(), texts + warnings_of(run),
     )  # fmt: skip
 
 

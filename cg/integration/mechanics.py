@@ -42,10 +42,8 @@ def refuse_friction(
     """
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
-    limit, count = (
-        max(_MIN_SEEN, min(_MAX_SEEN, nfev // (2 * _SHARE))),
-        len(times) * points.shape[1],
-    )
+    count = len(times) * points.shape[1]
+    limit = max(_MIN_SEEN, min(_MAX_SEEN, nfev // (2 * _SHARE)))
     sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end

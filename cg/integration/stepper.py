@@ -454,7 +454,7 @@ class Stepper:
         check_resolution(run.control.h, target)
         stops = np.array([target])
         if len(corners):
-            # the one behind too, which stages outside the step must not pass
+            # the corner behind is an end too, since stages outside the step must not pass it
             corners = corners[max(int((sign * (corners - self.t) < 0.0).sum()) - 1, 0) :]
             stops = np.append(corners[sign * (corners - target) <= 0.0], target)
         run.resume(stops)
@@ -542,17 +542,17 @@ class Stepper:
         at_corner, self._target = bool((self._corners == self.t).any()), None
         beyond = self.t + self.direction
         run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
-        steps = run.last_interpolants()
+        interpolants = run.last_interpolants()
         if run.record.failed:
             failure = next(iter(failures_of(run, raising=True).values()))
             raise RuntimeError(f"there is no solution within the last step: {failure}")
-        begin = float(steps.rows[0, 1])
+        begin = float(interpolants.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
-            member_steps = steps.member(member)
-            start = nowhere if has_stopped else member_steps.rows[:1, 5 : 5 + run.plan.width]
+            of_member = interpolants.member(member)
+            start = nowhere if has_stopped else of_member.rows[:1, 5 : 5 + run.plan.width]
             point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
-            outputs.append(DenseOutput(member_steps, begin, self.direction, point))
+            outputs.append(DenseOutput(of_member, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:

@@ -17,7 +17,7 @@ from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal
 from cg.support.quads import working_precision as precision
 
-_GUARD_DIGITS = 15
+_GUARD_DIGITS = 15  # beyond those that are asked for, twice and four times as many if need be
 
 
 def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:

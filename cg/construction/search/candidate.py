@@ -28,17 +28,13 @@ from cg.support import quads
 from cg.support.checks import check_instance
 
 SOLVED = 1e-23
-"""Sum of squared residuals in double below which refinement finds an exact solution nearby.
-
-Those of exact methods of the catalogue, in double, are below 1e-29.
-"""
+"""Sum of squared residuals in double below which refinement finds an exact solution nearby; those
+of exact methods of the catalogue are below 1e-29."""
 
 _MIN_ESTIMATE = (
     1e-5  # that of pairs of the catalogue is 1e-3 or more, that of equal results rounding
 )
-# The noise by which starts change places, in logarithms of f: of two starts, the one with twice the
-# f comes first once in five times.
-_SPREAD = 0.6
+_SPREAD = 0.6  # noise of log f of starts: of two, that with twice the f is first once in five times
 _TRIES = 16  # starts to solve from before a walk leads elsewhere
 
 

@@ -39,7 +39,7 @@ class Try:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the try that `dataclasses.asdict` made fields of."""
+        """Return the try whose fields `dataclasses.asdict` has returned."""
         layout = layout_of_fields(fields["layout"])
         return cls(**{**fields, "x": tuple(fields["x"]), "layout": layout})
 

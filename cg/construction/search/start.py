@@ -57,7 +57,7 @@ class RandomStart:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> RandomStart:
-        """Return the start that `dataclasses.asdict` made fields of."""
+        """Return the start whose fields `dataclasses.asdict` has returned."""
         double, quad, x = (fields[name] for name in ("double", "quad", "x"))
         phases = {"double": Phase(**double), "quad": None if quad is None else Phase(**quad)}
         return cls(**{**fields, **phases, "x": tuple(x)})

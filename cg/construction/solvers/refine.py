@@ -26,9 +26,9 @@ _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones coun
 _MAX_ITERATIONS = 40
 
 _MAX_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
-_RESIDUAL_GOAL = Fraction(1, 10**44)
-_GRID = 10**60
-_BITS = 400
+_RESIDUAL_GOAL = Fraction(1, 10**44)  # of the largest exact residual
+_GRID = 10**60  # corrections are multiples of 1 / _GRID, far below the goal
+_BITS = 400  # precision of exact residuals, beyond the digits of both
 _MAX_CORRECTIONS = 20
 
 

@@ -247,10 +247,11 @@ def with_adjoint(
 
 
 def tolerance_of(problem: Problem) -> float:
-    """Return the tolerance of estimates, which were three times the errors or more where measured.
+    """Return the tolerance of the estimated errors of the adjoint equation.
 
-    With ten times that of the integration the errors of its steps are larger in most problems, but
-    not where steps are as long as those of linear equations.
+    Where measured, estimates were at least three times the errors. So ten times the tolerance of
+    the integration leaves errors below those of its steps in most problems, but not where steps are
+    as long as those of linear equations.
     """
     tolerance = problem.control.tolerance
     if tolerance is None:

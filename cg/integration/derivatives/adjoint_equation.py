@@ -193,9 +193,8 @@ def _solve_once(
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
     amount = float(np.abs(size) @ np.abs(matrix).sum(axis=-1).max(axis=(1, 2)))
-    if (
-        _MAX_INTEGRAL < amount < np.inf
-    ):  # norms grow with coordinates that are large, eigenvalues don't
+    # norms grow with coordinates that are large, eigenvalues don't
+    if _MAX_INTEGRAL < amount < np.inf:
         amount = float(np.abs(size) @ np.abs(np.linalg.eigvals(matrix)).max(axis=(1, 2)))
     if not amount <= _MAX_INTEGRAL:
         raise ValueError(

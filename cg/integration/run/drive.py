@@ -36,8 +36,8 @@ _MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or many are rejected.
 
-    It looks after 10,000, 20,000, 40,000, ... steps of a member, and where it finds a reason once
-    more 1000 steps later.
+    It looks for a reason after 10,000, 20,000, 40,000, … steps of a member. Where it finds one, it
+    looks again 1000 steps later, and warns if the reason is the same.
     """
 
     def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
