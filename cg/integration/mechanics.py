@@ -26,14 +26,14 @@ from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
 
-_MAX_SEEN, _MIN_SEEN = 32, 4  # members or points that are looked at
-_SHARE = 40  # evaluations of an integration for each call of a look at its points
+_MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # points at which forces are compared
+_CALLS_PER_CHECK = 40  # evaluations of an integration for each call of a comparison
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
 def refuse_friction(
-    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
+    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
@@ -43,7 +43,7 @@ def refuse_friction(
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     count = len(times) * points.shape[1]
-    limit = max(_MIN_SEEN, min(_MAX_SEEN, nfev // (2 * _SHARE)))
+    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, nfev // (2 * _CALLS_PER_CHECK)))
     sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end

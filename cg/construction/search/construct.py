@@ -70,8 +70,8 @@ def run_try(settings: Settings, index: int) -> Try:
 def succeeded(settings: Settings, result: Try) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
     layout = result.layout
-    fewest = layout.stages == settings.stages and settings.flows in (None, layout.flows)
-    return result.solved and fewest
+    is_small = layout.stages == settings.stages and settings.flows in (None, layout.flows)
+    return result.solved and is_small
 
 
 def refined(settings: Settings, result: Try, requirements: Requirements) -> Method | None:

@@ -18,7 +18,7 @@ from cg.integration.output.solutions import DenseOutput
 from cg.integration.rhs.inputs import Inputs
 from cg.support.arrays import Array, Points
 
-_COUNT = 5
+_COUNT = 5  # nodes of an interval, of order ten
 _X, _W = np.polynomial.legendre.leggauss(_COUNT)
 _NODES, _WEIGHTS = (_X + 1) / 2, _W / 2
 # the matrix from values at the nodes to coefficients of Legendre polynomials
