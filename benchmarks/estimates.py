@@ -25,7 +25,7 @@ from .work_curves import Curve, Point, run_point
 BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
 """Marks before and after the table of all pairs in docs/catalogue.md."""
 
-MEDIAN, LARGEST = 5.0, 50.0
+MAX_MEDIAN, MAX_QUOTIENT = 5.0, 50.0
 """Bounds on error / tolerance of a default of `cg.solve_ivp`: on the median and the maximum."""
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 11))
@@ -71,7 +71,7 @@ def method_text(count: int) -> str:
         f"the sphere and vectors. After runs longer than {_SLOWEST:g} s smaller tolerances are "
         "left out. Work at equal errors is that on the ten problems above. "
         "[The catalogue](catalogue.md) has the table of all pairs. A default of `cg.solve_ivp` "
-        f"must have a median of at most {MEDIAN:g} and a maximum of at most {LARGEST:g}."
+        f"must have a median of at most {MAX_MEDIAN:g} and a maximum of at most {MAX_QUOTIENT:g}."
     )
 
 
@@ -145,8 +145,8 @@ def write_table(result: Result, page: Path) -> None:
         numbers = result.numbers.get(name, {})
         reliable = ""
         if numbers:
-            fits = ratio <= MAX_RATIO and numbers["median"] <= MEDIAN
-            reliable = "yes" if fits and numbers["largest"] <= LARGEST else "**no**"
+            fits = ratio <= MAX_RATIO and numbers["median"] <= MAX_MEDIAN
+            reliable = "yes" if fits and numbers["largest"] <= MAX_QUOTIENT else "**no**"
         errors = [f"{numbers[key]:.2g}" if key in numbers else "" for key in _QUANTILES]
         jumps = break_ratio(method, 0)
         seen = "" if jumps is None else f"{jumps:.2g}" if jumps < _BLIND else "not seen"
@@ -182,9 +182,11 @@ def _may_be_default(name: str, quotients: Quotients) -> bool:
     ratio, jumps = summary_of(method).estimate_ratio, break_ratio(method, 0)
     assert ratio is not None
     assert jumps is not None
-    reliable = ratio <= MAX_RATIO and np.median(errors) <= MEDIAN and errors.max() <= LARGEST
+    reliable = (
+        ratio <= MAX_RATIO and np.median(errors) <= MAX_MEDIAN and errors.max() <= MAX_QUOTIENT
+    )
     within = all(0.0 <= c <= 1.0 + _ROUNDING for c in method.c.tolist())
-    return bool(reliable and within and jumps <= LARGEST)
+    return bool(reliable and within and jumps <= MAX_QUOTIENT)
 
 
 def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:

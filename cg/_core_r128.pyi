@@ -1,4 +1,4 @@
-# The compiled core, whose procedures are those of fortran/interface/api*.f90.
-from typing import Any
+# The compiled core in real(16), whose numbers are rows of 16 bytes.
+from cg._core_r64 import fit_lmdif, from_double, highest_order, jacobian, residuals, to_double
 
-def __getattr__(name: str) -> Any: ...
+__all__ = ["fit_lmdif", "from_double", "highest_order", "jacobian", "residuals", "to_double"]

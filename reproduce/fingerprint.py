@@ -14,12 +14,12 @@ _COMPILED = ("cg._core_r64", "cg._core_r128")
 
 def digest(**arguments: Any) -> str:
     """Return a digest of arguments, which JSON can represent, and of all files of the package."""
-    text = json.dumps(arguments, sort_keys=True) + _of_package()
+    text = json.dumps(arguments, sort_keys=True) + package_digest()
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @cache
-def _of_package() -> str:
+def package_digest() -> str:
     """Return a digest of the modules, compiled modules and data of the package."""
     folder = Path(cg.__file__).parent
     paths = [path for path in folder.rglob("*") if path.suffix in (".py", ".toml", ".css")]

@@ -67,7 +67,7 @@ def errors(reading: Reading, method: str, steps: int) -> Errors:
     solution = integrate(top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps)
     values = _reference(reading, steps)[1]
     rotation, momentum = np.transpose(list(map(_norms, solution.y.tolist(), values)))
-    off = [_off_group(y[:9].tolist()) for y in solution.y]
+    off = [off_group(y[:9].tolist()) for y in solution.y]
     return Errors(solution.t, rotation, momentum, np.array(off))
 
 
@@ -94,7 +94,7 @@ def flow_distances(reading: Reading, method: str, steps: int) -> Array:
             fields.append(np.array(top.f((step + c) * h, follow(y, row, fields))))
         y = follow(y, tableau.b.tolist(), fields)
         points.append(y)
-    return np.array([_off_group(point[:9].tolist()) for point in points])
+    return np.array([off_group(point[:9].tolist()) for point in points])
 
 
 def _rotated(v: Array, columns: Array) -> Array:
@@ -127,7 +127,7 @@ def _norms(y: Sequence[float | Fraction], exact: Sequence[Fraction]) -> tuple[fl
     return float(rotation), float(np.linalg.norm(difference[9:]))
 
 
-def _off_group(entries: Sequence[float]) -> float:
+def off_group(entries: Sequence[float]) -> float:
     """Return half the 2-norm of BᵀB - I, exact but for the norm itself.
 
     To first order this is the distance from the group, and rounding can't hide in it.

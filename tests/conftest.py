@@ -68,7 +68,7 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def library(tmp_path_factory):
+def compiled_library(tmp_path_factory):
     target = tmp_path_factory.mktemp("library") / "compiled_rhs.so"
     source = Path(__file__).parent / "helpers" / "compiled_rhs.c"
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
@@ -76,9 +76,9 @@ def library(tmp_path_factory):
 
 
 @pytest.fixture
-def function(library):
+def compiled_function(compiled_library):
     def get(name):
-        symbol = library[name]  # a new object each time, unlike an attribute
+        symbol = compiled_library[name]  # a new object each time, unlike an attribute
         symbol.restype = ctypes.c_int
         symbol.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
         return symbol
@@ -87,25 +87,25 @@ def function(library):
 
 
 @pytest.fixture
-def affine(function):
+def affine_rhs(compiled_function):
     def make(problem):
         m, n = problem.linear.shape
         numbers = [[m, n], problem.constant, problem.slope, problem.linear.ravel()]
         data = np.concatenate(numbers)
-        callable_ = LowLevelCallable(function("affine"), ctypes.c_void_p(data.ctypes.data))
+        callable_ = LowLevelCallable(compiled_function("affine"), ctypes.c_void_p(data.ctypes.data))
         return callable_, data
 
     return make
 
 
 @pytest.fixture
-def path(tmp_path):
+def store_path(tmp_path):
     """Return the file of a store of runs."""
     return tmp_path / "runs.jsonl"
 
 
 @pytest.fixture
-def run(capsys):
+def run_command(capsys):
     """Run the command in this process; return its exit code, its output and its errors."""
     from cg.command import main
 

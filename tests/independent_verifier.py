@@ -21,7 +21,7 @@ from cg.construction.trees import OrderedTree, forest
 from cg.support.quads import to_flint
 from research.impossibility.weights import exact_weights
 
-LARGEST = 1e-25  # residual of a condition that is left out
+MAX_RESIDUAL = 1e-25  # residual of a condition that is left out
 
 
 class NotProvedError(Exception):
@@ -168,7 +168,7 @@ def verify(entry, certificate):
             if not abs(steps[i, 0]) + ball * total < ball:
                 raise NotProvedError(f"the image isn't inside the box at {problem.free[i]}")
         if left_out and not all(
-            abs(residual.value) < LARGEST for residual in problem.residuals(ball.upper(), left_out)
+            abs(r.value) < MAX_RESIDUAL for r in problem.residuals(ball.upper(), left_out)
         ):
             raise NotProvedError("a condition that is left out isn't small")
     claims = [certificate["beyond"], certificate.get("embedded")]

@@ -30,7 +30,7 @@ from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
-from cg.construction.plots import columns, draw_method
+from cg.construction.plots import align_columns, draw_method
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check, proved
 from cg.construction.proofs.packed import certificate_beside
 from cg.construction.trees import density, forest, node_count, planted, rooted_trees_through
@@ -86,7 +86,7 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
         as_json([asdict(facts) | {"proved": proof} for facts, proof in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        say(columns([heads, *(_row(facts, proof) for facts, proof in selected)], left=3))
+        say(align_columns([heads, *(_row(facts, proof) for facts, proof in selected)], left=3))
     else:
         say("no method of the catalogue matches these options")
     return 0 if selected else NO
@@ -143,14 +143,14 @@ def show_command(method: Method, digits: int | None, conditions: int | None, in_
     say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
     lines = _numbers(summary) | {"certificate": certificate or "none"}
     lines |= {"source": visible(method.source)}
-    say(columns([("", label, value) for label, value in lines.items()], left=3))
+    say(align_columns([("", label, value) for label, value in lines.items()], left=3))
     say(f"\n{draw_method(method, digits=digits or 6)}")
     if listed:
         rows = [
             [str(entry["order"]), entry["tree"], entry["right_side"], f"{entry['residual']:.3g}"]
             for entry in listed
         ]
-        say("\n" + columns([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
+        say("\n" + align_columns([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
 
 
 def _numbers(summary: MethodSummary) -> dict[str, str]:

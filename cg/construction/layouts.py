@@ -270,16 +270,16 @@ class Layout:
 @lru_cache(maxsize=64)
 def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
     parents: list[int] = []
-    columns: list[tuple[int, ...]] = []
+    weights: list[tuple[int, ...]] = []
     ends = []
     for length in _row_lengths(stages, rows, pair):
         last = START
         for stage in range(length):
             parents.append(last)
-            columns.append((stage,))
+            weights.append((stage,))
             last = len(parents) - 1
         ends.append(last)
-    return Layout(tuple(parents), tuple(columns), tuple(ends[:stages]), tuple(ends[stages:]), rows)
+    return Layout(tuple(parents), tuple(weights), tuple(ends[:stages]), tuple(ends[stages:]), rows)
 
 
 def check_length(x: Any, size: int, name: str = "x") -> None:

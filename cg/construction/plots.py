@@ -308,7 +308,7 @@ def _box(methods: list[Method]) -> tuple[Range, Range]:
     return (left - margin, right + margin), (-high - margin, high + margin)
 
 
-def columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
+def align_columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
     """Return rows, also short ones, as aligned columns of text, the first `left` flush left."""
     widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
     lines = []
@@ -334,7 +334,7 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
             "flow of the second result": method.embedded_weights or (),
             "flow of the third": filter(None, [method.third_weights]),
         }
-        return columns([
+        return align_columns([
             [label, "│", *(_number(x.value, digits) for x in row)]
             for label, block in rows.items()
             for row in block
@@ -342,7 +342,7 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
     if isinstance(method, Splitting):
         numbers = [_number(x.value, digits) for x in method.coefficients]
         pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
-        return columns([["drift", "kick"], *pairs], left=0)
+        return align_columns([["drift", "kick"], *pairs], left=0)
     return _tableau(method, digits)
 
 
@@ -354,7 +354,7 @@ def _tableau(method: Method, digits: int) -> str:
         rows = [row[: end + 1] for end, row in enumerate(rows)]
     rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
     lines = [[x if isinstance(x, str) else _number(x, digits) for x in row] for row in rows]
-    text = columns([[first, "│", *rest] for first, *rest in lines]).splitlines()
+    text = align_columns([[first, "│", *rest] for first, *rest in lines]).splitlines()
     rule = "─" * max(map(len, text))
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 

@@ -125,17 +125,11 @@ class Store:
 
 
 def run_pieces(
-    settings: Any,
-    work: Callable[[int], Result],
-    total: int,
-    *,
-    read: Callable[[dict[str, Any]], Result],
-    solved: Callable[[Result], bool],
-    workers: int | None,
-    executor: ExecutorLike,
-    store: str | os.PathLike[str] | None,
+    settings: Any, work: Callable[[int], Result], total: int, *,
+    read: Callable[[dict[str, Any]], Result], solved: Callable[[Result], bool], workers: int | None,
+    executor: ExecutorLike, store: str | os.PathLike[str] | None,
     progress: Callable[[int, int], None] | bool | None,
-) -> Generator[Result, None, None]:
+) -> Generator[Result, None, None]:  # fmt: skip
     """Yield the results of pieces: those that the store has, then each after it was stored.
 
     A piece is a function of the `settings`, a dataclass with a ``kind``, and of its number. Results

@@ -242,11 +242,11 @@ def _rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
     return tuple(_multisets(nodes - 1, nodes - 1))
 
 
-def _multisets(nodes: int, largest: int) -> Iterator[tuple[RootedTree, ...]]:
-    """Yield the multisets of trees with `nodes` nodes in total, each with at most `largest`."""
+def _multisets(nodes: int, max_nodes: int) -> Iterator[tuple[RootedTree, ...]]:
+    """Yield the multisets of trees with `nodes` nodes in total, each with at most `max_nodes`."""
     if nodes == 0:
         yield ()
-    for size in range(min(nodes, largest), 0, -1):
+    for size in range(min(nodes, max_nodes), 0, -1):
         for multiplicity in range(nodes // size, 0, -1):
             largest_ones = combinations_with_replacement(_rooted_trees(size), multiplicity)
             others = _multisets(nodes - size * multiplicity, size - 1)

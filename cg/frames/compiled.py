@@ -62,7 +62,9 @@ def constants_of(blocks: Blocks) -> Array:
     return np.concatenate([*[np.ravel(x) for block in blocks for x in block[3:]], [0.0]])
 
 
-def _apply(what: Operation, blocks: Blocks, option: int, count: int, *vectors: Points) -> None:
+def apply_operation(
+    what: Operation, blocks: Blocks, option: int, count: int, *vectors: Points
+) -> None:
     """Apply an operation to pairs of vectors in compiled code, which writes into the third ones."""
     import cg._core_r64 as core
 
@@ -77,7 +79,7 @@ def move(block: Block, v: Array, y: Points) -> Points:
     """
     moved = np.empty_like(y, order="C", subok=False)
     if moved.size:
-        _apply(Operation.FLOW, (block,), 1, v.size // v.shape[-1], v, y, moved)
+        apply_operation(Operation.FLOW, (block,), 1, v.size // v.shape[-1], v, y, moved)
     return moved
 
 
@@ -87,7 +89,7 @@ def coordinates_between(block: Block, dim: int, rank: int, y0: Points, y1: Point
         y0, y1 = np.broadcast_arrays(y0, y1)
     v = np.empty((*y0.shape[: y0.ndim - rank], dim))
     if v.size:
-        _apply(Operation.COORDINATES, (block,), 0, v.size // dim, y0, y1, v)
+        apply_operation(Operation.COORDINATES, (block,), 0, v.size // dim, y0, y1, v)
     return v
 
 
@@ -97,5 +99,5 @@ def dexpinv(blocks: Blocks, u: Array, v: Array, order: int = 1) -> Array:
         u, v = np.broadcast_arrays(u, v)
     result = np.empty(v.shape)
     if result.size:
-        _apply(Operation.DEXPINV, blocks, order, v.size // v.shape[-1], u, v, result)
+        apply_operation(Operation.DEXPINV, blocks, order, v.size // v.shape[-1], u, v, result)
     return result

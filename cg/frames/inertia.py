@@ -39,7 +39,7 @@ class Body:
     sphere: bool = False  # whether it is a point of a sphere
 
     @property
-    def columns(self) -> int:
+    def signed_columns(self) -> int:
         """The number of columns of the inverse, negative for a rigid body with a ``top``."""
         columns = int(self.inverse.shape[1])
         return columns if self.top is None else -columns

@@ -124,10 +124,10 @@ class Joint:
         points = [*self.first[1], *self.second[1]]
         axes = [np.array(end[2]).T if end[2] else np.eye(3) for end in (self.first, self.second)]
         integers, numbers = [], []
-        for form, first_axis, second_axis in KINDS[self.kind]:
-            own = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
+        for form, i, j in KINDS[self.kind]:
+            first_axes = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
             integers.append([int(form), *(body + 1 for body in self.bodies)])
-            numbers.append([*points, *own[first_axis], *axes[1][second_axis], self.length or 0.0])
+            numbers.append([*points, *first_axes[i], *axes[1][j], self.length or 0.0])
         return integers, numbers
 
 
@@ -233,21 +233,22 @@ class Linkage:
             places[k] = range(len(integers), len(integers) + len(rows[0]))
             integers += rows[0]
             numbers += rows[1]
-        self.own = 0
+        self.user_count = 0
         if frame.constraints is not None:
             self._g, self._dg = frame.constraints
-            self.own = self._count()
-        self.count = len(integers) + self.own
+            self.user_count = self._count()
+        self.count = len(integers) + self.user_count
         self.slices = [np.array(places[k], dtype=np.intp) for k in range(len(self.joints))]
         self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
         reader = self._evaluate  # the only reference of compiled code to this object
         blocks = describe_blocks(frame.compiled_blocks() or ())
         self.address: int = core.plan_open(blocks, np.zeros(1), False, 0)
         weakref.finalize(self, core.plan_close, self.address)
-        core.plan_set_bodies(self.address, *frame.compiled_bodies(), 0)
+        columns, constants = frame.compiled_bodies()
+        core.plan_set_bodies(self.address, columns, constants, 0)
         core.plan_set_joints(
             self.address, _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
-            _padded(numbers, 13, np.float64), self.own, id(reader),
+            _padded(numbers, 13, np.float64), self.user_count, id(reader),
         )  # fmt: skip
         self._reader = reader
 
@@ -312,8 +313,8 @@ class Linkage:
 
     def _value(self, q: Points) -> Array:
         value = real_array(self._g(np.array(q)), "the value of constraints")
-        if value.ndim != 1 or not value.size or len(value) != (self.own or len(value)):
-            shape = f"({self.own or 'm'},)"
+        if value.ndim != 1 or not value.size or len(value) != (self.user_count or len(value)):
+            shape = f"({self.user_count or 'm'},)"
             raise ValueError(f"constraints must return shape {shape}, got {value.shape}")
         return value
 
@@ -339,7 +340,7 @@ class Linkage:
         if self._dg is None:
             return self._differences(q)
         slopes = real_array(self._dg(np.array(q)), "the derivatives of constraints")
-        shape = self.own or len(self._value(q)), self._frame.configuration.dim
+        shape = self.user_count or len(self._value(q)), self._frame.configuration.dim
         if slopes.shape != shape:
             raise ValueError(
                 f"the derivatives of constraints must have shape {shape}, got {slopes.shape}"
@@ -388,8 +389,8 @@ class Linkage:
         scale = np.minimum(self._reach(q), 1.0)
         speed = float(np.abs(velocity / scale).max(initial=0.0))
         if not speed > 0.0:
-            return np.zeros(self.own)
-        step, best, error = _LONG_STEP / speed, np.zeros(self.own), np.inf
+            return np.zeros(self.user_count)
+        step, best, error = _LONG_STEP / speed, np.zeros(self.user_count), np.inf
         for _ in range(_TRIALS):
             difference, truncation, size = self._difference(q, step * velocity, 2)
             rounding = _rounding(size, slope)

@@ -89,11 +89,7 @@ class LinearAction(CompiledFlow, UserFrame):
     _columns: int | None
 
     def __init__(
-        self,
-        generators: Sequence[Any],
-        *,
-        unitary: bool = False,
-        columns: int | None = None,
+        self, generators: Sequence[Any], *, unitary: bool = False, columns: int | None = None
     ) -> None:
         matrices = _read(generators)
         if check_flag("unitary", unitary):

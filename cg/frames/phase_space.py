@@ -154,8 +154,8 @@ class PhaseSpace(Product):
         if self.gyroscopic is not None:
             inertia += f", gyroscopic={self.gyroscopic!r}"
         joints = f", joints={[*self.joints]!r}" if self.joints else ""
-        own = "" if self.constraints is None else f", constraints={self.constraints!r}"
-        return f"PhaseSpace({self.configuration!r}{inertia}{joints}{own})"
+        constraints = "" if self.constraints is None else f", constraints={self.constraints!r}"
+        return f"PhaseSpace({self.configuration!r}{inertia}{joints}{constraints})"
 
     @property
     def has_conditions(self) -> bool:
@@ -396,7 +396,7 @@ class PhaseSpace(Product):
 
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
-        columns = np.array([body.columns for body in self._bodies], dtype=np.intc)
+        columns = np.array([body.signed_columns for body in self._bodies], dtype=np.intc)
         return columns, numbers_of(self._bodies)
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`

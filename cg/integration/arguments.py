@@ -27,7 +27,7 @@ from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable, MethodTable
 
 DEFAULT_MAX_STEPS, NO_LIMIT = 10**6, 2**62
-"""Default limit of the number of adaptive steps, rejected ones included."""
+"""Limits of the number of steps, rejected ones included: that of adaptive ones, and none."""
 
 STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}
 """The iterations for implicit stages, and their limits."""

@@ -22,8 +22,8 @@ The page of benchmarks lists the pairs that the rules select; a test checks thei
 from __future__ import annotations
 
 from cg.frames import Frame
+from cg.frames.facts import has_brackets
 from cg.frames.linear_action import LinearAction
-from cg.integration.plan.plan import has_brackets
 from cg.support.shared_numbers import BlockKind
 
 AUTO = "auto"

@@ -23,14 +23,14 @@ from cg.integration.arguments import (
     expand_options,
 )
 from cg.integration.mechanics import refuse_friction
-from cg.integration.member_results import Collector, MemberResults, solution_of
+from cg.integration.member_results import Collector, MemberResults
 from cg.integration.messages import TERMINAL_EVENT
-from cg.integration.output.solutions import EnsembleSolution, Solution
+from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
-from cg.integration.run.failures import failures_of, find_mistakes
+from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
 from cg.support.checks import total_memory
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
@@ -215,7 +215,7 @@ def solve_variational_ensemble(
     return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
 
 
-def _with_derivatives(problem: Problem, options: Options | None) -> Problem:
+def add_derivatives(problem: Problem, options: Options | None) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if options is None or options["derivatives"] is None:
         return problem
@@ -224,21 +224,7 @@ def _with_derivatives(problem: Problem, options: Options | None) -> Problem:
     return with_derivatives(problem, options)
 
 
-def solve_one(problem: Problem, options: Options) -> Solution:
-    """Integrate one point. Warnings name the caller of its caller."""
-    problem, progress = _with_derivatives(problem, options), options["progress"]
-    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    _check_output_size(problem)
-    results = _integrate(problem, watch)
-    if watch is not None:
-        watch.finish()
-    solution = solution_of(problem, results)
-    for text in results.warnings:
-        warnings.warn(text, stacklevel=3)
-    return solution
-
-
-def _check_output_size(problem: Problem) -> None:
+def check_output_size(problem: Problem) -> None:
     """Raise ValueError if the output of equal steps needs more memory than the machine has."""
     plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
@@ -248,7 +234,7 @@ def _check_output_size(problem: Problem) -> None:
     if problem.every and problem.keeps_points:
         needed = (total // problem.every + 2) * (8 * plan.width + 8)
     if problem.dense:
-        needed += total * 8 * (2 * plan.width + plan.columns * plan.dim + 5)
+        needed += total * 8 * (2 * plan.width + plan.interpolant_vectors * plan.dim + 5)
     if needed > total_memory():
         raise ValueError(
             f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
@@ -262,7 +248,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     # Derivatives are added to the whole problem, or, where each member has its own frame, to each
     # part, by `part_options`: then the problem with derivatives of all only collects results.
     whole, part_options = problem, None
-    problem = _with_derivatives(problem, options)
+    problem = add_derivatives(problem, options)
     if whole.inertia is not None and whole.inertia.one_by_one and problem is not whole:
         problem, part_options = replace(problem, inertia=None), options.copy()
         part_options["P0"] = None
@@ -271,7 +257,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     members = len(problem.points)
     if out is not None and problem.finish is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
-    _check_output_size(problem)
+    check_output_size(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -284,8 +270,8 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
-                part = _with_derivatives(whole.part(chunk), part_options)
-                ensemble.add(chunk, _integrate(part, watch))
+                part = add_derivatives(whole.part(chunk), part_options)
+                ensemble.add(chunk, integrate_members(part, watch))
                 watch.count_finished(chunk.stop - first)
     watch.finish()
     solution = ensemble.solution()
@@ -296,7 +282,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     return solution
 
 
-def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
+def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults:
     """Integrate members in this thread."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
     y, observed = None, None
@@ -324,23 +310,19 @@ def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
     return MemberResults(
         times, points, observed, run.reached, status, run.counts, messages,
         run.interpolants() if problem.dense else None,
-        None if problem.events is None else run.events(), texts + find_mistakes(run),
+        None if problem.events is None else run.events(), texts + warnings_of(run),
     )  # fmt: skip
 
 
 def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:
     """Integrate members in a worker."""
-    return _integrate(_with_derivatives(item[1], options), None)
+    return integrate_members(add_derivatives(item[1], options), None)
 
 
 def _distribute(
-    problem: Problem,
-    options: Any,
-    executor: Any,
-    workers: Any,
-    ensemble: Collector,
+    problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Collector,
     watch: Progress,
-) -> None:
+) -> None:  # fmt: skip
     """Integrate members on an executor, in chunks that no measured time changes."""
     members, number = len(problem.points), count_workers(executor, workers)
     number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER

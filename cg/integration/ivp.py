@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Unpack
 
@@ -10,11 +11,13 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import Options, check_count, complete_options, expand_options
-from cg.integration.ensemble import solve_one
+from cg.integration.ensemble import add_derivatives, check_output_size, integrate_members
+from cg.integration.member_results import solution_of
 from cg.integration.output.solutions import Solution
-from cg.integration.problem import make_problem
+from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
+from cg.integration.run.drive import Progress
 
 
 @expand_options()
@@ -407,3 +410,17 @@ def integrate(
         raise TypeError("h must be a real number, got None")
     every = check_count("save_every", save_every)
     return solve_one(make_problem(f, t_span, y0, frame, all_options, every=every), all_options)
+
+
+def solve_one(problem: Problem, options: Options) -> Solution:
+    """Integrate one point. Warnings name the caller of its caller."""
+    problem, progress = add_derivatives(problem, options), options["progress"]
+    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
+    check_output_size(problem)
+    results = integrate_members(problem, watch)
+    if watch is not None:
+        watch.finish()
+    solution = solution_of(problem, results)
+    for text in results.warnings:
+        warnings.warn(text, stacklevel=3)
+    return solution

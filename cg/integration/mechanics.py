@@ -26,14 +26,14 @@ from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer, check_real, short
 from cg.tables import Kind, MethodTable
 
-_MAX_SEEN, _MIN_SEEN = 32, 4  # members or points that are looked at
-_SHARE = 40  # evaluations of an integration for each call of a look at its points
+_MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # points at which forces are compared
+_CALLS_PER_CHECK = 40  # evaluations of an integration for each call of a comparison
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
 def refuse_friction(
-    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SEEN * 2 * _SHARE
+    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
@@ -42,10 +42,8 @@ def refuse_friction(
     """
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
-    limit, count = (
-        max(_MIN_SEEN, min(_MAX_SEEN, nfev // (2 * _SHARE))),
-        len(times) * points.shape[1],
-    )
+    count = len(times) * points.shape[1]
+    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, nfev // (2 * _CALLS_PER_CHECK)))
     sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end
@@ -60,7 +58,7 @@ def refuse_friction(
     differ &= ~(np.isnan(forces) & np.isnan(others))
     if differ.any():
         i = int(np.flatnonzero(differ.any(axis=-1))[0])
-        which = "" if rhs.given.first is None else f" in member {rhs.given.first + members[i]}"
+        which = "" if rhs.extra.first is None else f" in member {rhs.extra.first + members[i]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t[i]:.17g}{which}; "
@@ -184,7 +182,7 @@ def is_symmetric(table: MethodTable) -> bool:
 class MemberInertia(NamedTuple):
     """The bodies of all members, as compiled code reads them."""
 
-    columns: NDArray[np.intc]  # (members, bodies)
+    signed_columns: NDArray[np.intc]  # (members, bodies)
     numbers: Array  # (members, numbers), padded
     entries: Sequence[Any]  # the inertia of each member, as the user gave it
     # whether each member is integrated alone on its own frame, as joints and derivatives need
@@ -192,7 +190,7 @@ class MemberInertia(NamedTuple):
 
     def part(self, members: slice) -> MemberInertia:
         """Return the bodies of some members."""
-        rows = self.columns[members].copy(), self.numbers[members].copy()
+        rows = self.signed_columns[members].copy(), self.numbers[members].copy()
         return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
@@ -227,7 +225,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     columns, rows = [], []
     for k, entry in enumerate(entries):
         _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
-        columns.append([body.columns for body in bodies])
+        columns.append([body.signed_columns for body in bodies])
         rows.append(numbers_of(bodies))
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
@@ -256,12 +254,12 @@ def step_function_of(
         raise TypeError(
             f"step_function must be callable as step_function(t, y), got {short(function)}"
         )
-    if rhs.given.inputs is not None:
+    if rhs.extra.inputs is not None:
         function = WithInput(function)
     checked = StepFunction(function, plan.frame, (), True)
 
     def size_at(time: float, point: Points) -> Array:
-        return checked.check(function(time, point.copy(), *rhs.given.arguments(0)), time, point)
+        return checked.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
 
     # a time at which a function of time that repeats with h has another value
     later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]

@@ -13,8 +13,8 @@ from cg.integration.output.solutions import (
     DenseOutput,
     EnsembleOutput,
     EnsembleSolution,
+    Interpolants,
     Solution,
-    Steps,
     member_fields,
 )
 from cg.integration.problem import Problem
@@ -33,7 +33,7 @@ class MemberResults(NamedTuple):
     status: Any
     counts: Any  # shape (members, 6)
     messages: dict[int, str]  # by member, where the status isn't 0
-    interpolants: Steps | None
+    interpolants: Interpolants | None
     events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
     warnings: list[str]
 
@@ -84,10 +84,10 @@ class Collector:
             problem = self.problem
             start = problem.t0, problem.direction
             for k, point in enumerate(problem.points[members], members.start):
-                steps = results.interpolants.member(k - members.start)
+                interpolants = results.interpolants.member(k - members.start)
                 if problem.inertia is not None:
-                    steps = replace(steps, plan=problem.inertia.plan(k, problem.plan))
-                self._outputs[k] = DenseOutput(steps, *start, point, self._marks.get(k))
+                    interpolants = replace(interpolants, plan=problem.inertia.plan(k, problem.plan))
+                self._outputs[k] = DenseOutput(interpolants, *start, point, self._marks.get(k))
         if self.out is None and len(results.status) == self.members:
             self._all = results
             return

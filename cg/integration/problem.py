@@ -15,29 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
+from cg.frames.facts import for_derivatives, has_brackets
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.arguments import (
-    DEFAULT_ATOL,
-    DEFAULT_MAX_STEPS,
-    DEFAULT_RTOL,
-    FLAGS,
-    NO_LIMIT,
-    STAGE_SOLVERS,
-    EnsembleOptions,
-    check_algebra,
-    check_args,
-    check_atol,
-    check_count,
-    check_points,
-    check_rtol,
-    check_span,
-    check_step,
-    check_stops,
-    check_times,
-    read_points,
-    read_starts,
-)
+from cg.integration import arguments
+from cg.integration.arguments import DEFAULT_ATOL, DEFAULT_RTOL, EnsembleOptions
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.mechanics import (
     Langevin,
@@ -49,12 +31,12 @@ from cg.integration.mechanics import (
 )
 from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
-from cg.integration.plan.plan import Plan, for_derivatives, has_brackets, plan_of
+from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import (
-    Given,
+    ExtraArguments,
     Inputs,
     WithInput,
     check_inputs,
@@ -82,7 +64,7 @@ class Control(NamedTuple):
     atol: Array = DEFAULT_ATOL
     max_step: float = math.inf
     first_step: float | None = None
-    max_steps: int = DEFAULT_MAX_STEPS
+    max_steps: int = arguments.DEFAULT_MAX_STEPS
 
     @property
     def tolerance(self) -> float | None:
@@ -152,8 +134,8 @@ class Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
-        first, plan, events, given = members.start, self.plan, self.events, self.rhs.given
-        stops, limits, inputs, numbers = self.stops, self.limits, given.inputs, given.parameters
+        first, plan, events, extra = members.start, self.plan, self.events, self.rhs.extra
+        stops, limits, inputs, numbers = self.stops, self.limits, extra.inputs, extra.parameters
         inertia = self.inertia and self.inertia.part(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]
@@ -161,7 +143,7 @@ class Problem:
         elif inputs is not None:
             inputs = inputs.part(members)
         numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(given._replace(parameters=numbers, inputs=inputs, first=first))
+        rhs = self.rhs.with_data(extra._replace(parameters=numbers, inputs=inputs, first=first))
         if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
@@ -173,20 +155,17 @@ class Problem:
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return what functions of a member get after time and point."""
         if not self.member_inputs:
-            return self.rhs.given.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.given.arguments(0)
+            return self.rhs.extra.arguments(member)
+        return self.part(slice(member, member + 1)).rhs.extra.arguments(0)
 
 
 def _make_rhs(
-    f: Any,
-    frame: Frame,
-    options: EnsembleOptions,
-    parameters: Array | None,
-    inputs: Inputs | None,
+    f: Any, frame: Frame, options: EnsembleOptions, parameters: Array | None, inputs: Inputs | None,
     many: bool,
-) -> Rhs:
+) -> Rhs:  # fmt: skip
     """Return the right-hand side after checking ``f`` and args."""
-    given = Given(check_args(options["args"]), parameters, inputs, 0 if many else None)
+    args, first = arguments.check_args(options["args"]), 0 if many else None
+    extra = ExtraArguments(args, parameters, inputs, first)
     of_time = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
@@ -196,34 +175,51 @@ def _make_rhs(
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
-        return PythonRhs(f, frame, given, options["vectorized"])
+        return PythonRhs(f, frame, extra, options["vectorized"])
     if options["vectorized"]:
         what = "time" if of_time else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, given)
+    return compiled.on(frame, extra)
 
 
 def _make_control(
     plan: Plan, in_coordinates: bool, rtol: Array, options: EnsembleOptions, span: float
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
-    h, first_step = options["h"], options["first_step"]
-    max_step = check_step("max_step", options["max_step"], infinite=True)
-    max_steps = options["max_steps"]
-    max_steps = DEFAULT_MAX_STEPS if max_steps is None else check_count("max_steps", max_steps)
-    if h is not None:
-        varies = options["step_function"] is not None
-        for name in ("rtol", "atol", "first_step", "max_steps"):
-            if options[name] is not None and not (varies and name == "max_steps"):
-                raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
-        _warn(plan.table, pair=False)
-        size = check_step("h", h)
-        if math.isinf(span):
-            raise ValueError("t_span must be finite with h, got an infinite end")
-        if size > max_step:
-            limit, got = texts_of(max_step, size)
-            raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
-        return Control(h=size, max_steps=max_steps if varies else NO_LIMIT)
+    max_step = arguments.check_step("max_step", options["max_step"], infinite=True)
+    max_steps, first_step = arguments.DEFAULT_MAX_STEPS, options["first_step"]
+    if options["max_steps"] is not None:
+        max_steps = arguments.check_count("max_steps", options["max_steps"])
+    if options["h"] is not None:
+        return _equal_steps(plan, options, span, max_step, max_steps)
+    _check_pair(plan, options)
+    rtol, atol = _read_tolerances(plan, in_coordinates, rtol, options)
+    first = None if first_step is None else arguments.check_step("first_step", first_step)
+    if first is not None and first > span:
+        raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
+    return Control(None, rtol, atol, max_step, first, max_steps)
+
+
+def _equal_steps(
+    plan: Plan, options: EnsembleOptions, span: float, max_step: float, max_steps: int
+) -> Control:
+    """Return the control of steps of one size, or of sizes that a ``step_function`` varies."""
+    varies = options["step_function"] is not None
+    for name in ("rtol", "atol", "first_step", "max_steps"):
+        if options[name] is not None and not (varies and name == "max_steps"):
+            raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
+    _warn(plan.table, pair=False)
+    size = arguments.check_step("h", options["h"])
+    if math.isinf(span):
+        raise ValueError("t_span must be finite with h, got an infinite end")
+    if size > max_step:
+        limit, got = texts_of(max_step, size)
+        raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
+    return Control(h=size, max_steps=max_steps if varies else arguments.NO_LIMIT)
+
+
+def _check_pair(plan: Plan, options: EnsembleOptions) -> None:
+    """Raise ValueError unless the method estimates errors, by which steps are chosen."""
     if plan.table.kind is Kind.SPLITTING:
         raise ValueError(
             f"h must be given with {plan.table!r}: steps of splitting methods have a fixed size"
@@ -235,8 +231,14 @@ def _make_control(
         )
     # one flow along a polynomial has another estimate than that of the method
     _warn(plan.table, pair=plan.step_table is plan.table)
+
+
+def _read_tolerances(
+    plan: Plan, in_coordinates: bool, rtol: Array, options: EnsembleOptions
+) -> tuple[Array, Array]:
+    """Return relative and absolute tolerances of one shape after checking their shapes."""
     shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
-    atol = check_atol(options["atol"])
+    atol = arguments.check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
             what = "coordinate" if in_coordinates else "entry"
@@ -244,30 +246,37 @@ def _make_control(
                 f"{name} must be a number or have shape {shape}, one number a {what}, "
                 f"got {value.shape}"
             )
-    if rtol.shape != atol.shape:
-        rtol, atol = np.full(shape, rtol), np.full(shape, atol)
-    first = None if first_step is None else check_step("first_step", first_step)
-    if first is not None and first > span:
-        raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, rtol, atol, max_step, first, max_steps)
+    return (
+        (rtol, atol) if rtol.shape == atol.shape else (np.full(shape, rtol), np.full(shape, atol))
+    )
 
 
-def _warn(table: MethodTable, pair: bool = True) -> None:
+def _warn(table: MethodTable, pair: bool) -> None:
     """Warn if solutions don't converge, or the error estimate of a ``pair`` is unreliable."""
     name = table.name or "the method"
     if not table.converges:
-        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=5)
-    if pair and table.fault:
-        warnings.warn(f"{name}: {table.fault}", stacklevel=5)
+        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=6)
+    if pair and table.estimate_fault:
+        warnings.warn(f"{name}: {table.estimate_fault}", stacklevel=6)
 
 
-def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
-    """Raise ValueError if a compiled function reads its point."""
-    nowhere = np.full_like(point, np.nan)
-    if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
+def _check_rhs(
+    plan: Plan, rhs: Rhs, of_time: bool, start: float, stop: float, points: Points
+) -> None:
+    """Raise ValueError if forces are friction, or a compiled function ``of_time`` reads its point.
+
+    Points are those at the start, and serve at the end as well.
+    """
+    refuse_friction(plan, rhs, [start], points[None])
+    if stop != start and np.isfinite(stop):  # a friction may vanish at the start
+        refuse_friction(plan, rhs, [stop], points[None])
+    if not of_time or isinstance(rhs, PythonRhs):
+        return
+    point, nowhere = points[0], np.full_like(points[0], np.nan)
+    if not np.array_equal(rhs.at_member(0, start, point), rhs.at_member(0, start, nowhere)):
         raise ValueError(
             "f must not read its point with linear=True, since its coefficients depend on time "
-            f"alone then, got others for a point of NaN at t = {t:.17g}"
+            f"alone then, got others for a point of NaN at t = {start:.17g}"
         )
 
 
@@ -305,7 +314,7 @@ def _checked_method(
             )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
-        check_algebra(frame, chosen)
+        arguments.check_algebra(frame, chosen)
     return chosen
 
 
@@ -336,7 +345,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     rtol, min_rtol = DEFAULT_RTOL, None
     if options["h"] is None:
         if options["rtol"] is not None:
-            rtol = check_rtol(options["rtol"])
+            rtol = arguments.check_rtol(options["rtol"])
         min_rtol = rtol.item() if rtol.size == 1 else float(rtol.min())
     method: Any = options["method"]
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
@@ -348,11 +357,11 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
 
 def _check_flags(options: Any, many: bool) -> None:
     """Check options that are flags or choices, make flags bools, and refuse contradictions."""
-    for name in FLAGS:
+    for name in arguments.FLAGS:
         if type(options[name]) is not bool:
             options[name] = check_flag(name, options[name])
     linear, derivatives = options["linear"], options["derivatives"]
-    check_choice("stage_solver", options["stage_solver"], STAGE_SOLVERS)
+    check_choice("stage_solver", options["stage_solver"], arguments.STAGE_SOLVERS)
     if not many and options["common_steps"]:
         raise ValueError("common_steps must be False for a single point")
     if not many and options["vectorized"] and not linear:
@@ -381,7 +390,7 @@ def _read_members(
     frame, inputs, inertia = plan.frame, options["inputs"], None
     if frame.jointed and options["inertia"] is not None:
         return _read_jointed_members(plan, options, y0)
-    points, numbers = check_points(plan, y0, options["parameters"], many)
+    points, numbers = arguments.check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
@@ -389,7 +398,7 @@ def _read_members(
         members = _count_members(inputs)
     if options["inertia"] is not None:
         inertia = read_member_inertia(options["inertia"], frame, options, members)
-        members = len(inertia.columns)
+        members = len(inertia.signed_columns)
     if members > len(points):  # a single point serves all of them
         points = np.repeat(points, members, axis=0)
         if numbers is not None:
@@ -402,16 +411,18 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
+    rows = arguments.read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
-    members = len(inertia.columns)
+    members = len(inertia.signed_columns)
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         member_plan: Any = inertia.plan(k, plan)
-        points.append(read_starts(member_plan, y, False)[0])
+        points.append(arguments.read_starts(member_plan, y, False)[0])
         member_plan.frame.check_rank(points[-1], "y0")
     first = inertia.plan(0, plan)
-    _, numbers = check_points(first, np.array([points[0]] * members), options["parameters"], True)
+    _, numbers = arguments.check_points(
+        first, np.array([points[0]] * members), options["parameters"], True
+    )
     return np.array(points), numbers, inertia
 
 
@@ -433,9 +444,9 @@ def _read_times(
     options: EnsembleOptions, start: float, stop: float, many: bool
 ) -> tuple[Array, Array | None]:
     """Return the breakpoints with the final time, and the output times, None for ends of steps."""
-    stops = check_stops(options["breakpoints"], start, stop)
+    stops = arguments.check_stops(options["breakpoints"], start, stop)
     if options["t_eval"] is not None:
-        t_eval = check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
+        t_eval = arguments.check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
         if options["thermostat"] is not None:  # points between steps would have no noise
             stops = np.union1d(stops, t_eval[t_eval != start])
         return stops, t_eval
@@ -451,8 +462,8 @@ def _read_events(
     events = None
     if options["events"] is not None:
         events = EventTable(
-            options["events"], frame, inputs=rhs.given.inputs is not None,
-            parameters=rhs.given.parameters is not None, in_python=isinstance(rhs, PythonRhs),
+            options["events"], frame, inputs=rhs.extra.inputs is not None,
+            parameters=rhs.extra.parameters is not None, in_python=isinstance(rhs, PythonRhs),
         )  # fmt: skip
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")
@@ -469,7 +480,7 @@ def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
     executor, sent = options["executor"], {name: options[name] for name in _FUNCTIONS}
     if executor != "processes" and not isinstance(executor, ProcessPoolExecutor):
         return
-    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.given.args, **sent}.items():
+    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.extra.args, **sent}.items():
         try:
             pickle.dumps(value)
         except Exception as error:
@@ -480,38 +491,29 @@ def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
 
 
 def make_problem(
-    f: Any,
-    t_span: Any,
-    y0: ArrayLike,
-    frame: Any,
-    options: EnsembleOptions,
-    *,
-    many: bool = False,
+    f: Any, t_span: Any, y0: ArrayLike, frame: Any, options: EnsembleOptions, *, many: bool = False,
     every: int = 1,
-) -> Problem:
+) -> Problem:  # fmt: skip
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
 
-    The order is that of need: flags decide what other options may be, the frame and the method how
-    points are read, points and inputs how many members there are, and all of these make the
-    right-hand side, which is called from then on.
+    The order matters, since each step reads the results of those before: flags decide what other
+    options may be, the frame and the method how points are read, points and inputs how many
+    members there are, and all of these make the right-hand side. It is called from `_check_rhs`
+    on, after what can be checked without calls.
     """
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
     points, numbers, inertia = _read_members(plan, options, y0, many)
-    start, stop = check_span(t_span)
+    start, stop = arguments.check_span(t_span)
     check_thermostat(options["thermostat"], plan.table, options, stop < start)
     inputs, member_inputs = _read_inputs(plan, options, start, stop, len(points) if many else None)
     rhs = _make_rhs(f, frame, options, numbers, inputs, many)
     _check_picklable(f, rhs, options)
-    refuse_friction(plan, rhs, [start], points[None])
-    if stop != start and np.isfinite(stop):  # a friction may vanish at the start
-        refuse_friction(plan, rhs, [stop], points[None])
+    _check_rhs(plan, rhs, options["linear"], start, stop, points)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
-    if options["linear"] and not isinstance(rhs, PythonRhs):
-        _check_of_time(rhs, start, points[0])
     stops, t_eval = _read_times(options, start, stop, many)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))

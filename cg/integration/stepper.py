@@ -48,7 +48,7 @@ from cg.support.arrays import Array, Points, check_finite, texts_of
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
-from cg.tables import made
+from cg.tables import source_method
 
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _STEPS = list(COUNTERS).index("steps")
@@ -162,7 +162,7 @@ class Stepper:
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         check_resolution(problem.control.h, start)
-        numbers = problem.rhs.given.parameters
+        numbers = problem.rhs.extra.parameters
         if numbers is not None:
             check_finite("parameters", numbers if many else numbers[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
@@ -171,7 +171,7 @@ class Stepper:
         self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = replace(problem, control=control, t_eval=None, every=0)
-        self._find_corners(problem.rhs.given.inputs, start)
+        self._find_corners(problem.rhs.extra.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._calls = 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
@@ -204,7 +204,7 @@ class Stepper:
     @property
     def method(self) -> Any:
         """The method, a `cg.Method`."""
-        return made(self.table)
+        return source_method(self.table)
 
     @property
     def y(self) -> Points:
@@ -364,8 +364,8 @@ class Stepper:
         if t is not None:
             time = self._check_time(t, "t", -math.inf * self.direction)
             check_resolution(run.control.h, time)
-            if inputs is None and run.rhs.given.inputs is not None:
-                run.rhs.given.inputs.check_span(time, time, "t")
+            if inputs is None and run.rhs.extra.inputs is not None:
+                run.rhs.extra.inputs.check_span(time, time, "t")
         if y is not None:
             points = read_starts(run.plan, y, self._many, "y")
             if len(points) != run.members:
@@ -380,7 +380,7 @@ class Stepper:
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
-            self._find_corners(run.rhs.given.inputs, time)
+            self._find_corners(run.rhs.extra.inputs, time)
         self._begin(time, rows, first, self._stopped & (t is None and y is None))
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._stopped.all():
@@ -411,17 +411,17 @@ class Stepper:
 
         ``rows`` are the points there, as doubles.
         """
-        run, before = self._run, self._run.rhs.given
-        given = before.replaced(t, parameters, inputs, run.members if self._many else None)
+        run, before = self._run, self._run.rhs.extra
+        extra = before.replaced(t, parameters, inputs, run.members if self._many else None)
         if args is not None:
-            given = given._replace(args=check_args(args))
-        if given is before:
+            extra = extra._replace(args=check_args(args))
+        if extra is before:
             return
-        changed = run.rhs.with_data(given)
+        changed = run.rhs.with_data(extra)
         refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
         run.replace_rhs(changed)
-        if given.inputs is not None and given.inputs is not before.inputs:
-            limits = given.inputs.limits(self._problem.control.tolerance)
+        if extra.inputs is not None and extra.inputs is not before.inputs:
+            limits = extra.inputs.limits(self._problem.control.tolerance)
             if len(limits) or len(self._problem.limits):
                 self._problem = replace(self._problem, limits=limits)
                 run.share_limits(limits)
@@ -449,12 +449,12 @@ class Stepper:
         the target is repeated, so that the step up to it ends before it.
         """
         run, corners, sign = self._run, self._corners, self.direction
-        if (inputs := run.rhs.given.inputs) is not None:
+        if (inputs := run.rhs.extra.inputs) is not None:
             inputs.check_span(self.t, target, "t")
         check_resolution(run.control.h, target)
         stops = np.array([target])
         if len(corners):
-            # the one behind too, which stages outside the step must not pass
+            # the corner behind is an end too, since stages outside the step must not pass it
             corners = corners[max(int((sign * (corners - self.t) < 0.0).sum()) - 1, 0) :]
             stops = np.append(corners[sign * (corners - target) <= 0.0], target)
         run.resume(stops)
@@ -542,17 +542,17 @@ class Stepper:
         at_corner, self._target = bool((self._corners == self.t).any()), None
         beyond = self.t + self.direction
         run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
-        steps = run.last_interpolants()
+        interpolants = run.last_interpolants()
         if run.record.failed:
             failure = next(iter(failures_of(run, raising=True).values()))
             raise RuntimeError(f"there is no solution within the last step: {failure}")
-        begin = float(steps.rows[0, 1])
+        begin = float(interpolants.rows[0, 1])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
-            member_steps = steps.member(member)
-            start = nowhere if has_stopped else member_steps.rows[:1, 5 : 5 + run.plan.width]
+            of_member = interpolants.member(member)
+            start = nowhere if has_stopped else of_member.rows[:1, 5 : 5 + run.plan.width]
             point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
-            outputs.append(DenseOutput(member_steps, begin, self.direction, point))
+            outputs.append(DenseOutput(of_member, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:
@@ -571,7 +571,7 @@ class Stepper:
 
     def __getstate__(self) -> dict[str, Any]:
         # with memory of its own for inputs, as copies may run in two threads
-        rhs = self._run.rhs.with_data(self._run.rhs.given)
+        rhs = self._run.rhs.with_data(self._run.rhs.extra)
         state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
         return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}
 

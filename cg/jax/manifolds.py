@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg import frames
+from cg.frames.facts import has_brackets
 from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import min_norm_generator
-from cg.integration.plan.plan import has_brackets
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
 from cg.jax.groups import functions_of, make_series_dexpinv
 from cg.jax.matrices import expm, projection
@@ -33,13 +33,9 @@ _SERIES_TERMS = 18
 def euclidean_rules(frame: frames.Euclidean) -> Rules:
     """Return the rules of a vector space."""
     return Rules(
-        frame,
-        lambda v, y: y + v,
-        log=lambda y0, y1: y1 - y0,
-        dexpinv=lambda u, v, order: v,
-        closed_coefficients=lambda y, tangent: tangent,
-        unequal_sizes=jnp.abs,
-    )
+        frame, lambda v, y: y + v, log=lambda y0, y1: y1 - y0, dexpinv=lambda u, v, order: v,
+        closed_coefficients=lambda y, tangent: tangent, unequal_sizes=jnp.abs,
+    )  # fmt: skip
 
 
 def sphere_rules(frame: frames.Sphere) -> Rules:

@@ -37,7 +37,7 @@ _DENSE = ("accurate", "steps")
 _MAX_ANGLE = math.pi / 6  # angle between comparisons in fortran/steps/step_events.f90
 
 
-class _State(eqx.Module):
+class SolverState(eqx.Module):
     """What a step needs of the steps before."""
 
     first: JaxArray  # coefficients at the start of the step
@@ -174,7 +174,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         )
         none = jnp.zeros((), first.dtype), jnp.zeros((len(self.table.c), frame.dim), first.dtype)
         before = Before(*none) if self.table.kind is Kind.LINEAR else None
-        return _State(first, before, has_events())
+        return SolverState(first, before, has_events())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -213,7 +213,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
                 too_far | (turning(rules.frame, h * last) > self.max_angle), jnp.inf, error
             )
         before = None if before is None else Before(h, stages.values)
-        state = _State(last, before, solver_state.has_events)
+        state = SolverState(last, before, solver_state.has_events)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(
@@ -263,8 +263,10 @@ def divergence(
     -2.0
     """
     term, rules = FrameTerm(f, frame), rules_of(frame)
-    if own := _own(frame):
-        raise ValueError(f"frame must have a known invariant volume, got fields of the user: {own}")
+    if user_frame := _user_frame_in(frame):
+        raise ValueError(
+            f"frame must have a known invariant volume, got fields of the user: {user_frame}"
+        )
 
     def evaluate(t: Any, y: Any, args: Any) -> JaxArray:
         y = read_point(frame, y)
@@ -281,11 +283,11 @@ def divergence(
     return evaluate
 
 
-def _own(frame: Frame) -> Frame | None:
+def _user_frame_in(frame: Frame) -> Frame | None:
     """Return the first factor whose fields the user gives, None if there is none."""
     if isinstance(frame, UserFrame):
         return frame
     if isinstance(frame, Power):
-        return _own(frame.factor)
+        return _user_frame_in(frame.factor)
     factors = frame.factors if isinstance(frame, Product) else ()
-    return next(filter(None, map(_own, factors)), None)
+    return next(filter(None, map(_user_frame_in, factors)), None)

@@ -46,7 +46,7 @@ class Stages:
     there. ``others`` are the results with which a pair compares the first one. ``errors`` are
     weighted sums of the values, further error estimates divided by the step, shape ``(sums, dim)``;
     on the algebra, if there are several, all sums of coefficients, and then all sums of what
-    dexpinv has added to them. ``columns`` are the values and the brackets of a Magnus method,
+    dexpinv has added to them. ``vectors`` are the values and the brackets of a Magnus method,
     which flows combine.
     """
 
@@ -55,7 +55,7 @@ class Stages:
     others: list[JaxArray]
     errors: JaxArray
     last: JaxArray | None
-    columns: JaxArray
+    vectors: JaxArray
 
 
 def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
@@ -95,10 +95,10 @@ def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
         stages.append(value)
     follow(len(table.paths))
     others = [ends[k] for k in (record.embedded, record.third) if k]
-    columns = jnp.stack(stages)
-    errors = jnp.asarray(table.errors, h.dtype) @ columns
-    values = columns[: len(c)]
-    return Stages(values, ends[record.result], others, errors, last, columns)
+    vectors = jnp.stack(stages)
+    errors = jnp.asarray(table.errors, h.dtype) @ vectors
+    values = vectors[: len(c)]
+    return Stages(values, ends[record.result], others, errors, last, vectors)
 
 
 def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> Stages:
@@ -111,7 +111,11 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
     """
     record, rules, f, h, y0 = table.record, start.rules, start.f, start.h, start.y0
     # weights of stages in paths and in error estimates, after the start of the step
-    rows = [np.zeros((1, table.columns)), *(flows for _, flows in table.paths), table.errors]
+    rows = [
+        np.zeros((1, table.combined_vectors)),
+        *(flows for _, flows in table.paths),
+        table.errors,
+    ]
     weights = jnp.asarray(np.concatenate(rows), h.dtype)
     assert rules.dexpinv is not None
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
@@ -132,12 +136,12 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
         sums, added = loop(sums, final + 1, count)
         parts.append(added)
     values, corrections = zip(*parts, strict=True)
-    columns = jnp.concatenate(values)
+    vectors = jnp.concatenate(values)
     errors = sums[len(table.paths) + 1 :]
     if len(errors) > 1:
         of_corrections = weights[len(table.paths) + 1 :] @ jnp.concatenate(corrections)
         errors = jnp.concatenate([errors - of_corrections, of_corrections])
-    return Stages(columns, result, [], errors, last, columns)
+    return Stages(vectors, result, [], errors, last, vectors)
 
 
 def _loop_on_algebra(
@@ -235,7 +239,7 @@ def interpolant(
     """
     rules = start.rules
     if not accurate:
-        return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(table))
+        return _Interpolant(start.y0, start.h * stages.vectors, rules, _straight(table))
     if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(table, start, stages, last)
     return _by_flows(table, start, stages, last)
@@ -308,7 +312,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) 
     """Return the interpolant by flows; each level gives the points of nodes of the next one."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(table)
-    path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.columns)
+    path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.vectors)
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""

@@ -35,15 +35,9 @@ def observed_order(h: ArrayLike, errors: ArrayLike, *, floor: float = 0.0) -> fl
 
 
 def final_errors(
-    f: Coefficients,
-    t_span: tuple[float, float],
-    y0: ArrayLike,
-    exact: ArrayLike,
-    *,
-    frame: Frame,
-    method: str | HasTable,
-    h: Sequence[float],
-) -> Array:
+    f: Coefficients, t_span: tuple[float, float], y0: ArrayLike, exact: ArrayLike, *, frame: Frame,
+    method: str | HasTable, h: Sequence[float],
+) -> Array:  # fmt: skip
     """Return the distances of integrations with constant steps `h` from the exact end."""
     runs = (integrate(f, t_span, y0, frame=frame, method=method, h=size) for size in h)
     return np.array([float(frame.distance(run.y[-1], exact)) for run in runs])

@@ -96,8 +96,8 @@ def reference_solution(
     bits = check_integer("bits", bits, 2)
     with working_precision(bits):
         system = build()
-        coarse = _solve(system, exact, _STEP, _ORDER)
-        fine = _solve(system, exact, _STEP * Fraction(2, 3), _ORDER + _ORDER // 5)
+        coarse = solve_at(system, exact, _STEP, _ORDER)
+        fine = solve_at(system, exact, _STEP * Fraction(2, 3), _ORDER + _ORDER // 5)
         bounds = [
             max(float((x - y).abs_upper()) for x, y in zip(*rows, strict=True))
             for rows in zip(coarse, fine, strict=True)
@@ -115,9 +115,10 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
-def _solve(
+def solve_at(
     system: QuadraticSystem, times: tuple[Fraction, ...], step: Fraction, order: int
 ) -> list[list[flint.arb]]:
+    """Return the solution at times, by Taylor series of an order in steps."""
     solutions: dict[Fraction, list[flint.arb]] = {}
     for direction in (1, -1):
         remaining = {t for t in times if t * direction >= 0} - solutions.keys()

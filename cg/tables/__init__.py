@@ -4,7 +4,7 @@ Methods are made and proved elsewhere, and compiled into tables; integrations re
 nothing else of a method. Those of the catalogue are stored in ``methods.json.gz``, one line each.
 """
 
-from cg.tables.stored import made, stored_names, stored_table, table_of, unique_table
+from cg.tables.stored import source_method, stored_names, stored_table, table_of, unique_table
 from cg.tables.table import MAX_ANGLE, HasTable, Kind, MethodTable, Output, basis_polynomials
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "MethodTable",
     "Output",
     "basis_polynomials",
-    "made",
+    "source_method",
     "stored_names",
     "stored_table",
     "table_of",

@@ -69,7 +69,7 @@ def unique_table(method: Any, polynomial: bool = False) -> MethodTable:
     return table
 
 
-def made(table: MethodTable) -> Any:
+def source_method(table: MethodTable) -> Any:
     """Return the method that a table was compiled from."""
     if table.source is not None:
         return table.source

@@ -70,7 +70,7 @@ class Output:
     flow_weights: Array  # (flows, stages)
 
     @property
-    def columns(self) -> int:
+    def interpolant_vectors(self) -> int:
         """Number of vectors of an interpolant."""
         return max(len(self.basis), len(self.node) + 1)
 
@@ -79,24 +79,24 @@ class Output:
 class MethodTable:
     """A method as integrations read it.
 
-    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. ``kept`` vectors of coefficients
-    are stored for a step: its stages, with the end where the error estimate needs it, or one
-    register; ``kept_nodes`` are those of the step before, of three stages or more that need no
-    point. ``exponent`` is the power of errors that steps are proportional to, 0 without estimates.
+    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``:
+    coefficients at its stages, with the end where the error estimate needs it, or one register. Of
+    the step before it keeps ``kept_nodes``, coefficients at three stages or more that need no
+    point. Steps are proportional to errors to the power ``exponent``, 0 without estimates.
     """
 
     name: str
     kind: Kind
-    shown: str  # the method in messages
+    label: str  # the method in messages
     order: int
     embedded_order: int | None
     stages: int
     exponent: float
-    kept: int
+    kept_vectors: int
     kept_nodes: int
     # whether the weights of the result add up to one, and why the estimate of a pair is unreliable
     converges: bool
-    fault: str
+    estimate_fault: str
     numbers: Mapping[str, float]
     arrays: Mapping[str, Array]
     output: Output
@@ -106,7 +106,7 @@ class MethodTable:
     source: Any = None  # the method that the table was made of, unless it is stored
 
     def __repr__(self) -> str:
-        return self.shown
+        return self.label
 
     def __reduce__(self) -> tuple[Any, ...]:
         # processes read stored tables themselves
@@ -159,7 +159,7 @@ class MethodTable:
         return summary.real_stability  # type: ignore[no-any-return]
 
     @property
-    def columns(self) -> int:
+    def combined_vectors(self) -> int:
         """Number of vectors that flows combine: coefficients at stages, then brackets."""
         return len(self.c) + int(self.numbers["bracket_count"])
 
@@ -167,10 +167,10 @@ class MethodTable:
     def paths(self) -> tuple[tuple[int, Array], ...]:
         """The paths: the number of the path that each starts at, 0 for the step, and its flows.
 
-        Flows are weights of stages and brackets, shape ``(flows, columns)``.
+        Flows are weights of stages and brackets, shape ``(flows, combined_vectors)``.
         """
         arrays, first_terms = self.arrays, self.arrays["flow_first"] - 1
-        weights = np.zeros((len(first_terms) - 1, self.columns))
+        weights = np.zeros((len(first_terms) - 1, self.combined_vectors))
         for row, (begin, end) in zip(weights, pairwise(first_terms), strict=True):
             row[arrays["flow_stage"][begin:end] - 1] = arrays["weight"][begin:end]
         flows = (weights[begin:end] for begin, end in pairwise(arrays["path_first"] - 1))
@@ -178,22 +178,22 @@ class MethodTable:
 
     @property
     def result_flows(self) -> Array:
-        """All flows from the start to the result, shape ``(flows, columns)``."""
+        """All flows from the start to the result, shape ``(flows, combined_vectors)``."""
         flows, k = [], int(self.numbers["result"])
         while k:
             k, last = self.paths[k - 1]
             flows.append(last)
-        return np.concatenate([np.zeros((0, self.columns)), *reversed(flows)])
+        return np.concatenate([np.zeros((0, self.combined_vectors)), *reversed(flows)])
 
     @property
     def errors(self) -> Array:
-        """Weights of error estimates, shape ``(errors, columns)``."""
-        return self.arrays["error"].reshape(-1, self.columns)
+        """Weights of error estimates, shape ``(errors, combined_vectors)``."""
+        return self.arrays["error"].reshape(-1, self.combined_vectors)
 
     @property
     def brackets(self) -> Array:
-        """Weights of both sides of brackets, shape ``(brackets, 2, columns)``."""
-        return self.arrays["brackets"].reshape(-1, 2, self.columns)
+        """Weights of both sides of brackets, shape ``(brackets, 2, combined_vectors)``."""
+        return self.arrays["brackets"].reshape(-1, 2, self.combined_vectors)
 
     @cached_property
     def record(self) -> MethodRecord:

@@ -91,7 +91,7 @@ METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, 
 
 
 @pytest.fixture(params=["mine.certificate.toml", "certificates/mine.toml"])
-def proof(request, tmp_path):
+def certificate_path(request, tmp_path):
     path = tmp_path / str(request.param)
     path.parent.mkdir(exist_ok=True)
     certify(METHOD).save(path)
@@ -106,33 +106,39 @@ def certificate_line(run, file):
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_show_and_export_find_it(suffix, proof, run, tmp_path):
+def test_show_and_export_find_it(suffix, certificate_path, run_command, tmp_path):
     file = tmp_path / f"mine{suffix}"
     save(METHOD, file)
-    assert str(certify(METHOD)) in run("show", str(file))[1]
-    assert json.loads(run("show", str(file), "--json")[1])["certificate"] == str(certify(METHOD))
-    code, output, _ = run("export", str(file), "json", "--digits", "60")
+    assert str(certify(METHOD)) in run_command("show", str(file))[1]
+    assert json.loads(run_command("show", str(file), "--json")[1])["certificate"] == str(
+        certify(METHOD)
+    )
+    code, output, _ = run_command("export", str(file), "json", "--digits", "60")
     assert code == 0
     residuals = cg.conditions.residuals(loads(output), 3, arithmetic="exact")
     assert max(map(abs, residuals)) < 1e-58
-    assert proof.is_file()
+    assert certificate_path.is_file()
 
 
-def test_certificate_is_proved_again(proof, run, tmp_path):
+def test_certificate_is_proved_again(certificate_path, run_command, tmp_path):
     file = tmp_path / "mine.toml"
     save(METHOD, file)
-    text = proof.read_text(encoding="utf-8")
-    proof.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
-    assert certificate_line(run, file).startswith("proves nothing: ")
-    assert run("export", str(file), "json", "--digits", "60")[0] == 2
-    assert run("export", str(file), "json", "--digits", "20")[0] == 0
-    proof.write_text("nothing", encoding="utf-8")
-    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not a TOML file")
-    assert str(proof) in run("export", str(file), "json", "--digits", "60")[2]
-    proof.write_bytes(b"\xff")
-    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not UTF-8")
-    proof.unlink()
-    assert certificate_line(run, file) == "none"
+    text = certificate_path.read_text(encoding="utf-8")
+    certificate_path.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
+    assert certificate_line(run_command, file).startswith("proves nothing: ")
+    assert run_command("export", str(file), "json", "--digits", "60")[0] == 2
+    assert run_command("export", str(file), "json", "--digits", "20")[0] == 0
+    certificate_path.write_text("nothing", encoding="utf-8")
+    assert certificate_line(run_command, file).startswith(
+        f"proves nothing: {certificate_path}: not a TOML file"
+    )
+    assert str(certificate_path) in run_command("export", str(file), "json", "--digits", "60")[2]
+    certificate_path.write_bytes(b"\xff")
+    assert certificate_line(run_command, file).startswith(
+        f"proves nothing: {certificate_path}: not UTF-8"
+    )
+    certificate_path.unlink()
+    assert certificate_line(run_command, file) == "none"
 
 
 @pytest.mark.parametrize("name", ["M.JSON", "M.toml", "m.TOML"])

@@ -21,17 +21,17 @@ def process(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_help_has_examples(run):
-    code, output, _ = run("--help")
+def test_help_has_examples(run_command):
+    code, output, _ = run_command("--help")
     assert code == 0
     listed = re.findall(r"^  (\w+)  ", output.partition("Commands:")[2], re.MULTILINE)
     assert listed == COMMANDS
     for name in COMMANDS:
-        code, output, _ = run(name, "--help")
+        code, output, _ = run_command(name, "--help")
         assert code == 0
         assert f"crouch-grossman {name}" in output.partition("Examples:")[2]
         assert ("--json" in output) == (name != "export")
-    assert run("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
+    assert run_command("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
 
 
 def test_processes():
@@ -51,22 +51,22 @@ def test_completion_of_names():
     assert [item.type for item in METHOD.shell_complete(None, None, "mine.t")] == ["file"]
 
 
-def test_certify(run, tmp_path):
+def test_certify(run_command, tmp_path):
     file = tmp_path / "proof.toml"
-    code, output, _ = run("certify", "CG3", "-o", str(file))
+    code, output, _ = run_command("certify", "CG3", "-o", str(file))
     assert (code, output[:24]) == (0, "CG3: order 3 is proved: ")
     assert cg.Certificate.load(file) == cg.certify("CG3")
-    code, output, _ = run("certify", "CG6a", "--json")
+    code, output, _ = run_command("certify", "CG6a", "--json")
     assert (code, json.loads(output)["proved"]) == (1, "no")
-    code, output, _ = run("certify", "DICG4", "--json")
+    code, output, _ = run_command("certify", "DICG4", "--json")
     assert (code, json.loads(output)["proved"]) == (0, "in part")
     assert json.loads(output)["message"] == str(cg.certify("DICG4"))
-    code, output, _ = run("certify", "DICG4", "--complete")
+    code, output, _ = run_command("certify", "DICG4", "--complete")
     assert (code, output.splitlines()[0][:24]) == (1, "not proved: DICG4: no ze")
 
 
-def test_certificates_are_proved_again(run, tmp_path):
-    code, output, _ = run("certify", "--check", "CG3", "CG5a", "CG6a")
+def test_certificates_are_proved_again(run_command, tmp_path):
+    code, output, _ = run_command("certify", "--check", "CG3", "CG5a", "CG6a")
     assert code == 1
     assert [line[:24] for line in output.splitlines()] == [
         *("CG3: order 3 is proved: ", "CG5a: order 5 is proved ", "FAILED CG6a: CG6a has no"),
@@ -77,24 +77,24 @@ def test_certificates_are_proved_again(run, tmp_path):
     proof = cg.certify(method)
     for order, code in ((2, 0), (3, 1)):
         replace(proof, order=order).save(tmp_path / "mine.certificate.toml")
-        assert run("certify", "--check", str(tmp_path / "mine.toml"))[0] == code
+        assert run_command("certify", "--check", str(tmp_path / "mine.toml"))[0] == code
 
 
-def test_export(run, tmp_path):
+def test_export(run_command, tmp_path):
     for format in ("json", "toml", "latex", "c", "python"):
-        assert run("export", "CG3", format)[1].rstrip() == cg.export("CG3", format).rstrip()
+        assert run_command("export", "CG3", format)[1].rstrip() == cg.export("CG3", format).rstrip()
     file = tmp_path / "cg3.h"
-    assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
+    assert run_command("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
     assert file.read_text() == cg.export("CG3", "c")
     method = cg.methods["CG3(2)"].with_coefficients(cg.methods["CG3(2)"].coefficients, name="mine")
     certificate = cg.certify(method)
     cg.save(method, tmp_path / "mine.toml")
     certificate.save(tmp_path / "proof.toml")
     command = ["export", str(tmp_path / "mine.toml"), "json", "--digits", "50"]
-    assert run(*command)[0] != 0
-    _, text, _ = run(*command, "--certificate", str(tmp_path / "proof.toml"))
+    assert run_command(*command)[0] != 0
+    _, text, _ = run_command(*command, "--certificate", str(tmp_path / "proof.toml"))
     assert json.loads(text)["b"] == cg.digits(method, 50, certificate=certificate)[1]
-    code, _, error = run(*command, "--certificate", str(tmp_path / "mine.toml"))
+    code, _, error = run_command(*command, "--certificate", str(tmp_path / "mine.toml"))
     assert (code, "mine.toml" in error) == (2, True)
 
 
@@ -114,27 +114,27 @@ def test_export(run, tmp_path):
     (["certify", "CG3", "-o", "missing/x.toml"], "must be in an existing folder"),
     (["search", "--order", "2", "--stages", "2", "-o", "missing/x"], "existing folder"),
 ])  # fmt: skip
-def test_bad_input_names_the_argument(run, arguments, named):
-    code, output, error = run(*arguments)
+def test_bad_input_names_the_argument(run_command, arguments, named):
+    code, output, error = run_command(*arguments)
     assert (code, output) == (2, "")
     assert error.startswith("crouch-grossman: error: ")
     assert error.count("\n") == 1
     assert named in error
 
 
-def test_broken_files_are_named(run, tmp_path):
+def test_broken_files_are_named(run_command, tmp_path):
     file = tmp_path / "broken.toml"
     for content in ("a = [", "a = 1\nb = 2\n", "x = 1\n", "a = [[]]\nb = ['1e999999999']\n"):
         file.write_text(content)
-        code, _, error = run("check", str(file))
+        code, _, error = run_command("check", str(file))
         assert (code, str(file) in error, error.count("\n")) == (2, True, 1)
     file.write_bytes(b"\xff\xfe\xfa")
-    assert run("check", str(file))[0] == 2
-    error = run("show", str(tmp_path / "none.toml"))[2]
+    assert run_command("check", str(file))[0] == 2
+    error = run_command("show", str(tmp_path / "none.toml"))[2]
     assert error.endswith(f"{tmp_path / 'none.toml'}: No such file or directory\n")
     text = dumps(cg.methods["CG4a"].with_coefficients(cg.methods["CG4a"].coefficients))
     file.write_text(text.replace('"CG4a"', '"mine"'))
-    error = run("export", str(file), "json", "--digits", "60")[2]
+    error = run_command("export", str(file), "json", "--digits", "60")[2]
     assert "--certificate PROOF" in error
     assert "cg.certify" not in error
 
@@ -142,7 +142,7 @@ def test_broken_files_are_named(run, tmp_path):
 @pytest.mark.parametrize("command", [
     "certify CF3", "search --order 2 --stages 2 --starts 2", "construct --order 2 --stages 2"
 ])  # fmt: skip
-def test_output_is_checked_first(run, command, tmp_path, monkeypatch):
+def test_output_is_checked_first(run_command, command, tmp_path, monkeypatch):
     def never(*arguments, **options):
         raise AssertionError
 
@@ -150,9 +150,9 @@ def test_output_is_checked_first(run, command, tmp_path, monkeypatch):
         for name in ("certify", "search", "construct"):
             monkeypatch.setattr(module, name, never, raising=False)
     missing = tmp_path / "missing" / "x.toml"
-    code, out, err = run(*command.split(), "-o", str(missing))
+    code, out, err = run_command(*command.split(), "-o", str(missing))
     assert (code, out) == (2, "")
     assert f"--output: {missing} must be in an existing folder" in err
     monkeypatch.undo()
-    assert run(*command.split(), "-o", str(tmp_path / "x.toml"))[0] == 0
+    assert run_command(*command.split(), "-o", str(tmp_path / "x.toml"))[0] == 0
     assert list(tmp_path.rglob("*.toml"))

@@ -76,15 +76,15 @@ def test_arguments(arguments_of, tmp_path):
         assert passed["stages"] == 4
 
 
-def test_results(run, tmp_path):
+def test_results(run_command, tmp_path):
     command = "search --order 3 --stages 3 --starts 8 --seed 1 --quiet --json -o"
-    code, output, _ = run(*command.split(), str(tmp_path / "found"))
+    code, output, _ = run_command(*command.split(), str(tmp_path / "found"))
     methods = [loads(json.dumps(entry)) for entry in json.loads(output)]
     assert code == 0
     assert set(methods) == set(cg.search(3, 3, 8, 1).methods)
     assert {load(path) for path in (tmp_path / "found").iterdir()} == set(methods)
     command = "search --order 3 --stages 3 --starts 6 --seed 1 --quiet --minimise principal_error"
-    _, shown, note = run(*command.split())
+    _, shown, note = run_command(*command.split())
     found = cg.search(3, 3, 6, 1, minimise="principal_error").methods
     errors = [float(line.rpartition("principal error ")[2]) for line in shown.splitlines()]
     assert errors == pytest.approx([method.principal_error for method in found], rel=1e-2)
@@ -92,12 +92,12 @@ def test_results(run, tmp_path):
     command = "search --order 3 --stages 3 --starts 4 --seed 1 --bound 0.1"
     exact = cg.search(3, 3, 4, 1).exact_starts
     message = f"no method: {exact} found, but none with coefficients in [-0.1, 0.1]\n"
-    assert run(*command.split())[:2] == (1, message)
+    assert run_command(*command.split())[:2] == (1, message)
     command = "search --order 4 --stages 4 --starts 1 --force"
-    assert run(*command.split())[:2] == (1, "no method found\n")
+    assert run_command(*command.split())[:2] == (1, "no method found\n")
     command = "construct --order 5 --stages 6 --flows 9 --first-flows 10 --seed 1"
     method = cg.construct(5, 6, 1, flows=9, first_flows=10).method
-    assert loads(run(*command.split())[1]) == method
+    assert loads(run_command(*command.split())[1]) == method
 
 
 @pytest.mark.parametrize(("command", "message"), [

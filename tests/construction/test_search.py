@@ -35,12 +35,12 @@ PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.F
 
 
 @pytest.fixture(scope="module")
-def order_four():
+def search_of_order_four():
     return search(**ORDER_FOUR, workers=1)
 
 
 @pytest.fixture(scope="module")
-def paper_way():
+def lmdif_search():
     return search(order=4, stages=5, starts=8, seed=2, algorithm="lmdif")
 
 
@@ -51,8 +51,8 @@ def largest_exact(x, settings):
 
 class TestReproducible:
     @pytest.mark.parametrize("index", [0, 7, 23])
-    def test_start_reruns_alone(self, order_four, index):
-        assert run_start(order_four.settings, index) == order_four.starts[index]
+    def test_start_reruns_alone(self, search_of_order_four, index):
+        assert run_start(search_of_order_four.settings, index) == search_of_order_four.starts[index]
 
     def test_guesses_are_uniform(self):
         def draw(seed, index, width):
@@ -68,12 +68,12 @@ class TestReproducible:
 
 
 class TestMethods:
-    def test_methods_are_exact(self, order_four):
-        exact = [start for start in order_four.starts if start.exact]
-        assert len(exact) == len(order_four.methods) >= 2
+    def test_methods_are_exact(self, search_of_order_four):
+        exact = [start for start in search_of_order_four.starts if start.exact]
+        assert len(exact) == len(search_of_order_four.methods) >= 2
         for start in exact:
             scale = max(1, *(abs(Fraction(entry)) for entry in start.x))
-            assert largest_exact(start.x, order_four.settings) <= Fraction(EXACT) * scale
+            assert largest_exact(start.x, search_of_order_four.settings) <= Fraction(EXACT) * scale
             assert len(start.x) == 15
 
     @pytest.mark.parametrize("rows", PATTERNS)
@@ -105,15 +105,15 @@ class TestMethods:
 
 
 class TestThePapersWay:
-    def test_lmdif_phases_as_in_paper(self, paper_way):
-        solved = [start for start in paper_way.starts if start.exact]
+    def test_lmdif_phases_as_in_paper(self, lmdif_search):
+        solved = [start for start in lmdif_search.starts if start.exact]
         for start in solved:
             assert start.double.f < 1e-25
             assert start.quad is not None
             assert start.quad.f < 1e-62
             assert start.quad.nfev > 16  # at least one Jacobian by differences
             assert Status(start.double.info).converged or start.double.info >= 5
-        for start in paper_way.starts:
+        for start in lmdif_search.starts:
             if not start.exact:
                 assert start.quad is None or start.quad.f > 1e-40
 
@@ -147,17 +147,17 @@ class TestArguments:
 
 
 @pytest.fixture(scope="module")
-def order_three():
+def search_of_order_three():
     return search(**SMALL, starts=40)
 
 
 class TestRequirements:
     @pytest.mark.parametrize("minimise", [None, "principal_error", "largest_coefficient"])
-    def test_methods_satisfy_the_bounds(self, order_three, minimise):
+    def test_methods_satisfy_the_bounds(self, search_of_order_three, minimise):
         bounds = {"abscissae": (0, 1), "bound": 1.5}
         result = search(**SMALL, starts=40, **bounds, minimise=minimise)
-        assert result.starts == order_three.starts
-        assert 0 < len(result.methods) < len(order_three.methods)
+        assert result.starts == search_of_order_three.starts
+        assert 0 < len(result.methods) < len(search_of_order_three.methods)
         for method in result.methods:
             assert method.order == 3
             assert method.max_residual() < 1e-33
@@ -166,12 +166,12 @@ class TestRequirements:
             assert largest(method) <= 1.5
 
     @pytest.mark.parametrize("minimise", ["principal_error", "largest_coefficient"])
-    def test_minimised_methods(self, order_three, minimise):
+    def test_minimised_methods(self, search_of_order_three, minimise):
         objective = attrgetter(minimise) if minimise == "principal_error" else largest
         selected = search(**SMALL, starts=40, minimise=minimise).methods
         values = list(map(objective, selected))
         assert values == pytest.approx(sorted(values), abs=1e-7)
-        before = {method.name: method for method in order_three.methods}
+        before = {method.name: method for method in search_of_order_three.methods}
         ratios = [objective(method) / objective(before[method.name]) for method in selected]
         assert 5 <= len(ratios) < len(before)  # several reach one minimum
         assert max(ratios) < 1.05
@@ -180,9 +180,11 @@ class TestRequirements:
             selected[0].source == before[selected[0].name].source + ", then along the solution set"
         )
 
-    def test_methods_within_the_bounds_stay_as_they_are(self, order_three):
-        selected = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
-        assert set(order_three.methods[:4]) <= set(selected)
+    def test_methods_within_the_bounds_stay_as_they_are(self, search_of_order_three):
+        selected = search(
+            **SMALL, starts=40, bound=largest(search_of_order_three.methods[3]) + 1e-3
+        ).methods
+        assert set(search_of_order_three.methods[:4]) <= set(selected)
 
     def test_intervals_by_name(self):
         bound = {"c": (0, 1), "b[2]": (0.1, None), "a[3,1]": (None, 0.3)}
@@ -355,14 +357,14 @@ FIVE = {"order": 5, "stages": 6, "seed": 1}
 
 
 @pytest.fixture(scope="module")
-def drawn():
+def search_of_drawn_trees():
     return cg.search(**FIVE, starts=60, flows=9, workers=2)
 
 
-def test_drawn_trees_lead_to_methods_of_the_order(drawn):
-    assert drawn.methods
-    assert len({m.layout.parents for m in drawn.methods}) > 1
-    for method in drawn.methods:
+def test_drawn_trees_lead_to_methods_of_the_order(search_of_drawn_trees):
+    assert search_of_drawn_trees.methods
+    assert len({m.layout.parents for m in search_of_drawn_trees.methods}) > 1
+    for method in search_of_drawn_trees.methods:
         assert isinstance(method, cg.CommutatorFree)
         assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
 

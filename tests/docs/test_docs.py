@@ -19,19 +19,19 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
 
-def found(pattern, page):
+def matches(pattern, page):
     text = (ROOT / page).read_text(encoding="utf-8")
     return re.findall(pattern, text, re.DOTALL | re.MULTILINE)
 
 
 def blocks_of(page):
     """Return pairs (kind, text) of blocks of Python; the kind is the word after the language."""
-    return found(r"^```python *(\w*)\n(.*?)^```", page)
+    return matches(r"^```python *(\w*)\n(.*?)^```", page)
 
 
 def source_in(page, language):
     """Return the text of the only block of a page in some other language than Python."""
-    (source,) = found(rf"^```{language}\n(.*?)^```", page)
+    (source,) = matches(rf"^```{language}\n(.*?)^```", page)
     return source
 
 
@@ -75,7 +75,7 @@ def test_code_of_page_runs(page, capsys, monkeypatch):
     printed = capsys.readouterr()
     assert printed.err == ""
     if page not in IN_JAX:  # whose last digits differ between processors
-        for output in found(r"^```text\n(.*?)^```", f"docs/{page}.md"):
+        for output in matches(r"^```text\n(.*?)^```", f"docs/{page}.md"):
             assert output in printed.out
 
 
@@ -85,7 +85,7 @@ def test_right_hand_sides_in_c(tmp_path, monkeypatch):
     (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    (command,) = found(r"^    (cc [^\n]*)$", page)  # the only line that calls the compiler
+    (command,) = matches(r"^    (cc [^\n]*)$", page)  # the only line that calls the compiler
     subprocess.run([*command.split(), *warnings], check=True)
     assert run(page)["in_c"].success
 
@@ -177,14 +177,14 @@ def test_pages_show_the_pictures_that_are_drawn():
 @pytest.mark.parametrize("page", ["implicit", "searches"])
 def test_tables_have_the_numbers_of_the_methods(page):
     """Columns of largest coefficients and principal errors, to the digits that are given."""
-    head, found = [], 0
+    head, count = [], 0
     for line in (DOCS / f"{page}.md").read_text("utf-8").splitlines():
         cells = [cell.strip(" `") for cell in line.strip("|").split("|")] * line.startswith("|")
         head = (head or cells) if cells else []
         name = cells[0].split(",")[0] if cells else ""
         if not {"principal error", "largest coefficient"} <= set(head) or name not in cg.methods:
             continue
-        found += 1
+        count += 1
         text = dict(zip(head, cells, strict=True))
         number = text["principal error"].replace("·10⁻", "e-")
         number = number.translate(str.maketrans("²³⁴", "234"))
@@ -192,7 +192,7 @@ def test_tables_have_the_numbers_of_the_methods(page):
         if name != "CG6(5)":  # whose largest one is a second weight
             largest = max(abs(float(one.value)) for one in cg.methods[name].coefficients)
             assert float(text["largest coefficient"]) == pytest.approx(largest, abs=0.006)
-    assert found >= 5
+    assert count >= 5
 
 
 def test_code_of_readme_runs():

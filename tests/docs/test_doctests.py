@@ -29,7 +29,7 @@ NAMES = sorted(
 
 
 @pytest.fixture
-def unseen(monkeypatch):
+def draw_into_memory(monkeypatch):
     """Draw the figures of examples into memory."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     if "matplotlib" in sys.modules:
@@ -39,7 +39,7 @@ def unseen(monkeypatch):
         sys.modules["matplotlib.pyplot"].close("all")
 
 
-@pytest.mark.usefixtures("unseen")
+@pytest.mark.usefixtures("draw_into_memory")
 @pytest.mark.parametrize("name", NAMES)
 def test_doctests_of_module(name):
     for start, package in OPTIONAL.items():

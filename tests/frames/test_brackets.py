@@ -8,7 +8,7 @@ from refusals import refuses
 
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.algebra import bernoulli_terms, series_dexpinv
-from cg.integration.plan.plan import has_brackets
+from cg.frames.facts import has_brackets
 
 # Flows of the fields of HEISENBERG don't keep to their span.
 OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])

@@ -9,7 +9,7 @@ from flint import ctx
 
 from cg import frames as fr
 from cg.frames.compiled import constants_of
-from cg.integration.plan.plan import is_compiled
+from cg.frames.facts import is_compiled
 from cg.support.shared_numbers import BlockKind
 
 FRAMES = [

@@ -4,7 +4,7 @@ import numpy as np
 from frame_examples import FRAMES
 
 from cg import frames as fr
-from cg.integration.plan.plan import has_brackets
+from cg.frames.facts import has_brackets
 
 CLOSED = fr.MatrixFrame(
     [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from cg import frames as fr
-from cg.frames.compiled import _apply
-from cg.integration.plan.plan import has_compiled_difference
+from cg.frames.compiled import apply_operation
+from cg.frames.facts import has_compiled_difference
 from cg.support.shared_numbers import Operation
 
 
@@ -17,7 +17,9 @@ def compiled_flows(frame):
     def move(v, y, restore=True):
         start, count = np.array(y, dtype=frame.dtype), v[..., 0, 0].size
         moved = np.empty_like(start)
-        _apply(Operation.FLOW, frame.compiled_blocks(), int(restore), count, v, start, moved)
+        apply_operation(
+            Operation.FLOW, frame.compiled_blocks(), int(restore), count, v, start, moved
+        )
         return moved
 
     return move
@@ -31,7 +33,7 @@ def difference_of(frame):
 
     def difference(y0, y1):
         v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
-        _apply(Operation.COORDINATES, blocks, 0, v.size // frame.dim, y0, y1, v)
+        apply_operation(Operation.COORDINATES, blocks, 0, v.size // frame.dim, y0, y1, v)
         return v
 
     return difference

@@ -37,14 +37,14 @@ def tableaux(draw, entries=dyadics, max_stages=4):
 
 
 @st.composite
-def point_trees(draw, entries=dyadics, most_points=7):
+def point_trees(draw, entries=dyadics, max_points=7):
     """Draw the points of an explicit method, some of them stages, with one or more weights each.
 
     Prefixes are shared, and some points are on no path.
     """
     points, stages = [], [START]
     nonzero = entries.filter(bool)
-    for m in range(draw(st.integers(1, most_points))):
+    for m in range(draw(st.integers(1, max_points))):
         parent = draw(st.integers(START, m - 1))
         used = draw(st.sets(st.integers(0, len(stages) - 1), min_size=1, max_size=3))
         points.append(Point(parent, {stage: draw(nonzero) for stage in sorted(used)}))

@@ -12,7 +12,7 @@ import cg
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.plan.plan import is_compiled
+from cg.frames.facts import is_compiled
 from cg.problems import StateDependentRotation
 from cg.problems.convergence import observed_order
 
@@ -222,8 +222,8 @@ def test_spans_below_the_resolution_of_steps(span, frame):
 
 
 @pytest.mark.parametrize("in_c", [False, True])
-def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, function):
-    f = function("square") if in_c else lambda t, y: y**2
+def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, compiled_function):
+    f = compiled_function("square") if in_c else lambda t, y: y**2
     solution = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
     assert (solution.status, solution.success) == (-1, False)
     assert "step size fell below" in solution.message

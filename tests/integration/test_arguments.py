@@ -246,14 +246,14 @@ def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
     ({"args": (1,)}, "args must be None for a compiled f"),
     ({"vectorized": True, "y0": [[1.0]]}, "vectorized must be False for a compiled f"),
 ])  # fmt: skip
-def test_bad_arguments_with_a_compiled_function_are_rejected(changes, message, function):
+def test_bad_arguments_with_a_compiled_function_are_rejected(changes, message, compiled_function):
     valid = {"y0": [1.0], "frame": Euclidean(1), "method": "CG3", "h": 0.5, "t_span": (0, 1)}
     call = cg.solve_ensemble if "vectorized" in changes else cg.solve_ivp
-    refuses(ValueError, message, call, function("growth"), **valid | changes)
+    refuses(ValueError, message, call, compiled_function("growth"), **valid | changes)
 
 
-def test_parameters_are_for_compiled_functions_without_data(affine):
-    f, _data = affine(PROBLEMS["SO3 body"])
+def test_parameters_are_for_compiled_functions_without_data(affine_rhs):
+    f, _data = affine_rhs(PROBLEMS["SO3 body"])
     with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
         cg.solve_ensemble(f, (0, 1), np.eye(3), frame=SO3(), parameters=[[1.0]])
 

@@ -14,8 +14,8 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import GL, SL, SO, SO3, SU, Euclidean, Power, Product, Sphere, U
+from cg.frames.facts import dexpinv_of
 from cg.integration import integrate
-from cg.integration.plan.plan import dexpinv_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.run.drive import StepBudget
 
@@ -33,8 +33,8 @@ def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
         np.testing.assert_array_equal(solution.y, expected.y)
 
 
-def test_pointers_and_callables_are_the_same(function, library):
-    pointer = function("growth")
+def test_pointers_and_callables_are_the_same(compiled_function, compiled_library):
+    pointer = compiled_function("growth")
     address = ctypes.cast(pointer, ctypes.c_void_p).value
     prototype = ctypes.CFUNCTYPE(
         ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.POINTER(ctypes.c_int)
@@ -63,8 +63,8 @@ def meeting(function, patience):
 OPTIONS = {"frame": Euclidean(1), "method": "CG3", "h": 0.5}
 
 
-def test_python_lock_is_released(function):
-    f, data = meeting(function, 20_000)
+def test_python_lock_is_released(compiled_function):
+    f, data = meeting(compiled_function, 20_000)
     with ThreadPoolExecutor(2) as pool:
         runs = [pool.submit(integrate, f, (0, 1), [0.0], **OPTIONS) for _ in range(2)]
         actual = [run.result().y for run in runs]
@@ -73,17 +73,17 @@ def test_python_lock_is_released(function):
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
-def test_workers_run_at_the_same_time(function):
-    f, data = meeting(function, 20_000)
+def test_workers_run_at_the_same_time(compiled_function):
+    f, data = meeting(compiled_function, 20_000)
     cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=2, **OPTIONS)
     assert data.callers == 2
-    f, data = meeting(function, 2)
+    f, data = meeting(compiled_function, 2)
     alone = cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=1, **OPTIONS)
     assert alone.messages[0] == "f returned the error code 3 at t = 0"
 
 
-def test_ensembles_and_complex_points_from_python(function):
-    growth = compiled_rhs(function("growth"))
+def test_ensembles_and_complex_points_from_python(compiled_function):
+    growth = compiled_rhs(compiled_function("growth"))
     points = np.array([[2.0], [3.0]])
     assert growth.values(Euclidean(1), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
@@ -92,7 +92,7 @@ def test_ensembles_and_complex_points_from_python(function):
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
-        compiled_rhs(function("stops")).on(Euclidean(1)).at_member(0, 1.0, np.zeros(1))
+        compiled_rhs(compiled_function("stops")).on(Euclidean(1)).at_member(0, 1.0, np.zeros(1))
 
 
 @pytest.mark.parametrize(("method", "message"), [
@@ -100,9 +100,16 @@ def test_ensembles_and_complex_points_from_python(function):
     ("CG2", "a stage is no longer finite at t = 5000000000"),
     ("RKMK4", "a stage is no longer finite at t = 5000000000"),
 ])  # fmt: skip
-def test_solutions_that_overflow(method, message, function):
+def test_solutions_that_overflow(method, message, compiled_function):
     with pytest.raises(OverflowError, match=message):
-        integrate(function("growth"), (0, 1e10), [1e300], frame=Euclidean(1), method=method, h=1e10)
+        integrate(
+            compiled_function("growth"),
+            (0, 1e10),
+            [1e300],
+            frame=Euclidean(1),
+            method=method,
+            h=1e10,
+        )
 
 
 @pytest.mark.parametrize(("frame", "y0"), [
@@ -110,11 +117,11 @@ def test_solutions_that_overflow(method, message, function):
     (SL(3), np.eye(3)),
     (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
 ])  # fmt: skip
-def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, function):
+def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, compiled_function):
     with pytest.raises(ValueError, match="f must return finite numbers"):  # it sets one only
-        integrate(function("growth"), (0, 1), y0, frame=frame, method="CG3", h=0.1)
+        integrate(compiled_function("growth"), (0, 1), y0, frame=frame, method="CG3", h=0.1)
     options = {"frame": frame, "method": "CG3", "h": 0.1, "parameters": [frame.dim]}
-    still = integrate(function("rests_all"), (0, 1), y0, **options)
+    still = integrate(compiled_function("rests_all"), (0, 1), y0, **options)
     np.testing.assert_allclose(still.y[-1], y0, rtol=0, atol=1e-15)
 
 
@@ -137,8 +144,8 @@ def requires_data(library):
 
 
 @pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])
-def test_functions_that_read_numbers_need_them(kind, library):
-    f = requires_data(library)[kind]
+def test_functions_that_read_numbers_need_them(kind, compiled_library):
+    f = requires_data(compiled_library)[kind]
     message = "parameters must be given for a compiled f .* double \\*, got None"
     refuses(ValueError, message, integrate, f, (0, 1), [1.0], **OPTIONS)
     refuses(ValueError, message, cg.solve_ensemble, f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
@@ -147,15 +154,17 @@ def test_functions_that_read_numbers_need_them(kind, library):
     assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 
 
-def test_functions_that_read_numbers_may_have_user_data(library):
+def test_functions_that_read_numbers_may_have_user_data(compiled_library):
     data = np.array([-1.0, 2.0])
-    f = LowLevelCallable(requires_data(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
+    f = LowLevelCallable(
+        requires_data(compiled_library)["pointer"], ctypes.c_void_p(data.ctypes.data)
+    )
     solution = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
     assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 
 
-def test_other_signatures_are_refused(library):
-    bare = library["growth"]
+def test_other_signatures_are_refused(compiled_library):
+    bare = compiled_library["growth"]
     with pytest.raises(ValueError, match="f must have argtypes and restype"):
         integrate(bare, (0, 1), [1.0], **OPTIONS)
     bare.argtypes = [ctypes.c_double, DOUBLES, ctypes.c_void_p]
@@ -175,9 +184,9 @@ def test_other_signatures_are_refused(library):
 ])  # fmt: skip
 @pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": [0.1, 0.9]}])
 @pytest.mark.parametrize("steps", [{"method": "CG2", "h": 0.25}, {}, {"max_step": 0.01}], ids=str)
-def test_failures_of_f(name, y0, error, message, output, steps, function):
+def test_failures_of_f(name, y0, error, message, output, steps, compiled_function):
     with pytest.raises(error, match=message):
-        cg.solve_ivp(function(name), (0, 1), y0, frame=Euclidean(1), **steps, **output)
+        cg.solve_ivp(compiled_function(name), (0, 1), y0, frame=Euclidean(1), **steps, **output)
 
 
 @pytest.mark.parametrize("key", [key for key, method in MUNTHE_KAAS.items() if method.explicit])

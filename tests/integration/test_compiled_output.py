@@ -18,9 +18,9 @@ def late(t, y):
 
 
 @pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
-def test_errors_of_f_after_a_terminal_event_are_ignored(options, function):
+def test_errors_of_f_after_a_terminal_event_are_ignored(options, compiled_function):
     # The function returns an error from one half on.
-    f, event = function("stops"), cg.Event(late, terminal=True)
+    f, event = compiled_function("stops"), cg.Event(late, terminal=True)
     line = {"frame": Euclidean(1)} | options
     for extra in ({}, {"t_eval": np.linspace(0, 1, 21)}, {"dense_output": True}):
         solution = cg.solve_ivp(f, (0, 1), [0.0], events=event, **line, **extra)
@@ -31,22 +31,22 @@ def test_errors_of_f_after_a_terminal_event_are_ignored(options, function):
         cg.solve_ivp(f, (0, 1), [0.0], events=late, **line)
 
 
-def test_an_event_in_the_last_step_before_an_error(function):
+def test_an_event_in_the_last_step_before_an_error(compiled_function):
     event = cg.Event(late, terminal=True)
     options = {"frame": Euclidean(1), "method": "LieEuler", "h": 0.25, "events": event}
-    solution = cg.solve_ivp(function("stops"), (0, 2), [0.0], dense_output=True, **options)
+    solution = cg.solve_ivp(compiled_function("stops"), (0, 2), [0.0], dense_output=True, **options)
     assert (solution.status, solution.steps) == (1, 2)
     assert solution.sol(0.4) == 0.0
     options["h"] = 0.375  # the coefficients at the end of the step with the event can't be had
     options["events"] = late
     with pytest.raises(RuntimeError, match=r"code 7 at t = 0\.75"):
-        cg.solve_ivp(function("stops"), (0, 2), [0.0], **options)
+        cg.solve_ivp(compiled_function("stops"), (0, 2), [0.0], **options)
 
 
 @pytest.mark.parametrize("options", [{}, {"common_steps": True}, {"workers": 2}])
-def test_compiled_events_get_the_parameters_of_their_member(options, function):
+def test_compiled_events_get_the_parameters_of_their_member(options, compiled_function):
     parameters, lanes = [[-1.0, 2.2], [-0.5, 3.0], [-2.0, 3.8]], {"frame": Euclidean(1)} | options
-    decays = function("decays")
+    decays = compiled_function("decays")
 
     @EVENT
     def half_way(t, y, user_data):

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 import cg
 from cg import frames as fr
 from cg.construction.methods.interpolant import nodes_of
-from cg.integration.plan.callbacks import _HANDLERS
+from cg.integration.plan.callbacks import HANDLERS
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 
@@ -67,7 +67,7 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 @pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)"])
 def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
     """Also where it is one to a node of the interpolant of an accurate step."""
-    calls, fails, flow = [], [0], _HANDLERS[Operation.FLOW]
+    calls, fails, flow = [], [0], HANDLERS[Operation.FLOW]
 
     def counted(self, v, y):
         calls.append(self)
@@ -81,7 +81,7 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
             method=method, first_step=0.3, dense_output=True,
         )  # fmt: skip
 
-    monkeypatch.setitem(_HANDLERS, Operation.FLOW, counted)
+    monkeypatch.setitem(HANDLERS, Operation.FLOW, counted)
     without = solve(0)
     for call in range(1, len(calls) + 1):
         solution = solve(call)

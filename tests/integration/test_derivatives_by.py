@@ -33,14 +33,14 @@ def solve(frame, y0, **options):
 
 
 @pytest.fixture(params=FRAMES)
-def case(request):
+def frame_and_start(request):
     frame, y0 = FRAMES[request.param]
     return frame, frame.join([1.0, -1.0], np.eye(4)) if y0 is None else y0
 
 
 class TestDirections:
-    def test_are_combinations_of_all_derivatives(self, case):
-        frame, y0 = case
+    def test_are_combinations_of_all_derivatives(self, frame_and_start):
+        frame, y0 = frame_and_start
         matrix = RNG.normal(size=(frame.dim + 2, 3))
         whole = solve(frame, y0)
         every = np.concatenate([whole.transition, whole.sensitivity], axis=-1)

@@ -31,9 +31,9 @@ def members_alone(f, span, y0, parameters=(None, None), **options):
 
 @pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.parametrize("options", [CHOSEN, FIXED], ids=["chosen", "fixed"])
-def test_a_member_that_fails_ends_alone(options, output, function):
+def test_a_member_that_fails_ends_alone(options, output, compiled_function):
     rates = np.stack([RATES, [NEVER, NEVER, NEVER, 0.6]], axis=-1)
-    f = function("decays")
+    f = compiled_function("decays")
     with pytest.warns(UserWarning, match=r"Failure of 1 of 4 trajectories; of y0\[3\]") as warned:
         solution = cg.solve_ensemble(
             f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output]
@@ -68,10 +68,10 @@ def test_a_member_that_fails_ends_alone(options, output, function):
 ])  # fmt: skip
 @pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.filterwarnings("ignore:Failure of")
-def test_failures_are_named(name, good, bad, options, message, output, function):
+def test_failures_are_named(name, good, bad, options, message, output, compiled_function):
     span = (0.0, 1.0) if "h" in options else (0.0, 0.5)
     solution = cg.solve_ensemble(
-        function(name), span, [[good], [bad], [good]],
+        compiled_function(name), span, [[good], [bad], [good]],
         **{**LINE, **options, **OUTPUTS[output], "t_eval": [0.0, span[1]]},
     )  # fmt: skip
     assert list(solution.messages) == [1]
@@ -80,12 +80,12 @@ def test_failures_are_named(name, good, bad, options, message, output, function)
     assert np.isnan(solution.y).ravel().tolist() == [False] * 4 + [True, False]
 
 
-def test_points_too_large_for_the_solution_within(function):
+def test_points_too_large_for_the_solution_within(compiled_function):
     options = {"t_eval": [0.5], "rtol": 1e-3, **LINE}
     y0 = np.array([[1.0], [1e308]])
-    solution = cg.solve_ensemble(function("growth"), (0, 0.58), y0, **options)
+    solution = cg.solve_ensemble(compiled_function("growth"), (0, 0.58), y0, **options)
     for member, alone in zip(
-        solution, members_alone(function("growth"), (0, 0.58), y0, **options), strict=True
+        solution, members_alone(compiled_function("growth"), (0, 0.58), y0, **options), strict=True
     ):
         np.testing.assert_array_equal(member.y, alone.y)
         assert (member.status, member.message) == (alone.status, alone.message)
@@ -93,12 +93,13 @@ def test_points_too_large_for_the_solution_within(function):
 
 
 @pytest.mark.parametrize("kind", ["compiled", "python", "vectorized"])
-def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
+def test_progress_is_the_sum_over_members(kind, compiled_function, monkeypatch):
     monkeypatch.setattr(drive, "_REPORT_SECONDS", 0.0)
     monkeypatch.setattr(drive, "_SECONDS", 0.0)
     reports = []
     cg.solve_ensemble(
-        function("growth") if kind == "compiled" else lambda t, y: y, (0, 2), np.ones((5, 1)),
+        compiled_function("growth") if kind == "compiled" else lambda t, y: y,
+        (0, 2), np.ones((5, 1)),
         vectorized=kind == "vectorized", progress=lambda *now: reports.append(now), **CHOSEN,
     )  # fmt: skip
     done, total = zip(*reports, strict=True)
@@ -108,7 +109,7 @@ def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
     assert len({x for x in done if 0 < x < 4}) > 3
 
 
-def test_a_compiled_function_that_writes_into_its_point(function):
+def test_a_compiled_function_that_writes_into_its_point(compiled_function):
     """It receives a copy, so that the result does not change."""
     for options in (
         {"method": "CG5a", "h": 0.01},
@@ -119,7 +120,7 @@ def test_a_compiled_function_that_writes_into_its_point(function):
         {"method": "RKMK5(4)", "h": 0.01},
     ):
         solution = cg.solve_ensemble(
-            function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options
+            compiled_function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options
         )
         np.testing.assert_allclose(solution.y[-1], np.full((2, 1), np.exp(-1.0)), rtol=5e-11)
 

@@ -25,9 +25,9 @@ POINTS = FRAME.random_point(np.random.default_rng(4), 10)
 
 
 @pytest.fixture
-def path(library):
+def library_path(compiled_library):
     """Return the path of the library of right-hand sides."""
-    return library._name
+    return compiled_library._name
 
 
 def field(t, y):
@@ -35,8 +35,8 @@ def field(t, y):
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
-def test_all_members_that_fail_are_named(path):
-    f = cg.CompiledFunction(path, "limited")
+def test_all_members_that_fail_are_named(library_path):
+    f = cg.CompiledFunction(library_path, "limited")
     y0 = FRAME.random_point(np.random.default_rng(4), (40,))
     rates = np.full((40, 2), 200.0)
     rates[::3] = 1.0
@@ -50,9 +50,9 @@ def test_all_members_that_fail_are_named(path):
         np.testing.assert_array_equal(apart.y, whole.y)
 
 
-def test_zarr_and_hdf5(path, tmp_path):
+def test_zarr_and_hdf5(library_path, tmp_path):
     zarr, h5py = pytest.importorskip("zarr"), pytest.importorskip("h5py")
-    f = cg.CompiledFunction(path, "limited", [1.0, 2.0])
+    f = cg.CompiledFunction(library_path, "limited", [1.0, 2.0])
     y0 = POINTS
     whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
     options = {"frame": FRAME, "t_eval": TIMES, "workers": 2}
@@ -84,8 +84,8 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     assert again[3].source == renamed
 
 
-def test_pointers_do_not_travel(path):
-    pointer = ctypes.CDLL(path).limited
+def test_pointers_do_not_travel(library_path):
+    pointer = ctypes.CDLL(library_path).limited
     doubles = ctypes.POINTER(ctypes.c_double)
     pointer.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
     pointer.restype = ctypes.c_int
@@ -171,10 +171,14 @@ def test_blas_has_one_thread(workers):
 
 
 class TestCompiledFunction:
-    def test_it_travels(self, path):
-        f = cg.CompiledFunction(path, "limited", [1.0, math.pi])
+    def test_it_travels(self, library_path):
+        f = cg.CompiledFunction(library_path, "limited", [1.0, math.pi])
         again = pickle.loads(pickle.dumps(f))
-        assert repr(again) == repr(f) == f"CompiledFunction({path!r}, 'limited', [1.0, {math.pi}])"
+        assert (
+            repr(again)
+            == repr(f)
+            == f"CompiledFunction({library_path!r}, 'limited', [1.0, {math.pi}])"
+        )
         one, two = (cg.solve_ivp(g, (0, 1), np.eye(3), frame=FRAME).y[-1] for g in (f, again))
         np.testing.assert_array_equal(one, two)
 
@@ -185,8 +189,8 @@ class TestCompiledFunction:
         (("LIBRARY", "lhs"), ValueError, "symbol must be a function of .*, got 'lhs'"),
         (("LIBRARY", "limited", "x"), ValueError, "user_data must be an array of real numbers"),
     ])  # fmt: skip
-    def test_arguments(self, path, arguments, error, message):
-        arguments = tuple(path if each == "LIBRARY" else each for each in arguments)
+    def test_arguments(self, library_path, arguments, error, message):
+        arguments = tuple(library_path if each == "LIBRARY" else each for each in arguments)
         refuses(error, message, cg.CompiledFunction, *arguments)
 
 

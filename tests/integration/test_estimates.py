@@ -82,7 +82,7 @@ class TestFamilies:
             for tolerance in tolerances
         ])  # fmt: skip
         assert np.median(quotients) <= 0.3
-        assert quotients.max() <= estimates.LARGEST
+        assert quotients.max() <= estimates.MAX_QUOTIENT
         assert np.median(quotients) > 1e-4  # no needless accuracy
 
     @pytest.mark.parametrize("name", DEFAULTS)
@@ -181,23 +181,23 @@ class TestDiscontinuities:
 
 
 @pytest.fixture(scope="module")
-def measured():
+def page_results():
     return page.read(ROOT / "benchmarks" / "results.json")[0]["estimates"]
 
 
-def test_defaults_follow_the_rule(measured):
+def test_defaults_follow_the_rule(page_results):
     kinds = ("compiled | time", "in Python, with brackets | flows")
     for frame, kind in zip(FRAMES, (*kinds, "without brackets | evaluations + flows"), strict=True):
         loose, tight = choose_method(frame, 1e-4), choose_method(frame, 1e-8)
-        assert f"| {kind} | `{loose}` | `{tight}` |" in measured.notes[0]
+        assert f"| {kind} | `{loose}` | `{tight}` |" in page_results.notes[0]
 
 
-def test_measured_estimates_in_the_catalogue(measured, tmp_path):
+def test_measured_estimates_in_the_catalogue(page_results, tmp_path):
     text = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
     file = tmp_path / "page.md"
     file.write_text(f"{estimates.BEGIN}{estimates.END}", encoding="utf-8")
-    estimates.write_table(measured, file)
+    estimates.write_table(page_results, file)
     table = file.read_text(encoding="utf-8")
     assert table in text
-    assert {method.name for method in PAIRS}.issuperset(measured.numbers)
+    assert {method.name for method in PAIRS}.issuperset(page_results.numbers)
     assert all(f"| `{method.name}` | " in table for method in PAIRS)

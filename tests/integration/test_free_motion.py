@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import cg
 from cg.frames import SO3, PhaseSpace
-from cg.problems.taylor import QuadraticSystem, _solve
+from cg.problems.taylor import QuadraticSystem, solve_at
 from cg.support.quads import working_precision
 
 EPSILON = np.finfo(np.float64).eps
@@ -31,7 +31,7 @@ def exact_motion(inertia, momentum, time):
         initial = tuple(arb(float(x)) for x in (*momentum, *np.eye(3).ravel()))
         system, at = QuadraticSystem(equations, initial), Fraction(float(time))
         fastest = np.sqrt(np.sum(np.square(momentum) / inertia) / min(inertia))
-        (end,) = _solve(system, (at,), Fraction(1.0 / fastest), 60)
+        (end,) = solve_at(system, (at,), Fraction(1.0 / fastest), 60)
         vectors = np.array(end, dtype=float).reshape(4, 3)
         return vectors[1:], vectors[0]
 
@@ -141,8 +141,8 @@ def test_spins_whose_phase_has_no_digit_end_at_once():
 
 @pytest.mark.parametrize("inertia", [INERTIA, [1.0, 1.0, 2.0], [1.0, 1.1, 5.0], MATRIX])
 @pytest.mark.parametrize("h", [0.03, 1.3])
-def test_invariants_have_rounding_errors_without_bias(library, inertia, h):
-    force, c = library["heavy"], np.zeros(3)
+def test_invariants_have_rounding_errors_without_bias(compiled_library, inertia, h):
+    force, c = compiled_library["heavy"], np.zeros(3)
     force.restype = ctypes.c_int
     force.argtypes = [ctypes.c_double, *2 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_void_p]
     f = LowLevelCallable(force, ctypes.c_void_p(c.ctypes.data))

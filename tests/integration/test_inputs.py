@@ -16,10 +16,10 @@ RNG = np.random.default_rng(3)
 @pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0), (0.0, 2.0), (2.0, 0.0), (0.5, 2.9)])
 @pytest.mark.parametrize("way", [{"h": 0.25, "method": "CG3"}, {"method": "RKMK8(5,3)"}])
 @pytest.mark.parametrize("in_c", [False, True])
-def test_held_values_are_exact_on_both_sides_of_their_times(span, way, in_c, function):
+def test_held_values_are_exact_on_both_sides_of_their_times(span, way, in_c, compiled_function):
     times = np.arange(3.0)
     held = cg.Samples(times, [1.0, -2.0, 4.0])
-    f = function("slope_is_input") if in_c else (lambda t, y, u: [u])
+    f = compiled_function("slope_is_input") if in_c else (lambda t, y, u: [u])
     integral = lambda t: np.interp(t, [0, 1, 2, 3], [0, 1, -1, 3])
     run = cg.solve_ivp(f, span, [0.0], frame=LINE, inputs=held, t_eval=span, **way)
     expected = integral(span[1]) - integral(span[0])
@@ -40,9 +40,9 @@ def test_times_of_several_rates_that_differ_by_rounding():
 
 @pytest.mark.parametrize("in_c", [False, True])
 @pytest.mark.parametrize("way", [{"h": 0.1, "method": "CG4a"}, TIGHT])
-def test_steppers_take_samples_as_they_arrive(in_c, way, function):
+def test_steppers_take_samples_as_they_arrive(in_c, way, compiled_function):
     """A causal loop sees what all samples at once give."""
-    f = function("slope_is_input") if in_c else (lambda t, y, u: [u])
+    f = compiled_function("slope_is_input") if in_c else (lambda t, y, u: [u])
     values = RNG.standard_normal(5)
     stepper = cg.Stepper(
         f, 0.0, [0.0], frame=LINE, inputs=cg.Samples([0.0, 1.0], values[:1], "averages"), **way
@@ -76,11 +76,11 @@ def test_bad_inputs_are_named(options, error, message):
         cg.solve_ivp(lambda t, y, u: pytest.fail("called"), (0, 2), [0.0], frame=LINE, **options)
 
 
-def test_compiled_functions_with_data_of_their_own_are_refused(function, library):
-    data = cg.CompiledFunction(library._name, "slope_is_input", [1.0])
+def test_compiled_functions_with_data_of_their_own_are_refused(compiled_function, compiled_library):
+    data = cg.CompiledFunction(compiled_library._name, "slope_is_input", [1.0])
     with pytest.raises(ValueError, match="inputs must be None for a compiled f that has user_data"):
         cg.solve_ivp(data, (0, 1), [0.0], frame=LINE, inputs=HELD)
-    level = cg.CompiledFunction(library._name, "gust_level")
+    level = cg.CompiledFunction(compiled_library._name, "gust_level")
     with pytest.raises(ValueError, match=r"events\[0\] must be in Python"):
         cg.solve_ivp(lambda t, y, u: [u], (0, 1), [0.0], frame=LINE, inputs=HELD, events=level)
     with pytest.raises(ValueError, match=r"for 3 members, got Samples\(1 times.*members=2"):

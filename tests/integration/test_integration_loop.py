@@ -60,15 +60,15 @@ def test_evaluations_of_the_continuous_solution():
 
 
 def test_plans_of_many_frames_and_methods_are_not_kept():
-    def made(k):
+    def reference(k):
         method = cg.Tableau([[], ["1/2"]], [0, 1], name=f"{k}")
         frame = MatrixFrame([np.diag([1.0, float(k)])])
         cg.integrate(lambda t, y: [1.0], (0, 1), [1.0, 1.0], frame=frame, method=method, h=0.5)
         return weakref.ref(method)
 
-    references = [made(k) for k in range(200)]
+    references = [reference(k) for k in range(200)]
     gc.collect()
-    assert sum(reference() is not None for reference in references) <= 64
+    assert sum(each() is not None for each in references) <= 64
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")

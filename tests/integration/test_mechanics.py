@@ -69,10 +69,10 @@ def test_steps_of_ordinary_methods_are_not():
     assert defect(TOP, "CG3", 0.5) > 1e-4
 
 
-def test_the_energy_error_does_not_grow(function):
+def test_the_energy_error_does_not_grow(compiled_function):
     """Of a top, with its force in C."""
     numbers = np.array([0.2, -0.1, 1.0])
-    force = LowLevelCallable(function("heavy"), numbers.ctypes.data_as(ctypes.c_void_p))
+    force = LowLevelCallable(compiled_function("heavy"), numbers.ctypes.data_as(ctypes.c_void_p))
     problem = system(SO3(), INERTIA)
     problem.weights = np.outer([0.0, 0.0, 1.0], numbers)
     times = np.linspace(0.0, 20_000.0, 2001)

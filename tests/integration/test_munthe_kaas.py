@@ -18,7 +18,7 @@ from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.points import MethodError
 from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere, UnitQuaternion
-from cg.integration.plan.plan import dexpinv_of, is_compiled
+from cg.frames.facts import dexpinv_of, is_compiled
 
 
 def test_reuse_of_the_last_stage():

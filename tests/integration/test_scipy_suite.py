@@ -91,7 +91,7 @@ class OfAnySize(cg.scipy.FrameSolver):
 
 
 @pytest.fixture(autouse=True)
-def replaced(monkeypatch, request):
+def replace_solvers(monkeypatch, request):
     if request.cls is not TestOdeSolver:
         monkeypatch.setattr(suite, "solve_ivp", solve_ivp)
         return

@@ -41,7 +41,7 @@ def test_indices_and_copies():
 
 
 @pytest.mark.parametrize("size", [1, 3, 1000])
-def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
+def test_results_do_not_depend_on_parts_and_pauses(size, compiled_function, monkeypatch):
     rates = np.linspace(-3, 3, 10)
     options = {
         "rtol": 1e-9, "atol": 1e-9, "dense_output": True, "t_eval": np.linspace(0, 1, 23),
@@ -50,7 +50,7 @@ def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
     numbers = np.stack([rates, np.full(10, 1e9)], axis=-1)
     runs = {
         "compiled": lambda: cg.solve_ensemble(
-            function("decays"), (0, 1), [1.0], parameters=numbers, **options
+            compiled_function("decays"), (0, 1), [1.0], parameters=numbers, **options
         ),
         "vectorized": lambda: cg.solve_ensemble(
             grown, (0, 1), [1.0], parameters=rates[:, None], vectorized=True, **options

@@ -45,7 +45,7 @@ def test_default_output_is_that_of_the_steps_with_time_first():
 
 
 def test_steps_without_end_are_given_up(monkeypatch):
-    monkeypatch.setattr(sys.modules["cg.integration.problem"], "DEFAULT_MAX_STEPS", 50)
+    monkeypatch.setattr(sys.modules["cg.integration.arguments"], "DEFAULT_MAX_STEPS", 50)
     for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 1.0}):
         solution = solve(**options)
         assert "max_steps = 50 steps" in solution.message
@@ -90,9 +90,9 @@ def test_copies_of_solutions_are_read_only():
 
 
 @pytest.fixture(params=["Python", "C"])
-def growth(request, function):
+def growth(request, compiled_function):
     """Return f with y' = y."""
-    return function("growth") if request.param == "C" else lambda t, y: y
+    return compiled_function("growth") if request.param == "C" else lambda t, y: y
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.1}])

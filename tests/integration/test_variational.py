@@ -11,7 +11,7 @@ from waves import TIGHT, Wave
 
 import cg
 from cg.frames import SO3, Euclidean, Product, Sphere
-from cg.integration.plan.plan import has_brackets
+from cg.frames.facts import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
 

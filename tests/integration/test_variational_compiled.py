@@ -25,8 +25,12 @@ def top(t, y, p):
 
 
 @pytest.fixture
-def functions(function):
-    return {"f": function("top"), "jac": function("top_jac"), "df_dp": function("top_df_dp")}
+def functions(compiled_function):
+    return {
+        "f": compiled_function("top"),
+        "jac": compiled_function("top_jac"),
+        "df_dp": compiled_function("top_df_dp"),
+    }
 
 
 def solve(functions, **options):
@@ -117,13 +121,15 @@ class TestFailures:
         ("stops", RuntimeError, "returned the error code 7 at t ="),
         ("writes_nothing", ValueError, "must return finite numbers"),
     ])  # fmt: skip
-    def test_the_function_is_named(self, functions, function, name, wrong, error, message):
+    def test_the_function_is_named(self, functions, compiled_function, name, wrong, error, message):
         with pytest.raises(error, match=f"^{name} {message}"):
-            solve(functions | {name: function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3)))
+            solve(
+                functions | {name: compiled_function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3))
+            )
 
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
-    def test_signatures(self, library, functions, name):
-        other = library["top_jac"]
+    def test_signatures(self, compiled_library, functions, name):
+        other = compiled_library["top_jac"]
         other.restype, other.argtypes = ctypes.c_double, [ctypes.c_double]
         with pytest.raises(ValueError, match=f"^{name} must have the signature 'int"):
             solve(functions | {name: other})

@@ -110,7 +110,7 @@ def test_noise_on_a_phase_space():
         np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=8e-12)
 
 
-def test_a_compiled_density(affine):
+def test_a_compiled_density(affine_rhs):
     """It gives the numbers of one in Python, and is checked at the start."""
     constant, slope = np.diag([1.0, 2.0]), np.array([[0.5, 0.1], [0.1, 0.5]])
     linear = np.zeros((4, 2))
@@ -121,11 +121,11 @@ def test_a_compiled_density(affine):
             noise=noise, **TIGHT,
         )  # fmt: skip
 
-    compiled, _data = affine(SimpleNamespace(constant=constant.ravel(), slope=slope.ravel(),
+    compiled, _data = affine_rhs(SimpleNamespace(constant=constant.ravel(), slope=slope.ravel(),
                                              linear=linear))  # fmt: skip
     expected = solve(lambda t, y: constant + t * slope)
     np.testing.assert_array_equal(solve(compiled).covariance, expected.covariance)
-    wrong, _kept = affine(SimpleNamespace(constant=-constant.ravel(), slope=slope.ravel(),
+    wrong, _kept = affine_rhs(SimpleNamespace(constant=-constant.ravel(), slope=slope.ravel(),
                                           linear=linear))  # fmt: skip
     refuses(ValueError, "noise must be positive semidefinite", solve, wrong)
 

@@ -13,7 +13,7 @@ from slow_cases import slow
 
 import cg
 from cg import frames as fr
-from cg.jax.solver import _State
+from cg.jax.solver import SolverState
 
 eqx = pytest.importorskip("equinox")
 jnp = jax.numpy
@@ -121,7 +121,7 @@ class TestErrors:
         solver, y0 = cg.jax.Solver(name, dense="steps"), np.zeros(1)
         ours = cg.jax.FrameTerm(f, fr.Euclidean(1))
         _, error, *_ = solver.step(
-            ours, 0.0, 1.0, jnp.asarray(y0), None, _State(kink * y0 + kink, None, False), False
+            ours, 0.0, 1.0, jnp.asarray(y0), None, SolverState(kink * y0 + kink, None, False), False
         )
         _, expected = Step(f, fr.Euclidean(1), METHODS[name]).trial(0.0, y0, 1.0, 0.0, 1.0)
         assert abs(error[0]) == pytest.approx(expected, abs=1e-14)
@@ -215,7 +215,7 @@ def test_estimates_of_long_turns_are_not_believed(frame, name):
 
     def error(angle, factor):
         f = cg.jax.FrameTerm(lambda t, y, s: angle * axis + s * (t > 0.0) * change, frame)
-        start = _State(jnp.asarray(angle * axis), None, has_events=False)
+        start = SolverState(jnp.asarray(angle * axis), None, has_events=False)
         return solver.step(f, 0.0, 1.0, y0, factor, start, False)
 
     error = jax.jit(error)

@@ -94,9 +94,9 @@ class TestSteps:
 
     @pytest.mark.parametrize("problem", list(PROBLEMS))
     @pytest.mark.parametrize("name", NAMES)
-    def test_equal_to_rounding(self, problem, name, affine):
+    def test_equal_to_rounding(self, problem, name, affine_rhs):
         problem = PROBLEMS[problem]
-        f, _keep = affine(problem)
+        f, _keep = affine_rhs(problem)
         options = {"frame": problem.frame, "method": name, "h": 0.07}
         fast = integrate(f, (0.2, 1.0), problem.y0, **options)
         options["method"] = without_registers(methods[name])

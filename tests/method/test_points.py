@@ -117,7 +117,7 @@ class TestBadInput:
 
 def faults(method):
     table = method.table()
-    return table.converges, table.fault
+    return table.converges, table.estimate_fault
 
 
 @pytest.mark.parametrize("make", [

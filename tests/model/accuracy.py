@@ -16,6 +16,9 @@ from tests.model.spaces import reals
 TOLERANCES = 50  # admitted, times the growth of errors
 EPS = float(np.finfo(float).eps)
 EVENTS = "t_events", "y_events", "y_after"
+SLOW = 0.05  # part of the span within which the function of an event must change by the bound
+SAME = 1e-9  # part of the span within which times of the model are equal
+COPY = 1e-10  # by how much the function of a copied event is less, see `Zero`
 
 
 class Difference(AssertionError):
@@ -149,7 +152,7 @@ def _reached(case: Case, s: Any, code: str) -> None:
     if not s.success and _singular(case):
         raise Unclear("points are nearly singular matrices, without accurate coordinates")
     if s.success and s.status != int(path.terminated):
-        doubt(case)
+        raise_if_unclear(case)
     expected = program.times((0.0, 1.0) if program.output is None else program.output)
     reached = times if program.output is not None else [times[0], times[-1]]
     all_times = path.terminated or program.length == 0 or reached == expected
@@ -185,7 +188,7 @@ def near(case: Case, times: Sequence[float], values: Any, code: str) -> None:
     error, t, expected = worst
     if error <= case.bound:
         return
-    doubt(case)
+    raise_if_unclear(case)
     if error > (bound := case.grown()):
         text = f"at t = {t!r} off by {error:.2e}, bound {bound:.2e}; the model has "
         raise Difference("point", text + str(expected.tolist()), code)
@@ -195,7 +198,7 @@ def _events(case: Case, s: Any, code: str) -> None:
     path = case.path
     expected = [[t for t, *_ in events] for events in path.events]
     if [len(times) for times in s.t_events] != [len(times) for times in expected]:
-        doubt(case)
+        raise_if_unclear(case)
         raise Difference("events", f"events {s.t_events}, of the model {expected}", code)
     for k, model in enumerate(path.events):
         for i, (exact, _, behind, jumps) in enumerate(model):
@@ -204,10 +207,10 @@ def _events(case: Case, s: Any, code: str) -> None:
                 text = f"y_after[{k}][{i}] isn't what the jump returns"
                 raise Difference("jump", text, code)
             slope = path.slopes[k][i]
-            rounding = 1e-9 * case.length + 8 * np.spacing(abs(exact))
+            rounding = SAME * case.length + 8 * np.spacing(abs(exact))
             if abs(t - exact) <= case.bound / slope + rounding:
                 continue
-            doubt(case)
+            raise_if_unclear(case)
             if abs(t - exact) > case.grown() / slope + rounding:
                 raise Difference(
                     "time of an event",
@@ -216,7 +219,7 @@ def _events(case: Case, s: Any, code: str) -> None:
                 )
 
 
-def doubt(case: Case) -> None:
+def raise_if_unclear(case: Case) -> None:
     """Raise Unclear where events of the model depend on errors within the tolerance."""
     if not case.program.events:
         return
@@ -224,22 +227,23 @@ def doubt(case: Case) -> None:
     for k, nearest in enumerate(path.nearest):
         if nearest < 2 * bound:
             raise Unclear(f"event {k} is nearly missed")
-        if min(path.slopes[k], default=np.inf) * case.length * 0.05 < bound:
+        if min(path.slopes[k], default=np.inf) * case.length * SLOW < bound:
             raise Unclear(f"event {k} is slow")
         begin, end = (
             abs(value_of(task, task.events[k], t, path(t))) for t in (task.span[0], path.end)
         )
-        least = -1.0 if case.program.derivatives else 1e-9  # is zero for other points
-        if least < begin < 2 * bound or (end < 2 * bound and not path.terminated):
+        # exactly zero at the start is clear, but not at the other points of differences
+        min_value = -1.0 if case.program.derivatives else 1e-9
+        if min_value < begin < 2 * bound or (end < 2 * bound and not path.terminated):
             raise Unclear(f"event {k} is at an end")
     times = sorted(t for events in path.events for t, *_ in events)
     stops = (*task.breakpoints, *task.knots)
-    if path.jumps and any(0 < abs(t - p) < 1e-9 * case.length for t in times for p in stops):
+    if path.jumps and any(0 < abs(t - p) < SAME * case.length for t in times for p in stops):
         raise Unclear("an event is nearly at a stop")
     slope = min((slope for slopes in path.slopes for slope in slopes), default=1.0)
     copied = (path.jumps or path.terminated) and any(e.kind == "copy" for e in case.program.events)
-    if copied and any(16 * EPS * abs(t) * min(slope, 1.0) < 1e-10 or t in stops for t in times):
+    if copied and any(16 * EPS * abs(t) * min(slope, 1.0) < COPY or t in stops for t in times):
         raise Unclear("events are 1e-10 apart, more than the resolution of time, or at a stop")
     gap = 2 * bound / slope
-    if path.jumps and any(1e-9 * case.length < b - a < gap for a, b in pairwise(times)):
+    if path.jumps and any(SAME * case.length < b - a < gap for a, b in pairwise(times)):
         raise Unclear("events come in an order that depends on errors")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tests.model import scripts
-from tests.model.accuracy import EPS, Case, Difference, Unclear, doubt, near
+from tests.model.accuracy import EPS, Case, Difference, Unclear, near, raise_if_unclear
 from tests.model.reference import covariance, difference, solve
 from tests.model.scripts import CALL
 from tests.model.spaces import reals
@@ -38,7 +38,7 @@ def _check_derivative(case: Case, ours: Any, expected: Any, code: str) -> None:
     # differences multiply the rounding of f, which is that of t in parts of the span
     floor = 1e-7 + 4e5 * EPS * abs(case.program.start) / case.length
     if error > case.bound + floor:
-        doubt(case)
+        raise_if_unclear(case)
         bound = case.grown() * (1 + floor / case.bound)
         if error > bound:
             text = f"a derivative is off by {error:.2e}, bound {bound:.2e}"

@@ -30,8 +30,8 @@ def program(seed: int, index: int) -> Program:
     def one(*values: Any) -> Any:
         return rng.choice(values)
 
-    def some(most: int, item: Callable[[], Any]) -> tuple[Any, ...]:
-        return tuple(item() for _ in range(rng.randint(0, most)))
+    def some(max_count: int, item: Callable[[], Any]) -> tuple[Any, ...]:
+        return tuple(item() for _ in range(rng.randint(0, max_count)))
 
     def zero() -> Zero:
         return Zero(

@@ -20,7 +20,7 @@ CERTIFICATE = certificate_of(METHOD)
 
 
 @pytest.fixture(autouse=True)
-def _soon():
+def ends_soon():
     begin = time.process_time()
     yield
     assert time.process_time() - begin < 10

@@ -132,3 +132,25 @@ def test_commands_name_what_they_need(arguments, tmp_path):
     (line,) = run.stderr.splitlines()
     assert line.startswith("crouch-grossman: error: ")
     assert line.endswith("the extra [proofs]: python -m pip install python-flint")
+
+
+def test_the_stub_has_the_procedures_of_the_compiled_core():
+    from cg import _core_r64
+
+    stub = ast.parse((Path(cg.__file__).parent / "_core_r64.pyi").read_text("utf-8"))
+    typed = {
+        node.name: [argument.arg for argument in node.args.args]
+        for node in stub.body
+        if isinstance(node, ast.FunctionDef)
+    }
+    calls = [
+        getattr(_core_r64, name).__doc__.split("\n")[0].split(" = ")[-1]
+        for name in dir(_core_r64)
+        if not name.startswith("_")
+    ]
+    assert typed == {
+        call.split("(")[0]: call.split("(")[1].rstrip(")").split(",[")[0].split(",")
+        if "()" not in call
+        else []
+        for call in calls
+    }

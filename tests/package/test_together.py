@@ -18,14 +18,14 @@ from cg.support.quads import working_precision
 
 
 @pytest.fixture(scope="module")
-def alone():
+def results_alone():
     return [task(k) for k in range(TASKS)]
 
 
-def test_eight_threads(alone):
+def test_eight_threads(results_alone):
     with ThreadPoolExecutor(8) as pool:
-        assert list(pool.map(task, range(TASKS))) == alone
-        assert list(pool.map(task, reversed(range(TASKS)))) == alone[::-1]
+        assert list(pool.map(task, range(TASKS))) == results_alone
+        assert list(pool.map(task, reversed(range(TASKS)))) == results_alone[::-1]
 
 
 def worked(way, processes, tasks, after_work):
@@ -54,13 +54,13 @@ if __name__ == "__main__":
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't fork")
 @pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
-def test_eight_processes(alone, way):
-    assert worked(way, 8, TASKS, False) == alone
+def test_eight_processes(results_alone, way):
+    assert worked(way, 8, TASKS, False) == results_alone
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't fork")
-def test_two_forks_of_a_used_process(alone):
-    assert worked("fork", 2, 4, True) == alone[:4]
+def test_two_forks_of_a_used_process(results_alone):
+    assert worked("fork", 2, 4, True) == results_alone[:4]
 
 
 def _blas_threads():

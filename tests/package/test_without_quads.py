@@ -13,7 +13,7 @@ from cg.support.quads import MissingQuadsError
 
 
 @pytest.fixture(autouse=True)
-def without(monkeypatch):
+def hide_quads(monkeypatch):
     monkeypatch.setattr(quads, "_compiled", lambda: None)
 
 

@@ -7,6 +7,6 @@ from matplotlib import pyplot as plt  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
-def closed():
+def close_figures():
     yield
     plt.close("all")

@@ -22,7 +22,7 @@ def ax():
 
 
 @pytest.fixture
-def spatial():
+def spatial_axes():
     return plt.figure().add_subplot(projection="3d")
 
 
@@ -105,20 +105,20 @@ class TestErrors:
 
 
 class TestTrajectories:
-    def test_on_the_sphere(self, spatial):
+    def test_on_the_sphere(self, spatial_axes):
         run = cg.integrate(
             lambda t, y: [0, 0, 1], (0, 1), [2.0, 0, 0], frame=cg.frames.Euclidean(3),
             method="CG3", h=0.25,
         )  # fmt: skip
-        cg.plot.trajectory_on_sphere(run, spatial, label="one")
-        cg.plot.trajectory_on_sphere(run.y, spatial)
-        first, second = spatial.get_lines()
+        cg.plot.trajectory_on_sphere(run, spatial_axes, label="one")
+        cg.plot.trajectory_on_sphere(run.y, spatial_axes)
+        first, second = spatial_axes.get_lines()
         np.testing.assert_array_equal(np.stack(first.get_data_3d(), axis=1), run.y)
         assert (first.get_color(), second.get_color()) == COLOURS[:2]
         assert first.get_linestyle() != second.get_linestyle()
-        labels = spatial.get_xlabel(), spatial.get_ylabel(), spatial.get_zlabel()
+        labels = spatial_axes.get_xlabel(), spatial_axes.get_ylabel(), spatial_axes.get_zlabel()
         assert labels == ("x", "y", "z")
-        spheres = [part for part in spatial.collections if part.get_gid() == "cg-sphere"]
+        spheres = [part for part in spatial_axes.collections if part.get_gid() == "cg-sphere"]
         assert len(spheres) == 1
 
 

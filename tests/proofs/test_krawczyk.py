@@ -14,7 +14,7 @@ from kinds import FROZEN
 from slow_cases import slow
 
 import cg
-from cg.construction.proofs.digits import _rounded
+from cg.construction.proofs.digits import rounded_text
 from cg.construction.proofs.krawczyk import krawczyk
 from cg.support.quads import working_precision
 
@@ -138,7 +138,7 @@ def test_digits_are_decided_at_both_ends_of_a_ball(sign):
         ):
             ball = (arb(middle) + arb(0, arb(radius).upper())) * sign
             text = None if expected is None else ("-" if sign < 0 else "") + expected
-            assert _rounded(ball, digits) == text
+            assert rounded_text(ball, digits) == text
 
 
 FOLDER = files("cg.construction.catalogue")

@@ -233,5 +233,5 @@ def test_flow_distances_use_the_same_steps():
 def test_distance_detects_points_off_the_group():
     rotation = np.eye(3)
     rotation[0, 1] = 1e-7
-    assert top._off_group(rotation.ravel().tolist()) == pytest.approx(0.5e-7, rel=1e-6)
-    assert top._off_group((1.25 * np.eye(3)).ravel().tolist()) == (1.25**2 - 1) / 2
+    assert top.off_group(rotation.ravel().tolist()) == pytest.approx(0.5e-7, rel=1e-6)
+    assert top.off_group((1.25 * np.eye(3)).ravel().tolist()) == (1.25**2 - 1) / 2

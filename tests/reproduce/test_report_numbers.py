@@ -46,9 +46,9 @@ def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
     digests = []
     for text, order in (("x = 1", 4), ("x = 1", 4), ("x = 1", 5), ("x = 2", 4)):
         path.write_text(text)
-        fingerprint._of_package.cache_clear()
+        fingerprint.package_digest.cache_clear()
         digests.append(fingerprint.digest(order=order))
-    fingerprint._of_package.cache_clear()
+    fingerprint.package_digest.cache_clear()
     assert digests[0] == digests[1]
     assert len(set(digests)) == 3
 

@@ -81,17 +81,17 @@ class Losing(ThreadPoolExecutor):
 
 
 @pytest.mark.parametrize("workers", [None, 1, 3])
-def test_same_result_for_any_number_of_workers(workers, path):
+def test_same_result_for_any_number_of_workers(workers, store_path):
     whole = cg.search(**SEARCH, workers=1)
     for executor in (None, ThreadPoolExecutor(2)):
         assert cg.search(**SEARCH, executor=executor, workers=workers) == whole
-        assert cg.search(**SEARCH, executor=executor, workers=workers, store=path) == whole
+        assert cg.search(**SEARCH, executor=executor, workers=workers, store=store_path) == whole
 
 
-def test_same_result_in_processes(path):
+def test_same_result_in_processes(store_path):
     construction = cg.construct(**CONSTRUCT)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        assert cg.search(**SEARCH, executor=pool, store=path) == cg.search(**SEARCH)
+        assert cg.search(**SEARCH, executor=pool, store=store_path) == cg.search(**SEARCH)
         assert cg.construct(**CONSTRUCT, executor=pool) == construction
         assert pool.submit(double, 3).result() == 6  # it is left as it was
     assert construction.method is not None
@@ -148,15 +148,15 @@ def test_error_comes_after_earlier_results():
 
 
 @pytest.mark.parametrize("moment", ["at work", "handed out"])
-def test_executor_that_breaks_loses_nothing_that_was_finished(moment, path):
+def test_executor_that_breaks_loses_nothing_that_was_finished(moment, store_path):
     whole = cg.search(**SEARCH)
     with Losing(3, moment) as pool, pytest.raises(BrokenExecutor, match="it has ended") as lost:
-        cg.search(**SEARCH, executor=pool, workers=1, store=path)
+        cg.search(**SEARCH, executor=pool, workers=1, store=store_path)
     (note,) = lost.value.__notes__
-    assert note.startswith(f"finished results are in {path}; run the same search again")
-    before = [line for line in read_store(path) if "index" in line]
+    assert note.startswith(f"finished results are in {store_path}; run the same search again")
+    before = [line for line in read_store(store_path) if "index" in line]
     assert {line["index"] for line in before} == {0, 1, 2}
-    assert cg.search(**SEARCH, store=path) == whole
+    assert cg.search(**SEARCH, store=store_path) == whole
 
 
 def test_dead_worker_ends_the_run():
@@ -165,11 +165,11 @@ def test_dead_worker_ends_the_run():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
-def test_workers_end_with_a_run_that_is_killed(tmp_path, path):
+def test_workers_end_with_a_run_that_is_killed(tmp_path, store_path):
     script = tmp_path / "run.py"
     script.write_text(FOREVER)
     running = subprocess.Popen(
-        [sys.executable, script, path], stdout=subprocess.PIPE, start_new_session=True
+        [sys.executable, script, store_path], stdout=subprocess.PIPE, start_new_session=True
     )
     assert running.stdout is not None
     try:
@@ -180,8 +180,8 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path, path):
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(running.pid, signal.SIGKILL)
-    starts = sum("index" in line for line in read_store(path)) + 3
-    stored = cg.search(5, 9, starts, 1, maxfev=60, store=path)
+    starts = sum("index" in line for line in read_store(store_path)) + 3
+    stored = cg.search(5, 9, starts, 1, maxfev=60, store=store_path)
     assert stored == cg.search(5, 9, starts, 1, maxfev=60)
 
 
@@ -215,7 +215,7 @@ def test_processes_ignore_interrupts_which_terminals_send_to_all():
 
 
 class TestClusters:
-    def test_dask(self, tmp_path, path):
+    def test_dask(self, tmp_path, store_path):
         distributed = pytest.importorskip("distributed")
         with (
             distributed.LocalCluster(
@@ -227,7 +227,7 @@ class TestClusters:
             distributed.Client(cluster) as client,
             client.get_executor() as pool,
         ):
-            assert cg.search(**SEARCH, executor=pool, store=path) == cg.search(**SEARCH)
+            assert cg.search(**SEARCH, executor=pool, store=store_path) == cg.search(**SEARCH)
             assert count_workers(pool, None) == 2
 
     def test_loky(self):
@@ -235,7 +235,7 @@ class TestClusters:
         pool = loky.get_reusable_executor(2)
         assert cg.search(**SEARCH, executor=pool) == cg.search(**SEARCH)
 
-    def test_mpi(self, tmp_path, path):
+    def test_mpi(self, tmp_path, store_path):
         pytest.importorskip("mpi4py")
         if not shutil.which("mpiexec"):
             pytest.skip("mpiexec isn't installed")
@@ -243,7 +243,7 @@ class TestClusters:
         script.write_text(MPI)
         command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
         process = subprocess.run(
-            [*command, "-m", "mpi4py.futures", str(script), str(path)],
+            [*command, "-m", "mpi4py.futures", str(script), str(store_path)],
             capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         assert process.stdout == "equal, 2 workers\n", process.stderr

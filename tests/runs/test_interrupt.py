@@ -237,13 +237,15 @@ class TestInterrupt:
         (search, {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}),
         (construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}),
     ])  # fmt: skip
-    def test_interrupted_run_is_resumed(self, function, options, path):
+    def test_interrupted_run_is_resumed(self, function, options, store_path):
         name = function.__name__
-        call = f"cg.{name}(**{options}, workers=1, store={str(path)!r}, progress=say_and_wait)"
+        call = (
+            f"cg.{name}(**{options}, workers=1, store={str(store_path)!r}, progress=say_and_wait)"
+        )
         assert interrupted_after(call, after_one) == "interrupted"
-        assert numbers(path) == [0]
-        assert function(**options, store=path) == function(**options)
-        assert numbers(path) == [0, 1, 2]
+        assert numbers(store_path) == [0]
+        assert function(**options, store=store_path) == function(**options)
+        assert numbers(store_path) == [0, 1, 2]
 
 
 SETUP = """
@@ -278,8 +280,8 @@ CALLS = {
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
 @pytest.mark.parametrize("kind", list(CALLS))
-def test_an_interrupt_ends_the_call(kind, library):
-    program = textwrap.dedent(SETUP).format(library=library._name, call=CALLS[kind])
+def test_an_interrupt_ends_the_call(kind, compiled_library):
+    program = textwrap.dedent(SETUP).format(library=compiled_library._name, call=CALLS[kind])
     command = [sys.executable, "-c", program]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -79,18 +79,20 @@ def killed_at_random(work, stores, restart, seed):
 
 
 @pytest.mark.parametrize("kind", ["search", "construct"])
-def test_searches_and_constructions(kind, tmp_path, path):
+def test_searches_and_constructions(kind, tmp_path, store_path):
     function = cg.search if kind == "search" else cg.construct
     settings = SEARCH if kind == "search" else CONSTRUCT
     whole = function(**settings)
 
     def restart():
-        path.unlink()
+        store_path.unlink()
 
     kills = 0
-    run = killed_at_random(lambda: function(**settings, store=path), lambda: [path], restart, 7)
+    run = killed_at_random(
+        lambda: function(**settings, store=store_path), lambda: [store_path], restart, 7
+    )
     for kills in run:  # noqa: B007
-        assert function(**settings, store=path) == whole
+        assert function(**settings, store=store_path) == whole
     assert kills == KILLS
 
 

@@ -32,7 +32,7 @@ def fail(*_):
 
 
 @pytest.fixture
-def runs(monkeypatch):
+def started_runs(monkeypatch):
     """The numbers of starts that run."""
     runs = []
 
@@ -44,59 +44,59 @@ def runs(monkeypatch):
     return runs
 
 
-def test_more_starts_continue_fewer(path, runs):
-    search(**SMALL, starts=3, store=path)
-    more = search(**SMALL, starts=6, store=path, workers=1)
-    assert sorted(runs) == [0, 1, 2, 3, 4, 5]
+def test_more_starts_continue_fewer(store_path, started_runs):
+    search(**SMALL, starts=3, store=store_path)
+    more = search(**SMALL, starts=6, store=store_path, workers=1)
+    assert sorted(started_runs) == [0, 1, 2, 3, 4, 5]
     whole = search(**SMALL, starts=6)
     assert more == whole
-    assert search(**SMALL, starts=2, store=path).starts == whole.starts[:2]
+    assert search(**SMALL, starts=2, store=store_path).starts == whole.starts[:2]
     assert (more.methods, more.best, repr(more)) == (whole.methods, whole.best, repr(whole))
 
 
-def test_runs_share_a_store(path):
+def test_runs_share_a_store(store_path):
     changes = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}, {"hold": {"a[2,1]": "1/3"}}]
     changes += [{"rows": "diagonal"}, {"width": 1e200}, {"maxfev": 7}, {"flows": 4}]
     changes += [{"flows": 4, "embedded": True}, {"tree": cg.methods["CF3"]}]
-    results = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
-    constructions = [cg.construct(**one, store=path) for one in (CONSTRUCT, TREES)]
+    results = [search(**{**SMALL, **change}, starts=2, store=store_path) for change in changes]
+    constructions = [cg.construct(**one, store=store_path) for one in (CONSTRUCT, TREES)]
     for change, result in zip(changes, results, strict=True):
         assert result == search(**{**SMALL, **change}, starts=2)
-        assert result == search(**{**SMALL, **change}, starts=2, store=path)
+        assert result == search(**{**SMALL, **change}, starts=2, store=store_path)
     for one, construction in zip((CONSTRUCT, TREES), constructions, strict=True):
-        assert cg.construct(**one) == cg.construct(**one, store=path) == construction
-    begun = [line for line in read_store(path) if "settings" in line]
+        assert cg.construct(**one) == cg.construct(**one, store=store_path) == construction
+    begun = [line for line in read_store(store_path) if "settings" in line]
     kinds = [line["settings"]["kind"] for line in begun]
     assert kinds == ["search"] * len(changes) + ["construct"] * 2
     assert [line["settings"]["order"] for line in begun[:2]] == [3, 2]
-    assert len(numbers(path)) <= 2 * len(changes) + 3 + 2
+    assert len(numbers(store_path)) <= 2 * len(changes) + 3 + 2
 
 
 @pytest.mark.parametrize("seeds", [("1", "2"), ("1", "1")])
-def test_two_processes_write_at_once(path, seeds):
+def test_two_processes_write_at_once(store_path, seeds):
     script = "import cg, sys; cg.search(3, 3, 40, int(sys.argv[2]), store=sys.argv[1])"
-    commands = [[sys.executable, "-c", script, str(path), seed] for seed in seeds]
+    commands = [[sys.executable, "-c", script, str(store_path), seed] for seed in seeds]
     processes = [subprocess.Popen(command) for command in commands]
     assert [process.wait(120) for process in processes] == [0, 0]
     for seed in set(map(int, seeds)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(search_module, "run_start", fail)  # all are stored
-            result = search(3, 3, 40, seed, store=path)
+            result = search(3, 3, 40, seed, store=store_path)
         assert result == search(3, 3, 40, seed)
 
 
-def test_interrupt_keeps_finished_starts(path, runs):
+def test_interrupt_keeps_finished_starts(store_path, started_runs):
     def stop(done, _):
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(**SMALL, starts=5, store=path, progress=stop, workers=1)
+        search(**SMALL, starts=5, store=store_path, progress=stop, workers=1)
     assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
-    assert numbers(path) == [0, 1]
-    runs.clear()
-    assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
-    assert sorted(runs)[:3] == [0, 1, 2]
+    assert numbers(store_path) == [0, 1]
+    started_runs.clear()
+    assert search(**SMALL, starts=5, store=store_path) == search(**SMALL, starts=5)
+    assert sorted(started_runs)[:3] == [0, 1, 2]
 
 
 def with_text(text):
@@ -116,35 +116,35 @@ def with_text(text):
     lambda content: content[:-20] + b"\n",
     lambda content: content.replace(b'"nfev": ', b'"nfev": 1'),
 ])  # fmt: skip
-def test_damaged_lines_are_ignored(path, damage, runs, caplog):
-    whole = search(**SMALL, starts=4, store=path, workers=1)
-    path.write_bytes(damage(path.read_bytes()))
-    runs.clear()
-    assert search(**SMALL, starts=5, store=path, workers=1).starts[:4] == whole.starts
-    assert runs in ([3, 4], [0, 1, 2, 3, 4])
+def test_damaged_lines_are_ignored(store_path, damage, started_runs, caplog):
+    whole = search(**SMALL, starts=4, store=store_path, workers=1)
+    store_path.write_bytes(damage(store_path.read_bytes()))
+    started_runs.clear()
+    assert search(**SMALL, starts=5, store=store_path, workers=1).starts[:4] == whole.starts
+    assert started_runs in ([3, 4], [0, 1, 2, 3, 4])
     assert "damaged, and ignored" in caplog.text
-    runs.clear()
-    search(**SMALL, starts=5, store=path)
-    assert runs == []
+    started_runs.clear()
+    search(**SMALL, starts=5, store=store_path)
+    assert started_runs == []
 
 
 @pytest.mark.parametrize("content", [b"notes", b"\xff\xfe\x00\n" * 40, b"\n" * 9000])
-def test_refuses_other_files_unchanged(path, content):
-    path.write_bytes(content)
-    refuses(StoreError, "isn't a file of runs of this package", search, **SMALL, store=path)
-    assert path.read_bytes() == content
+def test_refuses_other_files_unchanged(store_path, content):
+    store_path.write_bytes(content)
+    refuses(StoreError, "isn't a file of runs of this package", search, **SMALL, store=store_path)
+    assert store_path.read_bytes() == content
 
 
-def test_refuses_runs_of_another_version(path):
-    settings = search(**SMALL, starts=1, store=path).settings
-    store = Store(path, asdict(settings))
+def test_refuses_runs_of_another_version(store_path):
+    settings = search(**SMALL, starts=1, store=store_path).settings
+    store = Store(store_path, asdict(settings))
     store.append({"index": 1, "residual": 0.0})
     store.close()
-    refuses(StoreError, "another version of this package", search, **SMALL, store=path)
+    refuses(StoreError, "another version of this package", search, **SMALL, store=store_path)
 
 
-def test_full_disk(path, monkeypatch):
-    store = Store(path, {})
+def test_full_disk(store_path, monkeypatch):
+    store = Store(store_path, {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store, "_file", io.BytesIO())
         patch.setattr(store._file, "write", lambda data: 3, raising=False)
@@ -161,7 +161,7 @@ def test_rejects_impossible_paths(tmp_path):
     refuses(TypeError, "store must", search, **SMALL, starts=1, store=3)
 
 
-def test_progress(path, capsys):
+def test_progress(store_path, capsys):
     calls = []
     cg.search(**SMALL, starts=12, progress=lambda *now: calls.append(now))
     assert calls == [(done, 12) for done in range(1, 13)]
@@ -169,8 +169,8 @@ def test_progress(path, capsys):
         refuses(TypeError, "progress must be callable, got 'yes'; True asks", call, 3, 3, seed=1,
                 progress="yes", **{count: 1})  # fmt: skip
     pytest.importorskip("tqdm")
-    cg.search(**SMALL, starts=6, store=path)
-    result = cg.search(**SMALL, starts=12, store=path, progress=True)
+    cg.search(**SMALL, starts=6, store=store_path)
+    result = cg.search(**SMALL, starts=12, store=store_path, progress=True)
     text = capsys.readouterr().err
     assert "12/12" in text
     assert f"{result.exact_starts} solved, smallest f" in text
@@ -180,15 +180,15 @@ def test_progress(path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_interrupted_command_says_how_to_continue(capsys, monkeypatch, path):
+def test_interrupted_command_says_how_to_continue(capsys, monkeypatch, store_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
         yield
 
     monkeypatch.setattr(cg.construction.runs, "completed", interrupted)
-    assert main([*COMMAND, "--store", str(path)]) == 130
+    assert main([*COMMAND, "--store", str(store_path)]) == 130
     assert capsys.readouterr().err.splitlines()[-1] == (
-        f"crouch-grossman: interrupted; finished results are in {path}; run the same search "
+        f"crouch-grossman: interrupted; finished results are in {store_path}; run the same search "
         "again to continue, on any executor"
     )
     assert main([*COMMAND]) == 130

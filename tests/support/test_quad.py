@@ -8,7 +8,7 @@ from cg import _core_r128
 from cg.construction.layouts import Layout, Rows
 from cg.support.quads import decode, encode, from_float, to_decimal, to_float
 
-LARGEST = Fraction(2) ** 16384 - Fraction(2) ** 16271
+MAX_QUAD = Fraction(2) ** 16384 - Fraction(2) ** 16271
 
 patterns = st.builds(
     lambda sign, biased, fraction: sign << 127 | biased << 112 | fraction,
@@ -48,7 +48,7 @@ def test_bits_survive_fortran(pattern):
 @given(st.fractions(), st.integers(-16500, 16000))
 def test_encoding_rounds_to_nearest(value, exponent):
     value *= Fraction(2) ** exponent
-    assume(abs(value) <= LARGEST)
+    assume(abs(value) <= MAX_QUAD)
     bits = encode([value])
     error = abs(decode(bits)[0] - value)
     pattern = int.from_bytes(bits.tobytes(), "little") & ~(1 << 127)

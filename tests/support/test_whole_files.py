@@ -26,7 +26,7 @@ COMMANDS = {
 
 
 @pytest.fixture
-def old(tmp_path):
+def old_file(tmp_path):
     file = tmp_path / "file.toml"
     file.write_text("old", encoding="utf-8")
     return file
@@ -42,25 +42,25 @@ def full_disk(monkeypatch):
 
 @pytest.mark.usefixtures("full_disk")
 @pytest.mark.parametrize("what", WRITERS)
-def test_a_full_disk_leaves_the_old_file(what, old, monkeypatch):
+def test_a_full_disk_leaves_the_old_file(what, old_file, monkeypatch):
     monkeypatch.setattr(summary, "compute_summary", summary.summary_of)  # stored ones are faster
-    refuses(OSError, "No space left", WRITERS[what], old)
-    assert old.read_text(encoding="utf-8") == "old"
-    assert os.listdir(old.parent) == [old.name]
+    refuses(OSError, "No space left", WRITERS[what], old_file)
+    assert old_file.read_text(encoding="utf-8") == "old"
+    assert os.listdir(old_file.parent) == [old_file.name]
 
 
 @pytest.mark.usefixtures("full_disk")
 @pytest.mark.parametrize("what", COMMANDS)
-def test_commands_leave_the_old_file(what, old, capsys):
-    assert main([*COMMANDS[what], "-o", str(old)]) == 2
+def test_commands_leave_the_old_file(what, old_file, capsys):
+    assert main([*COMMANDS[what], "-o", str(old_file)]) == 2
     assert "No space left on device" in capsys.readouterr().err
-    assert old.read_text(encoding="utf-8") == "old"
-    assert os.listdir(old.parent) == [old.name]
+    assert old_file.read_text(encoding="utf-8") == "old"
+    assert os.listdir(old_file.parent) == [old_file.name]
 
 
-def test_encoding_errors_leave_the_old_file(old):
-    refuses(ValueError, "surrogates not allowed", parsing.write_file, old, "\ud800")
-    assert old.read_text(encoding="utf-8") == "old"
+def test_encoding_errors_leave_the_old_file(old_file):
+    refuses(ValueError, "surrogates not allowed", parsing.write_file, old_file, "\ud800")
+    assert old_file.read_text(encoding="utf-8") == "old"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="modes and links are those of POSIX")

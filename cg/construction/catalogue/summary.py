@@ -61,18 +61,11 @@ def compute_summary(method: Method) -> MethodSummary:
     return MethodSummary(
         name=method.name,
         kind=next((name for kind, name in _KINDS.items() if isinstance(method, kind)), tableau),
-        order=method.order,
-        embedded_order=method.embedded_order,
-        approximate=method.approximate,
-        evaluations=method.stages,
-        flows=method.exponentials,
-        pair_flows=method.pair_exponentials,
-        estimate_ratio=None if ratio is None else float(f"{ratio:.3g}"),
-        principal_error=principal,
-        real_stability=real,
-        imaginary_stability=imaginary,
-        not_computed=not_computed,
-    )
+        order=method.order, embedded_order=method.embedded_order, approximate=method.approximate,
+        evaluations=method.stages, flows=method.exponentials, pair_flows=method.pair_exponentials,
+        estimate_ratio=None if ratio is None else float(f"{ratio:.3g}"), principal_error=principal,
+        real_stability=real, imaginary_stability=imaginary, not_computed=not_computed,
+    )  # fmt: skip
 
 
 def summary_of(method: Method) -> MethodSummary:

@@ -77,10 +77,10 @@ def condition_words(
     if of_time:
         return tuple(filter(is_of_time, condition_words(order, independent)))
     trees = forest(order + 1)
-    made: list[Word] = []
+    words: list[Word] = []
     for children in trees.children:
-        made.append(tuple(made[child - 1] for child in children))
-    return tuple(made[t - 1] for t in condition_trees(order, independent))
+        words.append(tuple(words[child - 1] for child in children))
+    return tuple(words[t - 1] for t in condition_trees(order, independent))
 
 
 @cache
@@ -356,7 +356,7 @@ def tree_residuals(
     layout.check_places()
     system = EquationSystem(layout, tuple(Condition(0, word) for word in words))
     x = [weight for point in tree.points for weight in point.weights.values()]
-    x.append(Fraction(0))  # from which numbers are made if there are no weights
+    x.append(Fraction(0))  # from which numbers are words if there are no weights
     if not in_balls:
         return tuple(map(to_fraction, system.residuals(list(map(to_flint, x)))))
     with working_precision(_BALL_BITS):

@@ -32,11 +32,9 @@ from cg.support.shared_numbers import ConditionOwner
 _MAX_ORDER = 8  # sought; more takes long
 _MAX_CHANGE = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
-_QUAD_ROUNDING = (
-    1e-30  # error of residuals in real(16), relative to their sensitivity to coefficients
-)
-_MAX_STEPS = 12
-_MAX_DENOMINATOR = 10**6
+_QUAD_ROUNDING = 1e-30  # of coefficients, to which residuals in real(16) are this sensitive
+_MAX_STEPS = 12  # Gauss–Newton steps of one entry
+_MAX_DENOMINATOR = 10**6  # of a fraction that a corrected entry may be
 
 
 @dataclass(frozen=True)

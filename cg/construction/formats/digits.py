@@ -17,7 +17,7 @@ from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 if TYPE_CHECKING:
     from cg.construction.proofs import Certificate
 
-_GUARD_DIGITS = 10
+_GUARD_DIGITS = 10  # beyond those that are written
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,7 @@ from cg.support.checks import check_choice
 if TYPE_CHECKING:
     from cg.construction.proofs import Certificate
 
-FORMATS = {
-    "json": ".json",
-    "toml": ".toml",
-    "latex": ".tex",
-    "python": ".py",
-    "c": ".h",
-}
+FORMATS = {"json": ".json", "toml": ".toml", "latex": ".tex", "python": ".py", "c": ".h"}
 """Suffix of the files of each format."""
 
 

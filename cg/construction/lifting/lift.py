@@ -35,20 +35,20 @@ from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
-_DAMPING = 1e-2
+_DAMPING = 1e-2  # at first
 _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
 # Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.
 _CHAINS = {1: 1, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5, 7: 8, 8: 12}
 _STAGE_CHAINS = {1: 1, 2: 1, 3: 1, 4: 2, 5: 2, 6: 3, 7: 4, 8: 6}
-_ITERATIONS = {7: 200, 8: 350}
-_ITERATIONS_BELOW = 150
+_ITERATIONS = {7: 200, 8: 350}  # of a start, by order
+_ITERATIONS_BELOW = 150  # in lower orders
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
 _DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
 
 _FIRST_ITERATIONS = 60  # after a merge; most successful ones need fewer
 _FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
-_MIN_FURTHER = 6
+_MIN_FURTHER = 6  # at least that many merges get them
 _GROWTH = 1.25  # bound on improved weights, relative to the largest entry of the tableau
 
 _ROUNDED_F = 1e-15  # sum of squared residuals that rounded coefficients leave

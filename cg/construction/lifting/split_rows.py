@@ -22,7 +22,7 @@ from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import to_decimal
 
-_DRAWS = 30_000  # of a random tree that leads to given rows
+_DRAWS = 30_000  # tries to draw a tree that leads to given rows
 _NEAR_RATIONAL, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # limits for rational numbers
 
 

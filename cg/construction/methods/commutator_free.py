@@ -300,8 +300,7 @@ class MuntheKaas(Method):
                 f"implicit stages after one at the start, as RadauIIA5 is, got {tableau!r}"
             )
         values = read_texts(
-            tableau.name if name is None else name,
-            tableau.source if source is None else source,
+            tableau.name if name is None else name, tableau.source if source is None else source
         )
         values["tableau"] = tableau
         weights = read_third(third, tableau.stages, tableau.embedded_weights)

@@ -31,26 +31,17 @@ def table_of_paths(
     method: Method, paths: MethodPaths, exponent: float, polynomial: MethodTable | None = None
 ) -> MethodTable:
     """Return the table of a method whose steps follow paths."""
-    columns = len(paths.stages) + len(paths.brackets)
+    vectors = len(paths.stages) + len(paths.brackets)
     pair = method.embedded_order is not None
     return MethodTable(
-        name=method.name,
-        kind=kind_of(method),
-        shown=repr(method),
-        order=method.order,
-        embedded_order=method.embedded_order,
-        stages=method.stages,
-        exponent=exponent,
-        kept=columns if paths.registers is None else 1,
-        kept_nodes=columns * (method.explicit and method.stages > 2 and not any(paths.stages)),
-        converges=method.satisfies(1),
-        fault=_estimate_fault(method) if pair else "",
-        numbers=paths.numbers,
-        arrays=paths.arrays,
-        output=output_of(method, paths),
-        polynomial=polynomial,
-        source=method,
-    )
+        name=method.name, kind=kind_of(method), label=repr(method), order=method.order,
+        embedded_order=method.embedded_order, stages=method.stages, exponent=exponent,
+        kept_vectors=vectors if paths.registers is None else 1,
+        kept_nodes=vectors * (method.explicit and method.stages > 2 and not any(paths.stages)),
+        converges=method.satisfies(1), estimate_fault=_estimate_fault(method) if pair else "",
+        numbers=paths.numbers, arrays=paths.arrays, output=output_of(method, paths),
+        polynomial=polynomial, source=method,
+    )  # fmt: skip
 
 
 def _estimate_fault(method: Method) -> str:

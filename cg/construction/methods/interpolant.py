@@ -72,6 +72,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
@@ -91,8 +92,8 @@ from cg.tables.table import Output
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
 _MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
-_NO_RANK = 1e-11
-_NO_WEIGHT = 1e-8
+_NO_RANK = 1e-11  # singular values below this part of the largest are rounding
+_NO_WEIGHT = 1e-8  # weights below this part of the largest are rounding
 # Methods whose flows interpolants of methods with brackets use, in increasing order.
 _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
@@ -109,14 +110,13 @@ def nodes_of(count: int) -> tuple[Array, Polynomial]:
 
 def output_of(method: Method, paths: MethodPaths) -> Output:
     """Return how points between steps of a method are computed."""
-    (final, theta, rows, basis), along = _extension_of(method), paths.polynomial
+    extension, along = extension_of(method), paths.polynomial
     node, blend = _node_tables(
-        method.stages if along else _inner_nodes(method), paths.abscissae if along else None
+        method.stages if along else inner_nodes(method), paths.abscissae if along else None
     )
     flow_c, weights = _result_flows(method, paths)
-    return Output(
-        final + 1, _series_order(method), theta, rows, basis, node, blend, flow_c, weights
-    )
+    final, series = extension.final + 1, _series_order(method)
+    return Output(final, series, *extension[1:], node, blend, flow_c, weights)
 
 
 def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
@@ -134,37 +134,39 @@ def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
     return node, blend
 
 
-def _inner_nodes(method: Method) -> int:
+def inner_nodes(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
     step = 1
     enough = max(2, max(method.order, method.embedded_order or 0) - 1)
     if isinstance(method, Splitting):
         step = 2
         enough = method.order + 1 if method.order > 2 else 2
-    return enough + (enough > 2 and _evaluations(enough + 1, step) <= method.stages)
+    return enough + (enough > 2 and evaluations_of_nodes(enough + 1, step) <= method.stages)
 
 
 def _series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
         return max(method.advancing.order, 1)
-    return _inner_nodes(method) + 1
+    return inner_nodes(method) + 1
 
 
-def _evaluations(nodes: int, step: int) -> int:
+def evaluations_of_nodes(nodes: int, step: int) -> int:
     """Return the number of evaluations at inner nodes, ``step`` of which are added at a time."""
     return sum(range(nodes - 2, 0, -step))
 
 
-Extension = tuple[int, Array, Array, Array]
-"""The coordinates within a step as combinations of their derivatives.
+class Extension(NamedTuple):
+    """Coordinates within a step as combinations of their derivatives, see `Output`."""
 
-`final`, from 0, `theta`, `rows` and `basis` of an `Output`.
-"""
+    final: int  # from 0
+    theta: Array
+    rows: Array
+    basis: Array
 
 
 @cached
-def _extension_of(method: Method) -> Extension:
+def extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas) and not method.explicit:
         powers = collocation_polynomial(method.c[1:])
@@ -172,7 +174,7 @@ def _extension_of(method: Method) -> Extension:
         return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
         return _with_stages(method.advancing)
-    return _between_ends(_inner_nodes(method))
+    return _between_ends(inner_nodes(method))
 
 
 def _with_stages(method: MuntheKaas) -> Extension:
@@ -238,10 +240,11 @@ def _between_ends(nodes: int) -> Extension:
 
 
 def _extension(final: int, theta: list[float], rows: list[Array], basis: Array) -> Extension:
+    """Return the interpolant with weights of as many derivatives in all rows."""
     width = basis.shape[1] if not rows else max(basis.shape[1], len(rows[-1]) + 1)
     padded = [np.pad(row, (0, width - len(row))) for row in rows]
     basis = np.pad(basis, ((0, 0), (0, width - basis.shape[1])))
-    return final, np.array(theta), np.array(padded).reshape(-1, width), basis
+    return Extension(final, np.array(theta), np.array(padded).reshape(-1, width), basis)
 
 
 class _Trees:

@@ -63,8 +63,8 @@ class MethodPaths:
     Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
 
-    With a second result `errors` are weights of the second estimate, or those of `end_weights`,
-    where the end of the step is a stage more. Those of `kink_weights` are the last but one.
+    Of a pair `errors` are the weights of its second estimate. In place of these may be
+    `end_weights`, for which the end of the step is one more stage; `kink_weights` are last but one.
     """
 
     paths: tuple[Path, ...]
@@ -74,16 +74,16 @@ class MethodPaths:
     embedded: int = 0  # the path to the second result of a pair, or 0
     final_stage: int = 0  # the stage (from 1) that is the first one of the next step, or 0
     registers: Registers | None = None
-    series: int = 0
+    series: int = 0  # order up to which the series of dexp⁻¹ is needed, 0 for none
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[Fraction, ...] = ()
+    transformation: tuple[Fraction, ...] = ()  # see `transformation`
     third: int = 0  # the path to a third result, or 0
     power: int = 1  # see `error_power`; 0 if the larger of both estimates counts
     factor: Fraction = Fraction(1, 10)  # of e2 in the quotient, as in DOP853
     # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
     brackets: Brackets = ()  # flows and errors have weights on them after those on stages
-    blocks: int = 0
+    blocks: int = 0  # systems of stage equations, solved one after the other
     drifts: tuple[Fraction, ...] = ()  # after each kick of splitting methods
 
     @cached_property
@@ -116,8 +116,8 @@ class MethodPaths:
             "flow_stage": [stage + 1 for stage, _ in terms],
             "stage_path": self.stages,
         }
-        columns = len(self.stages) + len(self.brackets)
-        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
+        vectors = len(self.stages) + len(self.brackets)
+        sides = [(*side, *[Fraction(0)] * (vectors - len(side))) for side in chain(*self.brackets)]
         reals = {
             "weight": [weight for _, weight in terms],
             "c": self.c,
@@ -278,9 +278,9 @@ class PathBuilder:
         ends = {*tree.stage_points, *tree.results}
         used = {m for end in ends for m in tree.path(end)}
         children = Counter(tree.points[m].parent for m in used)
-        self.kept = ends | {point for point in used if children[point] > 1}
+        self.stored = ends | {point for point in used if children[point] > 1}
         if not explicit:  # iterations repeat the last flow of a stage
-            self.kept |= {tree.points[at].parent for at in tree.stage_points}
+            self.stored |= {tree.points[at].parent for at in tree.stage_points}
         self.index = {START: 0}
         self.paths: list[Path] = []
 
@@ -288,7 +288,7 @@ class PathBuilder:
         """Return the number of the path to a stored point, adding it and those before it."""
         if point not in self.index:
             links = [point]
-            while (parent := self.points[links[-1]].parent) not in self.kept and parent != START:
+            while (parent := self.points[links[-1]].parent) not in self.stored and parent != START:
                 links.append(parent)
             origin = self.path_to(parent)
             flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))

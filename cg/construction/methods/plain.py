@@ -48,8 +48,7 @@ def with_weights(paths: MethodPaths, convert: Callable[[Fraction], Any]) -> Meth
         paths,
         paths=tuple(
             replace(
-                path,
-                flows=tuple(tuple((k, convert(w)) for k, w in terms) for terms in path.flows),
+                path, flows=tuple(tuple((k, convert(w)) for k, w in terms) for terms in path.flows)
             )
             for path in paths.paths
         ),

@@ -17,7 +17,7 @@ from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal
 from cg.support.quads import working_precision as precision
 
-_GUARD_DIGITS = 15
+_GUARD_DIGITS = 15  # beyond those that are asked for, twice and four times as many if need be
 
 
 def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
@@ -52,7 +52,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
             zero = packed.spread(zero_of(packed, certificate, test, places))
-            rounded = {k: _rounded(zero[k], digits) for k in changed}
+            rounded = {k: rounded_text(zero[k], digits) for k in changed}
         if all(rounded.values()):
             return [rounded.get(k) or text for k, text in enumerate(texts)]
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
@@ -127,7 +127,7 @@ def digits(
     return rows[: method.stages], rows[method.stages + embedded]
 
 
-def _rounded(ball: flint.arb, digits: int) -> str | None:
+def rounded_text(ball: flint.arb, digits: int) -> str | None:
     """Return a ball's digits; None if both of its ends don't round to the same ones."""
     ends = {to_decimal(exact_midpoint(end), digits) for end in (ball.lower(), ball.upper())}
     return ends.pop() if len(ends) == 1 else None

@@ -28,12 +28,14 @@ from cg.support import quads
 from cg.support.checks import check_instance
 
 SOLVED = 1e-23
-"""Sum of squared residuals in double below which refinement finds an exact solution nearby."""
+"""Sum of squared residuals in double below which refinement finds an exact solution nearby; those
+of exact methods of the catalogue are below 1e-29."""
 
-_MIN_ESTIMATE = 1e-5  # smallest estimate of pairs
-
-_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
-_TRIES = 16  # starts to solve from
+_MIN_ESTIMATE = (
+    1e-5  # that of pairs of the catalogue is 1e-3 or more, that of equal results rounding
+)
+_SPREAD = 0.6  # noise of log f of starts: of two, that with twice the f is first once in five times
+_TRIES = 16  # starts to solve from before a walk leads elsewhere
 
 
 class NotExactError(RuntimeError):
@@ -244,7 +246,7 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     frozen = fixed_entries(candidate.system.order, candidate.system.layout)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
-    if not 1e-26 < first.f <= promising:
+    if not 1e-26 < first.f <= promising:  # on the set, but for roundings, or far from it
         return first
     return correct(first, frozen, damping=1e-14, accurate=True, **options)
 

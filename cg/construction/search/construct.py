@@ -12,12 +12,7 @@ import numpy as np
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
 from cg.construction.runs import run_pieces
-from cg.construction.search.candidate import (
-    Candidate,
-    Reduction,
-    default_name,
-    solve_start,
-)
+from cg.construction.search.candidate import Candidate, Reduction, default_name, solve_start
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import (
@@ -44,7 +39,7 @@ class Try:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the try that `dataclasses.asdict` made fields of."""
+        """Return the try whose fields `dataclasses.asdict` has returned."""
         layout = layout_of_fields(fields["layout"])
         return cls(**{**fields, "x": tuple(fields["x"]), "layout": layout})
 
@@ -75,8 +70,8 @@ def run_try(settings: Settings, index: int) -> Try:
 def succeeded(settings: Settings, result: Try) -> bool:
     """Return whether a try reached a solution with the stages and flows of the settings."""
     layout = result.layout
-    fewest = layout.stages == settings.stages and settings.flows in (None, layout.flows)
-    return result.solved and fewest
+    is_small = layout.stages == settings.stages and settings.flows in (None, layout.flows)
+    return result.solved and is_small
 
 
 def refined(settings: Settings, result: Try, requirements: Requirements) -> Method | None:

@@ -20,7 +20,7 @@ from cg.construction.solvers.minimum_norm import decompose, retract
 from cg.support.checks import check_instance, check_integer, check_real
 
 _PENALTY = 30.0  # weight of what is beyond limits
-_MAX_STEP = 1.0
+_MAX_STEP = 1.0  # norm of a step; longer ones leave the reach of the tangent space
 _TOLERANCE = 1e-4  # smallest relative decrease of the objective in eight iterations
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -42,14 +42,15 @@ _TREES, _REGISTERS = (0.4, 600), (0.7, 600)
 class StartSettings(NamedTuple):
     """Default settings of the random starts of constructions."""
 
-    stages: int  # with which random starts reach the solution set often enough; unused for trees
+    stages: int  # at first, before some are eliminated; unused for trees
     width: float  # guesses are uniform in [-width, width]
     iterations: int
     promising: float  # sum of squares below which the solver runs a second time
 
 
-# By structure and order, those of the highest one for all above. Untested are orders 5 and 7 with
-# STAGE_ORDER_TWO, and order 7 with GENERAL.
+# By structure and order, those of the highest one for all above. As many unknowns as equations take
+# up to three stages fewer, twelve with GENERAL in order 6, but then starts reach the solution set
+# too rarely. Untested are orders 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
 _STARTS = {
     Structure.GENERAL: {
         1: StartSettings(1, 1.0, 500, 1e-15),
@@ -139,16 +140,9 @@ class Settings:
 
     @classmethod
     def checked(
-        cls,
-        kind: str,
-        force: bool,
-        order: int,
-        stages: int,
-        seed: int,
-        *,
-        hold: Mapping[str, Any] | None,
-        **others: Any,
-    ) -> Settings:
+        cls, kind: str, force: bool, order: int, stages: int, seed: int, *,
+        hold: Mapping[str, Any] | None, **others: Any,
+    ) -> Settings:  # fmt: skip
         """Return the settings of the arguments of a function, checked, with defaults for None."""
         force = check_flag("force", force)
         settings = cls(

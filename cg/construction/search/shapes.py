@@ -93,7 +93,7 @@ def draw_layout(
 
 
 def layout_of_fields(fields: Mapping[str, Any]) -> Layout:
-    """Return the layout that `dataclasses.asdict` made fields of."""
+    """Return the layout whose fields `dataclasses.asdict` has returned."""
     return Layout(
         tuple(fields["parents"]),
         tuple(map(tuple, fields["weights"])),

@@ -26,7 +26,7 @@ EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
 this, relative to its largest coefficient where that is above 1."""
 
-_SOLVED = 1e-25
+_SOLVED = 1e-25  # with trees: sum of squares below which `descend` would gain nothing
 _PROMISING = 1e-11  # with trees: sum of squares below which `descend` is tried
 
 
@@ -57,7 +57,7 @@ class RandomStart:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> RandomStart:
-        """Return the start that `dataclasses.asdict` made fields of."""
+        """Return the start whose fields `dataclasses.asdict` has returned."""
         double, quad, x = (fields[name] for name in ("double", "quad", "x"))
         phases = {"double": Phase(**double), "quad": None if quad is None else Phase(**quad)}
         return cls(**{**fields, **phases, "x": tuple(x)})

@@ -171,14 +171,9 @@ def lmdif(
 
 
 def fit_lmdif(
-    order: int,
-    layout: Layout,
-    x: NDArray[Any],
-    trees: Trees,
-    tolerance: NDArray[Any],
-    maxfev: int,
+    order: int, layout: Layout, x: NDArray[Any], trees: Trees, tolerance: NDArray[Any], maxfev: int,
     stop_flag: StopFlag,
-) -> tuple[Any, ...]:
+) -> tuple[Any, ...]:  # fmt: skip
     """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
 
     x has shape (n,), or (16, n) in real(16), `tolerance` (1,) or (16, 1). There are n trees or

@@ -23,13 +23,13 @@ from cg.support.parallel import raise_if_stopped
 from cg.support.quads import exact_midpoint, to_ball, working_precision
 
 _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones count as zero
-_MAX_ITERATIONS = 40
+_MAX_ITERATIONS = 40  # in real(16); it takes a few
 
 _MAX_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
-_RESIDUAL_GOAL = Fraction(1, 10**44)
-_GRID = 10**60
-_BITS = 400
-_MAX_CORRECTIONS = 20
+_RESIDUAL_GOAL = Fraction(1, 10**44)  # of the largest exact residual
+_GRID = 10**60  # corrections are multiples of 1 / _GRID, far below the goal
+_BITS = 400  # precision of exact residuals, beyond the digits of both
+_MAX_CORRECTIONS = 20  # of exact residuals, each of some ten digits
 
 
 @dataclass(frozen=True)

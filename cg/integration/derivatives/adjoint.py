@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
+from cg.frames.facts import has_brackets
 from cg.frames.linear_action import LinearAction
 from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradient, Intervals, solve
 from cg.integration.derivatives.variational_equation import (
@@ -31,7 +32,6 @@ from cg.integration.derivatives.variational_equation import (
     structure_constants,
 )
 from cg.integration.output.solutions import DenseOutput, Solution
-from cg.integration.plan.plan import has_brackets
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction
@@ -247,10 +247,11 @@ def with_adjoint(
 
 
 def tolerance_of(problem: Problem) -> float:
-    """Return the tolerance of estimates, which were three times the errors or more where measured.
+    """Return the tolerance of the estimated errors of the adjoint equation.
 
-    With ten times that of the integration the errors of its steps are larger in most problems, but
-    not where steps are as long as those of linear equations.
+    Where measured, estimates were at least three times the errors. So ten times the tolerance of
+    the integration leaves errors below those of its steps in most problems, but not where steps are
+    as long as those of linear equations.
     """
     tolerance = problem.control.tolerance
     if tolerance is None:
@@ -269,13 +270,13 @@ def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     shape = frame.dim, count_parameters(rhs, df_dp, True)[0]
     if callable(df_dp):
         df_dp = TimeFunction(df_dp)
-    derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.given.inputs)
+    derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.extra.inputs)
     return with_adjoint(problem, partial(_equation, problem, derivative))
 
 
 def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> AdjointEquation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
-    count, inputs = problem.rhs.given.parameter_count, problem.rhs.given.inputs
+    count, inputs = problem.rhs.extra.parameter_count, problem.rhs.extra.inputs
     linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
@@ -294,7 +295,7 @@ def _linearisation(
     a = _coefficients(rhs, times, point)
     if not np.isfinite(a).all():
         raise ValueError(f"f must return finite numbers, got others from {when(times)} on")
-    fixed = rhs.given.parameters is None and rhs.given.inputs is None
+    fixed = rhs.extra.parameters is None and rhs.extra.inputs is None
     b = None if fixed else _derivative(rhs, df_dp, times, point)
     return np.tensordot(a, generators, 1), b
 
@@ -311,11 +312,11 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
 
     if df_dp is None:
         return _differences(rhs, times, point)
-    arguments = rhs.given.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
+    arguments = rhs.extra.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
     if df_dp.vectorized:
         return df_dp(times, point[None], arguments)
     function, frame, shape = df_dp.function, df_dp.frame, df_dp.shape
-    parameters, inputs = rhs.given.parameters, rhs.given.inputs
+    parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
         context = call_context(function, arguments, frame, shape, df_dp.check)
@@ -331,14 +332,14 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
 
 def _differences(rhs: Rhs, times: Array, point: Points) -> Array:
     """Return central differences of the coefficients by the parameters and the inputs."""
-    inputs, parameters = rhs.given.inputs, rhs.given.parameters
+    inputs, parameters = rhs.extra.inputs, rhs.extra.parameters
     row = np.zeros(0) if parameters is None else parameters[0]
     count, width = len(row), 0 if inputs is None else inputs.width
 
     def coefficients(numbers: Array) -> Array:
         changed = numbers[None, :count] if count else None
         curves = None if inputs is None else inputs.shifted(numbers[count:])
-        shifted = rhs.with_data(rhs.given._replace(parameters=changed, inputs=curves))
+        shifted = rhs.with_data(rhs.extra._replace(parameters=changed, inputs=curves))
         return _coefficients(shifted, times, point)
 
     scales = np.zeros(count) if inputs is None else np.append(np.zeros(count), inputs.scales)

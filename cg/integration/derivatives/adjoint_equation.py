@@ -18,7 +18,7 @@ from cg.integration.output.solutions import DenseOutput
 from cg.integration.rhs.inputs import Inputs
 from cg.support.arrays import Array, Points
 
-_COUNT = 5
+_COUNT = 5  # nodes of an interval, of order ten
 _X, _W = np.polynomial.legendre.leggauss(_COUNT)
 _NODES, _WEIGHTS = (_X + 1) / 2, _W / 2
 # the matrix from values at the nodes to coefficients of Legendre polynomials
@@ -195,9 +195,8 @@ def _solve_once(
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
     amount = float(np.abs(size) @ np.abs(matrix).sum(axis=-1).max(axis=(1, 2)))
-    if (
-        _MAX_INTEGRAL < amount < np.inf
-    ):  # norms grow with coordinates that are large, eigenvalues don't
+    # norms grow with coordinates that are large, eigenvalues don't
+    if _MAX_INTEGRAL < amount < np.inf:
         amount = float(np.abs(size) @ np.abs(np.linalg.eigvals(matrix)).max(axis=(1, 2)))
     if not amount <= _MAX_INTEGRAL:
         raise ValueError(

@@ -55,7 +55,7 @@ class VariationalEvents(EventTable):
         events, flags = table._arguments
         super().__init__(events, table.frame, **flags)
         self.table, self.equation, self.edges = table, equation, edges
-        if not equation.count and isinstance(equation.f, CompiledRhs):
+        if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_data
         self._callable = [
             None if source is None else _EVENT(source.address) for source in self.compiled
@@ -92,7 +92,7 @@ class VariationalEvents(EventTable):
                 f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
             )
 
-        n, m = self.frame.dim, equation.directions
+        n, m = self.frame.dim, equation.direction_count
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             # a point nearby may open the joints of a phase space
@@ -102,12 +102,12 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         jump_of_rate = along - self._coefficients(t, after, arguments)
         transformed = by_fields.T @ x
-        if equation.count:
+        if equation.parameter_count:
             transformed[:, :m] += equation.along_directions(by_parameters.T)
         transformed += np.outer(jump_of_rate, delta)
         if equation.noise is not None:
             # a covariance is multiplied by the saltation matrix from both sides
-            unit = np.eye(n, equation.columns)
+            unit = np.eye(n, equation.column_count)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
             matrix = by_fields.T + np.outer(jump_of_rate, local)
             transformed[:, m:] = matrix @ x[:, m:] @ matrix.T
@@ -116,11 +116,12 @@ class VariationalEvents(EventTable):
     def time_derivatives(
         self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
     ) -> Array:
-        """Return derivatives of an event's times, shape ``(times, columns)``; z are points before.
+        """Return derivatives of an event's times, shape ``(times, directions)``.
 
-        They aren't finite where the solution touches the event without crossing it.
+        ``z`` are the points before. Where the solution touches the event without crossing it,
+        derivatives aren't finite.
         """
-        derivatives = np.empty((len(times), self.equation.directions))
+        derivatives = np.empty((len(times), self.equation.direction_count))
         for row, t, y, x in zip(derivatives, times.tolist(), *self.equation.split(z), strict=True):
             row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
         return derivatives
@@ -136,8 +137,8 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
         rate = float(along[0]) if abs(along[0]) > _MIN_RATE * largest else 0.0
         gradient = by_fields[:, 0] @ x
-        if self.equation.count:
-            gradient[: self.equation.directions] += self.equation.along_directions(
+        if self.equation.parameter_count:
+            gradient[: self.equation.direction_count] += self.equation.along_directions(
                 by_parameters[:, 0]
             )
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -148,7 +149,7 @@ class VariationalEvents(EventTable):
         if function is None:
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
-        numbers = data_at(t, arguments, self.equation.count > 0)
+        numbers = data_at(t, arguments, self.equation.parameter_count > 0)
         data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
@@ -159,18 +160,15 @@ class VariationalEvents(EventTable):
         equation = self.equation
         if not equation.vectorized:
             return equation.coefficients(t, y, arguments, whole=True)
-        if equation.count:
+        if equation.parameter_count:
             arguments = (*arguments[:-1], arguments[-1][None])
         row: Array = equation.coefficients(np.array([t]), y[None], arguments, True)[0]
         return row
 
     def _derivatives(
-        self,
-        function: Callable[[float, Points, tuple[Any, ...]], Array],
-        t: float,
-        y: Points,
+        self, function: Callable[[float, Points, tuple[Any, ...]], Array], t: float, y: Points,
         arguments: tuple[Any, ...],
-    ) -> tuple[Array, Array, Array, float]:
+    ) -> tuple[Array, Array, Array, float]:  # fmt: skip
         """Return derivatives of ``function(t, y, arguments)``, which has m values.
 
         They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,
@@ -191,8 +189,8 @@ class VariationalEvents(EventTable):
             _WEIGHTS @ values_along(size * e) / (_STEP * size)
             for size, e in zip(sizes, np.eye(n), strict=True)
         ]
-        by_parameters = np.empty((self.equation.count, len(by_fields[0])))
-        if self.equation.count:
+        by_parameters = np.empty((self.equation.parameter_count, len(by_fields[0])))
+        if self.equation.parameter_count:
             *others, row = arguments
             for i, (change, size) in enumerate(parameter_steps(row, _STEP)):
                 values = [function(t, y, (*others, row + s * change)) for s in _STEPS]

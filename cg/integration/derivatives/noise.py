@@ -50,11 +50,11 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     if not callable(noise) and compiled_rhs(noise, "noise") is None:
         matrix = check_covariance(noise, frame.dim, None, "noise")
         return np.ascontiguousarray(matrix)
-    function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.given.inputs, Noise)
+    function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.extra.inputs, Noise)
     assert isinstance(function, Noise)
-    if isinstance(function.function, CompiledRhs) and rhs.given.inputs is None:
-        arguments = rhs.given.arguments(0)
-        data = int(arguments[-1].ctypes.data) if rhs.given.parameters is not None else 0
+    if isinstance(function.function, CompiledRhs) and rhs.extra.inputs is None:
+        arguments = rhs.extra.arguments(0)
+        data = int(arguments[-1].ctypes.data) if rhs.extra.parameters is not None else 0
         data = data or (rhs.user_data if isinstance(rhs, CompiledRhs) else 0)
         function(problem.t0, problem.points[0], arguments, data)
     return function

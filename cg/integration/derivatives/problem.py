@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cg.frames.facts import has_brackets
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
@@ -21,7 +22,7 @@ from cg.integration.derivatives.variational_equation import (
 )
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
-from cg.integration.plan.plan import has_brackets, plan_of
+from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
@@ -54,7 +55,7 @@ class Derivatives:
         transition = np.ascontiguousarray(x[..., :n])
         total = None if covariance is None else transition @ covariance @ transition.mT
         if equation.noise is not None:
-            added = x[..., n + equation.count :]
+            added = x[..., n + equation.parameter_count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
         fields: dict[str, Any] = {
             "y": np.ascontiguousarray(y),
@@ -64,8 +65,8 @@ class Derivatives:
         }
         if equation.chosen is not None and not equation.has_point_directions:
             fields["transition"], fields["sensitivity"] = None, np.ascontiguousarray(x)
-        elif equation.count and equation.chosen is None:
-            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + equation.count])
+        elif equation.parameter_count and equation.chosen is None:
+            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + equation.parameter_count])
         for array in fields.values():
             if array is not None:
                 array.flags.writeable = False
@@ -133,11 +134,11 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         equation = replace(equation, chosen=_directions(options, equation))
     variational_rhs: Rhs
     if rhs.vectorized:
-        variational_rhs = PythonRhs(equation, equation.product, rhs.given, True)
+        variational_rhs = PythonRhs(equation, equation.product, rhs.extra, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
         user_plan = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
-        variational_rhs = compiled_variation(equation, user_plan, rhs.given)
+        variational_rhs = compiled_variation(equation, user_plan, rhs.extra)
     if control.h is None:
         controlled = options["control_derivatives"]
         absolute = _tolerances(problem, equation, controlled, "atol")
@@ -189,24 +190,20 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     """Return the coefficients of points with derivatives, after checking functions."""
     frame, rhs, df_dp = problem.plan.frame, problem.rhs, options["df_dp"]
     noise = noise_of(options["noise"], problem)
-    n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.given.inputs
+    n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.extra.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
     return VariationalEquation(
-        frame,
-        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        frame, rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
-        count,
-        vectorized,
-        width,
-        noise,
+        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise,
         forces_alone=problem.plan.table.kind is Kind.SPLITTING,
-    )
+    )  # fmt: skip
 
 
 def _directions(options: Options, equation: VariationalEquation) -> Array:
     """Return the directions of derivatives in initial coordinates and parameters, as columns."""
-    chosen, n, k = options["derivatives_by"], equation.frame.dim, equation.count
+    chosen, n, k = options["derivatives_by"], equation.frame.dim, equation.parameter_count
     if options["P0"] is not None or equation.noise is not None:
         raise ValueError("derivatives_by must be None with P0 or noise, which take all derivatives")
     if isinstance(chosen, str):
@@ -246,7 +243,7 @@ def _tolerances(
         )
     if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
         rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
-    others = np.repeat(rows, equation.columns)
+    others = np.repeat(rows, equation.column_count)
     # the square of the norm of the whole error is then the sum of those of both parts
     sizes = np.array([point_tolerances.size, others.size])
     shares = np.sqrt(sizes / sizes.sum())
@@ -262,8 +259,8 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
         for record in rhs.records:
             record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
-    tolerance, given = tolerance_of(variational), rhs.given
-    return AdjointEquation(along, shape, tolerance, given.parameter_count, given.inputs)
+    tolerance, extra = tolerance_of(variational), rhs.extra
+    return AdjointEquation(along, shape, tolerance, extra.parameter_count, extra.inputs)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
@@ -274,4 +271,4 @@ def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | No
     if not np.isfinite(values).all():
         raise ValueError("f and its derivatives must return finite numbers")
     slopes = values[:, n:].reshape(len(times), n, -1)
-    return slopes[..., :n], slopes[..., n:] if variational.count else None
+    return slopes[..., :n], slopes[..., n:] if variational.parameter_count else None

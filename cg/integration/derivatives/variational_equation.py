@@ -5,24 +5,20 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
+from cg.frames.facts import is_compiled
 from cg.frames.product import Product
 from cg.integration.derivatives.noise import Noise
 from cg.integration.messages import DERIVATIVES
-from cg.integration.plan.plan import Plan, is_compiled
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.inputs import (
-    DataReader,
-    Given,
-    Reader,
-    data_at,
-)
+from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, data_at
 from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
@@ -56,9 +52,9 @@ class VariationalEquation:
     f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
-    count: int  # number of parameters, with inputs if there are derivatives with respect to them
+    parameter_count: int  # with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
-    inputs: int = 0  # number of the parameters that are values of inputs
+    input_count: int = 0  # number of the parameters that are values of inputs
     noise: Derivative | Array | None = None  # spectral density of noise
     chosen: Array | None = None  # directions in initial coordinates and parameters, columns
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
@@ -66,20 +62,21 @@ class VariationalEquation:
     forces_alone: bool = False
 
     @property
-    def directions(self) -> int:
+    def direction_count(self) -> int:
         """Number of columns that are derivatives of the solution."""
-        return self.frame.dim + self.count if self.chosen is None else self.chosen.shape[1]
+        chosen = self.chosen
+        return self.frame.dim + self.parameter_count if chosen is None else chosen.shape[1]
 
     @property
-    def columns(self) -> int:
+    def column_count(self) -> int:
         """Number of all columns, with those of the covariance of noise."""
-        return self.directions + (0 if self.noise is None else self.frame.dim)
+        return self.direction_count + (0 if self.noise is None else self.frame.dim)
 
     @property
     def has_point_directions(self) -> bool:
         """Whether the chosen directions are those of all initial coordinates."""
         n, chosen = self.frame.dim, self.chosen
-        return chosen is not None and np.array_equal(chosen, np.eye(n + self.count, n))
+        return chosen is not None and np.array_equal(chosen, np.eye(n + self.parameter_count, n))
 
     def along_directions(self, derivatives: Array) -> Array:
         """Return derivatives with respect to parameters along the directions.
@@ -94,7 +91,7 @@ class VariationalEquation:
 
     def __post_init__(self) -> None:
         vars(self).update(
-            product=Product(self.frame, Euclidean(self.frame.dim * self.columns)),
+            product=Product(self.frame, Euclidean(self.frame.dim * self.column_count)),
             structure=_NO_CONSTANTS if self.forces_alone else structure_constants(self.frame),
             check=Check(self.f, self.frame, self.vectorized),
         )
@@ -110,13 +107,13 @@ class VariationalEquation:
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n = self.frame.dim
-        x = np.eye(n, self.columns).ravel() if self.chosen is None else self.chosen[:n].ravel()
+        x = np.eye(n, self.column_count).ravel() if self.chosen is None else self.chosen[:n].ravel()
         return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
 
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, columns)``."""
         y, x = self.product.split(z)
-        return y, x.reshape(*x.shape[:-1], self.frame.dim, self.columns)
+        return y, x.reshape(*x.shape[:-1], self.frame.dim, self.column_count)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
@@ -138,8 +135,8 @@ class VariationalEquation:
             matrix = np.array(jac(t, y, arguments))
             entries: Any = slice(None), k, j
             np.add.at(matrix, entries, constants * coefficients[:, i])
-            slope, m = matrix @ x, self.directions
-            if self.count:
+            slope, m = matrix @ x, self.direction_count
+            if self.parameter_count:
                 df_dp = self._differences_by_parameters if self.df_dp is None else self.df_dp
                 slope[..., :m] += self.along_directions(df_dp(t, y, arguments))
             if (noise := self.noise) is not None:
@@ -155,7 +152,7 @@ class VariationalEquation:
         """Return the coefficients of the members that are finite, and NaN for the others."""
         values = np.full((len(z), self.product.dim), np.nan)
         if finite.any():
-            if self.count:
+            if self.parameter_count:
                 arguments = (*arguments[:-1], arguments[-1][finite])
             if arguments and isinstance(arguments[0], Reader):
                 arguments = (arguments[0][finite], *arguments[1:])
@@ -201,7 +198,7 @@ class VariationalEquation:
         """
         y, x = self.split(z)
         shifts, numbers = np.zeros((x.shape[1], 0)), np.zeros(0)
-        if self.df_dp is None and self.chosen is not None and self.count:
+        if self.df_dp is None and self.chosen is not None and self.parameter_count:
             shifts, numbers = self.chosen[len(x) :].T, arguments[-1]
         sizes, scales = np.maximum(self.frame.coordinate_sizes(y), 1.0), np.abs(numbers)
         scales[scales <= _VANISHING] = 1.0
@@ -229,7 +226,7 @@ class VariationalEquation:
     ) -> Array:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         if isinstance(self.f, CompiledRhs):
-            data = data_at(t, arguments, self.count > 0)
+            data = data_at(t, arguments, self.parameter_count > 0)
             address = self.f.user_data if data is None else data.ctypes.data
             values = self.f.values(self.frame, address, t, points)
             return self._complete(values, points, whole)
@@ -237,7 +234,7 @@ class VariationalEquation:
             return np.array([self.coefficients(t, point, arguments) for point in points])
         count = points.shape[1]
         flat = points.reshape(-1, *self.frame.point_shape)
-        if self.count:
+        if self.parameter_count:
             arguments = (*arguments[:-1], np.repeat(arguments[-1], count, axis=0))
         values = self.coefficients(np.repeat(t, count), flat, arguments)
         return values.reshape(len(points), count, -1)
@@ -275,7 +272,7 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """
-    numbers, inputs = rhs.given.parameters, rhs.given.inputs
+    numbers, inputs = rhs.extra.parameters, rhs.extra.inputs
     width = inputs.width if by_inputs and inputs is not None else 0
     if df_dp is not None and numbers is None and not width:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
@@ -320,11 +317,11 @@ class CompiledVariation(CompiledRhs):
         return f"CompiledVariation({self.variational!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan, self.given)
+        return compiled_variation, (self.variational, self.plan, self.extra)
 
-    def with_data(self, given: Given) -> CompiledVariation:
+    def with_data(self, extra: ExtraArguments) -> CompiledVariation:
         """Return the right-hand side of other members."""
-        return compiled_variation(self.variational, self.plan, given)
+        return compiled_variation(self.variational, self.plan, extra)
 
     @property
     def failed_name(self) -> str:
@@ -344,7 +341,7 @@ class CompiledVariation(CompiledRhs):
 
 
 def compiled_variation(
-    variational: VariationalEquation, plan: Plan, given: Given
+    variational: VariationalEquation, plan: Plan, extra: ExtraArguments
 ) -> CompiledVariation:
     """Return the right-hand side for functions of one point.
 
@@ -352,62 +349,73 @@ def compiled_variation(
     """
     import cg._core_r64 as core
 
-    first, in_python, *arrays = _first_record(variational, plan)
-    inputs, members = given.inputs, given.members or 1
+    first, in_python, arrays = _shared_entries(variational, plan)
+    inputs, members = extra.inputs, extra.members or 1
     first.inputs = 0 if inputs is None else inputs.width
-    parameter_count = variational.count - variational.inputs
-    scales = np.zeros(parameter_count + first.inputs)
+    plain_count = variational.parameter_count - variational.input_count
+    scales = np.zeros(plain_count + first.inputs)
     if inputs is not None:
-        scales[parameter_count:] = inputs.scales
+        scales[plain_count:] = inputs.scales
     first.scales = scales.ctypes.data
-    rows = np.zeros((members, 1 + parameter_count + first.inputs))
-    parameters, values = rows[:, 1 : 1 + parameter_count], rows[0, 1 + parameter_count :]
+    rows = np.zeros((members, 1 + plain_count + first.inputs))
+    parameters, values = rows[:, 1 : 1 + plain_count], rows[0, 1 + plain_count :]
     count = members if in_python else 1
     records = (_Record * count)(*[first] * count)
-    seen = given
-    if given.parameters is not None:
-        parameters[...] = given.parameters
+    shared = extra  # with the parameters that compiled code changes for differences
+    if extra.parameters is not None:
+        parameters[...] = extra.parameters
         parameters.flags.writeable = False
-        seen = given._replace(parameters=parameters)
-    contexts = _add_contexts(records, variational, in_python, seen, values)
+        shared = extra._replace(parameters=parameters)
+    contexts = _add_contexts(records, variational, in_python, shared, values)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, core.function_addresses()[1], 0, frame=variational.product, given=given, data=rows,
+        None, core.function_addresses()[1], 0, frame=variational.product, extra=extra, data=rows,
         variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 
 
 def _add_contexts(
-    records: Any,
-    variational: VariationalEquation,
-    in_python: list[Any],
-    given: Given,
-    values: Array,
-) -> list[Any]:
+    records: Any, variational: VariationalEquation, in_python: list[_Function],
+    extra: ExtraArguments, values: Array,
+) -> list[Any]:  # fmt: skip
     """Put data of functions in Python into records, and return it."""
-    arguments = [given.arguments(member) for member in range(len(records))]
-    if given.inputs is not None and variational.inputs and variational.df_dp is None:
+    arguments = [extra.arguments(member) for member in range(len(records))]
+    if extra.inputs is not None and variational.input_count and variational.df_dp is None:
         # compiled code changes the values for differences
-        arguments = [(DataReader(given.inputs, values), *arguments[0][1:])]
+        arguments = [(DataReader(extra.inputs, values), *arguments[0][1:])]
     # differences change parameters in place
-    changing = variational.df_dp is None and variational.count > variational.inputs
+    changing = variational.df_dp is None and variational.parameter_count > variational.input_count
     contexts = []
     for record, rest in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            frame = variational.product if name == "along_data" else variational.frame
+            frame = variational.product if name == "along" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
             context = call_context(function, rest, frame, shape, check, dtype, changing)
             contexts.append((context, np.array(id(context))))
-            setattr(record, name, contexts[-1][1].ctypes.data)
+            setattr(record, f"{name}_data", contexts[-1][1].ctypes.data)
     return contexts
 
 
-def _first_record(variational: VariationalEquation, plan: Plan) -> tuple[Any, ...]:
-    """Return a record, its functions in Python, and the arrays whose addresses are in it.
+class _Function(NamedTuple):
+    """A function of a variational equation."""
 
-    It lacks the data of functions in Python, which differ between members.
-    """
+    name: str  # its entry in the record
+    function: Any
+    shape: tuple[int, ...]  # that of its values
+    check: Any  # check(value, t, y) returns the value as an array
+
+
+class _SharedEntries(NamedTuple):
+    """The entries that the records of all members share."""
+
+    record: _Record  # lacks the data of functions in Python, which differ between members
+    in_python: list[_Function]
+    arrays: tuple[Any, ...]  # those whose addresses are in the record
+
+
+def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntries:
+    """Return the entries of records that don't depend on parameters and inputs."""
     import cg._core_r64 as core
 
     f, noise, (index, constant) = variational.f, variational.noise, variational.structure
@@ -416,8 +424,8 @@ def _first_record(variational: VariationalEquation, plan: Plan) -> tuple[Any, ..
     constant = np.append(constant, 0.0)
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
-        constant=constant.ctypes.data, step=DIFFERENCE_STEP,
+        parameters=variational.parameter_count, constants=len(constant) - 1,
+        index=index.ctypes.data, constant=constant.ctypes.data, step=DIFFERENCE_STEP,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
         forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
@@ -428,39 +436,45 @@ def _first_record(variational: VariationalEquation, plan: Plan) -> tuple[Any, ..
         directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
         record.directions, record.by_parameters = chosen.shape[1], directions.ctypes.data
     in_python = []
-    for name, function, shape, check in _functions(variational):
-        if isinstance(function, CompiledRhs):
-            setattr(record, name, function.address)
-            setattr(record, f"{name}_data", function.user_data)
+    for each in _functions(variational):
+        if isinstance(each.function, CompiledRhs):
+            setattr(record, each.name, each.function.address)
+            setattr(record, f"{each.name}_data", each.function.user_data)
         else:
-            setattr(record, name, core.function_addresses()[0])
-            in_python.append((f"{name}_data", function, shape, check))
-    return record, in_python, index, constant, directions
+            setattr(record, each.name, core.function_addresses()[0])
+            in_python.append(each)
+    return _SharedEntries(record, in_python, (index, constant, directions))
 
 
-def _functions(variational: VariationalEquation) -> list[tuple[str, Any, tuple[int, ...], Any]]:
-    """Return the functions with their names, the shapes of what they return, and their checks."""
+def _functions(variational: VariationalEquation) -> list[_Function]:
+    """Return the functions that compiled code calls."""
     frame, jac = variational.frame, variational.jac
-    functions: list[Any] = [("f", variational.f, frame.rhs_shape, variational.check)]
+    functions = [_Function("f", variational.f, frame.rhs_shape, variational.check)]
     if frame._user_frame is not None and not is_compiled(frame):
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
             return variational.coefficients(t, y, arguments)
 
-        functions = [("f", coefficients, (frame.dim,), lambda value, t, y: value)]
+        functions = [_Function("f", coefficients, (frame.dim,), _unchecked)]
     if jac is None and not is_compiled(frame):
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
             return variational.differences(t, y, arguments)
 
-        choice: tuple[Any, ...] = "jac", difference, (frame.dim, frame.dim)
+        function = _Function("jac", difference, (frame.dim, frame.dim), _unchecked)
         if variational.chosen is not None:
-            choice = "along", variational.differences_along, (frame.dim, variational.directions)
-        functions.append((*choice, lambda value, t, y: value))
+            shape = frame.dim, variational.direction_count
+            function = _Function("along", variational.differences_along, shape, _unchecked)
+        functions.append(function)
     for derivative in (jac, variational.df_dp, variational.noise):
         if isinstance(derivative, Derivative):
-            function = derivative.function
-            if isinstance(derivative, Noise) and not isinstance(function, CompiledRhs):
-                function = derivative.checked
-            functions.append((derivative.name, function, derivative.shape, derivative.check))
+            f = derivative.function
+            if isinstance(derivative, Noise) and not isinstance(f, CompiledRhs):
+                f = derivative.checked
+            functions.append(_Function(derivative.name, f, derivative.shape, derivative.check))
     return functions
+
+
+def _unchecked(value: Any, t: float, y: Points) -> Any:
+    """Return a value of a function of this module as it is."""
+    return value

@@ -18,28 +18,28 @@ from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, real_array, texts_of
 from cg.support.caches import ReadOnly, filled
 from cg.support.shared_records import COUNTS
-from cg.tables import MethodTable, made
+from cg.tables import MethodTable, source_method
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
-    """Steps with the interpolants by which compiled code evaluates the solution within them."""
+class Interpolants:
+    """The interpolants by which compiled code evaluates the solution within steps."""
 
     plan: Plan
-    # A row for each: its member, from 1, increasing; start, signed size, end (an event may end a
-    # step before its full size), and 1 if the interpolant is in coordinates; points at both ends of
-    # the full step, as doubles; and the interpolant's vectors.
+    # A row for each step: its member, from 1, increasing; start, signed size, end (an event may end
+    # the step before its full size), and 1 if the interpolant is in coordinates; points at both
+    # ends of the full step, as doubles; and the interpolant's vectors.
     rows: Array
 
     @property
     def ends(self) -> Array:
-        """The times at which the steps end."""
+        """The times at which steps end."""
         return self.rows[:, 3]
 
-    def member(self, member: int) -> Steps:
-        """Return the steps of one member."""
+    def member(self, member: int) -> Interpolants:
+        """Return the interpolants of one member."""
         rows = slice(*np.searchsorted(self.rows[:, 0], [member + 1, member + 2]).tolist())
-        return Steps(self.plan, self.rows[rows])
+        return Interpolants(self.plan, self.rows[rows])
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
@@ -47,7 +47,7 @@ class Steps:
         theta = np.clip((t - self.rows[which, 1]) / self.rows[which, 2], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
-        if len(t) and plan.columns:
+        if len(t) and plan.interpolant_vectors:
             plan.core.plan_interpolate(
                 plan.address, 0 if callbacks is None else id(callbacks), which, theta,
                 self.rows.T, rows.T,
@@ -68,8 +68,8 @@ class DenseOutput(ReadOnly):
 
     Parameters
     ----------
-    steps
-        The steps.
+    interpolants
+        Those of all steps.
     t0
         Initial time.
     direction
@@ -104,17 +104,17 @@ class DenseOutput(ReadOnly):
 
     def __init__(
         self,
-        steps: Steps,
+        interpolants: Interpolants,
         t0: float,
         direction: float,
         y0: Points,
         marks: tuple[Array, Points] | None = None,
     ) -> None:
-        self.ts = np.concatenate([[t0], steps.ends])
+        self.ts = np.concatenate([[t0], interpolants.ends])
         self.ts.flags.writeable = False
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())
-        self._steps = steps
+        self._interpolants = interpolants
         self._y0 = y0
         self._marks = marks
         self._direction = direction
@@ -172,7 +172,7 @@ class DenseOutput(ReadOnly):
             points: Points = np.repeat(self._y0[None], flat.size, axis=0)
             return points
         which = np.searchsorted(self._direction * self.ts, self._direction * flat) - 1
-        points = self._steps.at(np.maximum(which, 0), flat)
+        points = self._interpolants.at(np.maximum(which, 0), flat)
         for time, point in zip(*(self._marks or ((), ())), strict=True):
             points[flat == time] = point
         return points
@@ -252,7 +252,7 @@ class _SolutionBase(ReadOnly):
     @property
     def method(self) -> Any:
         """The method, a `cg.Method`."""
-        return made(self.table)
+        return source_method(self.table)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import FlowOverflowError, Frame
+from cg.frames.facts import Dexpinv, dexpinv_of
 from cg.frames.manifold import usable_or_zero
-from cg.integration.plan.plan import Dexpinv, Plan, dexpinv_of
+from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
@@ -43,11 +44,11 @@ class Jacobian:
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
         """Return the matrix at a point, after checking it."""
         if rhs.vectorized:
-            row = self.derivative(np.array([t]), y[None], rhs.given.arguments(np.array([member])))
+            row = self.derivative(np.array([t]), y[None], rhs.extra.arguments(np.array([member])))
             return row[0]
-        arguments = rhs.given.arguments(member)
+        arguments = rhs.extra.arguments(member)
         if not self.sparse:
-            data = data_at(t, arguments, rhs.given.parameters is not None)
+            data = data_at(t, arguments, rhs.extra.parameters is not None)
             user_data = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
             return self.derivative(t, y, arguments, user_data if data is None else data.ctypes.data)
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
@@ -114,11 +115,11 @@ def jacobian_of(
         if matrix.shape != shape:
             raise ValueError(f"jac must have shape {shape}, got {matrix.shape}")
         jac = partial(_constant, matrix)
-    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.given.inputs)
+    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.extra.inputs)
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        sparse = hasattr(derivative.function(t, y.copy(), *rhs.given.arguments(0)), "tocsc")
+        sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
     jacobian = Jacobian(derivative, sparse, constant)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian
@@ -136,12 +137,9 @@ class Callbacks:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        rhs: Rhs | None = None,
-        events: EventTable | None = None,
+        self, plan: Plan, rhs: Rhs | None = None, events: EventTable | None = None,
         jacobian: Jacobian | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.plan, self.frame = plan, plan.frame
         # compiled code calls only operations whose object was given
         self.rhs: Any = rhs
@@ -156,7 +154,7 @@ class Callbacks:
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""
-        answer = _HANDLERS[operation](self, a, b)
+        answer = HANDLERS[operation](self, a, b)
         if isinstance(answer, float):
             return answer
         answer = np.ascontiguousarray(answer)
@@ -222,7 +220,7 @@ class Callbacks:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
         members = members.astype(np.intp)
         try:
-            return self.events.values(event, t, self._points(y), self.rhs.given.arguments(members))
+            return self.events.values(event, t, self._points(y), self.rhs.extra.arguments(members))
         except Exception:
             member = int(members[0]) if len(t) == 1 else None
             self.failed_event = f"events[{event}]", float(t[0]), member
@@ -233,13 +231,13 @@ class Callbacks:
         member, event = int(member), int(event)
         function = self.events.jump if is_jump else self.events.value
         try:
-            return function(event, t, self._point(y), self.rhs.given.arguments(member))
+            return function(event, t, self._point(y), self.rhs.extra.arguments(member))
         except Exception:
             self.failed_event = f"events[{event}]{'.jump' * is_jump}", t, member
             raise
 
 
-_HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
+HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FLOW: Callbacks._flow,
     Operation.COORDINATES: Callbacks._coordinates,
     Operation.NEARBY: Callbacks._nearby,

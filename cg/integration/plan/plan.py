@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.frames.compiled import compared_by_entries, constants_of, describe_blocks, dexpinv
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.compiled import constants_of, describe_blocks
+from cg.frames.facts import has_brackets, has_compiled_difference, is_compiled
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace, linkage_of
@@ -23,36 +21,14 @@ from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 from cg.tables import Kind, MethodTable
 
-Dexpinv = Callable[[Array, Array], Array]
-"""``dexpinv(u, v)`` is `Frame.dexpinv`."""
-
-
-def is_compiled(frame: Frame) -> bool:
-    """Return whether compiled code has the flows of a frame."""
-    return frame.compiled_blocks() is not None
-
-
-def has_compiled_difference(frame: Frame) -> bool:
-    """Return whether compiled code computes the flow from one point to another."""
-    blocks = frame.compiled_blocks()
-    return blocks is not None and not compared_by_entries(blocks)
-
-
-def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
-    """Return `Frame.dexpinv` for a method of some order."""
-    if isinstance(frame, HomogeneousSpace) and is_compiled(frame.group):
-        frame = frame.group
-    blocks = frame.compiled_blocks()
-    return partial(frame.dexpinv if blocks is None else partial(dexpinv, blocks), order=order)
-
 
 class Plan:
     """A frame and a method in compiled code.
 
     A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
-    that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
-    interpolant. ``table`` is that of the method. ``step_table`` is the one whose steps compiled
-    code takes: the same, or on a `LinearAction` that of one flow along a polynomial.
+    that of the plan; ``width`` is the number of doubles of a point, ``interpolant_vectors`` the
+    number of vectors of an interpolant. ``table`` is the table of the method; ``step_table`` that
+    whose steps compiled code takes: the same, or on a `LinearAction` one flow along a polynomial.
     """
 
     def __init__(self, frame: Frame, table: MethodTable) -> None:
@@ -67,7 +43,7 @@ class Plan:
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
-        self.columns = self.step_table.output.columns
+        self.interpolant_vectors = self.step_table.output.interpolant_vectors
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
         self._linkage = self._share_mechanics()
@@ -176,19 +152,3 @@ def plan_of(frame: Frame, table: MethodTable) -> Plan:
 @cached_by_value
 def _plans_on(frame: Frame) -> dict[tuple[int, Frame | None], Plan]:
     return {}
-
-
-@cached_by_value
-def for_derivatives(frame: Frame) -> dict[bool, Frame]:
-    """Return `Frame.for_derivatives` without and with brackets."""
-    return {known: frame.for_derivatives(with_brackets=known) for known in (False, True)}
-
-
-@cached_by_value
-def has_brackets(frame: Frame) -> bool:
-    """Return whether a frame has brackets of its fields."""
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError:
-        return False
-    return True

@@ -13,7 +13,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.integration.rhs.inputs import NOTHING, Given, address
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
 from cg.support.arrays import Array, Points
 from cg.support.caches import filled
 from cg.support.capsules import address_in, data_in
@@ -37,7 +37,7 @@ class CompiledRhs:
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
     frame: Frame | None = None  # the frame of its points
-    given: Given = NOTHING  # without args
+    extra: ExtraArguments = NO_EXTRA  # without args
     source: Any = None  # the pointer made of ``function``, kept alive as well
     # the parameters of each member with room for the inputs, passed in place of ``user_data``
     data: Any = None
@@ -48,48 +48,48 @@ class CompiledRhs:
         """Return the function on another frame of the same points."""
         return replace(self, frame=frame)
 
-    def on(self, frame: Frame, given: Given = NOTHING) -> CompiledRhs:
+    def on(self, frame: Frame, extra: ExtraArguments = NO_EXTRA) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters and inputs.
 
         ValueError is raised if there are parameters or inputs and user's data, or if there are none
         and the function's last argument is a pointer to doubles.
         """
-        if given.inputs is not None and self.user_data:
+        if extra.inputs is not None and self.user_data:
             raise ValueError(
                 f"inputs must be None for a compiled {self.name} that has user_data; as parameters "
                 "these numbers come before the inputs"
             )
-        has_none = given.parameters is None and given.inputs is None
+        has_none = extra.parameters is None and extra.inputs is None
         if has_none and self.requires_data and not self.user_data:
             raise ValueError(
                 f"parameters must be given for a compiled {self.name} without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
             )
-        if given.parameters is not None and self.user_data:
+        if extra.parameters is not None and self.user_data:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return replace(self, frame=frame).with_data(given)
+        return replace(self, frame=frame).with_data(extra)
 
-    def with_data(self, given: Given) -> CompiledRhs:
+    def with_data(self, extra: ExtraArguments) -> CompiledRhs:
         """Return the right-hand side with the parameters and inputs of other members."""
-        if given.args:
+        if extra.args:
             raise ValueError(
                 f"args must be None for a compiled {self.name}, whose numbers are parameters, "
-                f"got {given.args!r}"
+                f"got {extra.args!r}"
             )
-        data = given.parameters
-        if given.inputs is not None:
-            data = given.inputs.data_with(data)
+        data = extra.parameters
+        if extra.inputs is not None:
+            data = extra.inputs.data_with(data)
         # much faster than replace
-        return filled(type(self), vars(self) | {"given": given, "data": data})
+        return filled(type(self), vars(self) | {"extra": extra, "data": data})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.function, self.name, self.frame, self.given)
+        return _restored, (self.function, self.name, self.frame, self.extra)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = 0 if self.given.parameters is None else self.data.strides[0]
+        distance = 0 if self.extra.parameters is None else self.data.strides[0]
         return self.address, self.data_address, distance
 
     @property
@@ -111,9 +111,9 @@ class CompiledRhs:
         """Return what the function writes for a member."""
         assert self.frame is not None
         _, data, distance = self.addresses()
-        if (inputs := self.given.inputs) is not None:
+        if (inputs := self.extra.inputs) is not None:
             row = self.data[member if distance else 0]
-            row[-inputs.width :] = self.given.arguments(member)[0].numbers(t)
+            row[-inputs.width :] = self.extra.arguments(member)[0].numbers(t)
         value: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return value
 
@@ -121,8 +121,8 @@ class CompiledRhs:
         """Return what the function writes for a single member at times and points."""
         assert self.frame is not None
         shape = (self.frame.dim,)
-        inputs = self.given.inputs
-        table = () if inputs is None else inputs.table(self.given.parameters)
+        inputs = self.extra.inputs
+        table = () if inputs is None else inputs.table(self.extra.parameters)
         return self.values(self.frame, self.data_address, times, y, shape, table)
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:
@@ -155,10 +155,10 @@ def call_rhs(
     return values.view(dtype).reshape(len(y), *shape)
 
 
-def _restored(function: Any, name: str, frame: Frame | None, given: Given) -> CompiledRhs:
+def _restored(function: Any, name: str, frame: Frame | None, extra: ExtraArguments) -> CompiledRhs:
     rhs = compiled_rhs(function, name)
     assert rhs is not None
-    return rhs if frame is None else rhs.on(frame, given)
+    return rhs if frame is None else rhs.on(frame, extra)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

@@ -136,14 +136,9 @@ class EventTable:
     """
 
     def __init__(
-        self,
-        events: Any,
-        frame: Frame,
-        *,
-        inputs: bool = False,
-        parameters: bool = False,
+        self, events: Any, frame: Frame, *, inputs: bool = False, parameters: bool = False,
         in_python: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
             events = (events,)
         elif not isinstance(events, Sequence) or isinstance(events, str):
@@ -289,17 +284,17 @@ class Observer:
             data, stride = 0, 0
             if isinstance(rhs, CompiledRhs):
                 _, data, stride = rhs.addresses()
-            elif rhs.given.inputs is not None:
+            elif rhs.extra.inputs is not None:
                 raise ValueError(
                     f"{self.name} must be in Python with inputs if f is, got a compiled function"
                 )
-            elif (numbers := rhs.given.parameters) is not None:
+            elif (numbers := rhs.extra.parameters) is not None:
                 data, stride = numbers.ctypes.data, numbers.strides[0]
             kept = EventTable(self.function, self.frame).rows
             function, functions, table = 0, len(kept), kept.ctypes.data
         else:
             rest = self.frame, self.shape, self.check
-            kept = Contexts(self.function, rhs.given, rhs.given.members, *rest)
+            kept = Contexts(self.function, rhs.extra, rhs.extra.members, *rest)
             function, data, stride = kept.addresses()
             functions, table = 0, 0
         record = ObserverRecord(self.count, functions, table, function, data, stride)
@@ -347,9 +342,9 @@ def observer_of(
             "observe must be callable as observe(t, y), or a list of compiled functions, got "
             f"{observe!r}"
         )
-    if rhs.given.inputs is not None:
+    if rhs.extra.inputs is not None:
         observe = WithInput(observe)
-    shape = np.shape(observe(t, read_only(y.copy()), *rhs.given.arguments(0)))
+    shape = np.shape(observe(t, read_only(y.copy()), *rhs.extra.arguments(0)))
     if 0 in shape:
         raise ValueError(f"observe must return at least one number, got shape {shape}")
     return Observer(observe, frame, shape, keeps_points)

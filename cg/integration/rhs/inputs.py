@@ -6,7 +6,7 @@ import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,7 +239,7 @@ class WithInput:
         return self.function(t, y, reader(t), *rest)
 
 
-class Given(NamedTuple):
+class ExtraArguments(NamedTuple):
     """What functions get besides time and point."""
 
     args: tuple[Any, ...] = ()
@@ -265,12 +265,12 @@ class Given(NamedTuple):
         rows = () if self.parameters is None else (self.parameters[member],)
         return (*lead, *self.args, *rows)
 
-    def replaced(self, t: float, parameters: Any, inputs: Any, members: int | None) -> Given:
+    def replaced(self, t: float, parameters: Any, inputs: Any, members: int | None) -> Self:
         """Return other data from time t on, None for what remains, after checking their shapes.
 
         ``members`` is None for a single point.
         """
-        given = self
+        extra = self
         if parameters is not None:
             numbers = real_array(parameters, "parameters")
             old = self.parameters
@@ -280,18 +280,18 @@ class Given(NamedTuple):
                 raise ValueError(f"parameters must {expected}, got {numbers.shape}")
             check_finite("parameters", numbers)
             numbers.flags.writeable = False
-            given = given._replace(parameters=numbers[None] if members is None else numbers)
+            extra = extra._replace(parameters=numbers[None] if members is None else numbers)
         if inputs is not None:
             if self.inputs is None:
                 raise ValueError(f"inputs must be None, as before, got {inputs!r}")
             curves = check_inputs(inputs, t, t, members, None)
             assert curves is not None
             curves.check_like(self.inputs)
-            given = given._replace(inputs=curves)
-        return given
+            extra = extra._replace(inputs=curves)
+        return extra
 
 
-NOTHING = Given()
+NO_EXTRA = ExtraArguments()
 
 
 def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array | None:

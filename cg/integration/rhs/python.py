@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +14,8 @@ from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import NOTHING, Given, Inputs, WithInput
-from cg.support.arrays import (
-    Array,
-    Points,
-    complex_array,
-    conversion_hint,
-    real_array,
-)
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
+from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
 from cg.support.checks import short
 
 
@@ -31,15 +25,9 @@ def when(t: Any) -> str:
 
 
 def read_value(
-    value: Any,
-    name: str,
-    shape: tuple[int, ...],
-    t: Any,
-    rows: str = "",
-    hint: str = "",
-    number: bool = False,
-    dtype: Any = np.float64,
-) -> Points:
+    value: Any, name: str, shape: tuple[int, ...], t: Any, rows: str = "", hint: str = "",
+    number: bool = False, dtype: Any = np.float64,
+) -> Points:  # fmt: skip
     """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
 
     A vectorized function returns ``rows``, each of a member or of a time. The hint ends the message
@@ -111,14 +99,11 @@ Coefficients = Callable[..., ArrayLike]
 
 
 class Contexts:
-    """What ``fortran/interface/python_rhs.c`` reads to call a function, of each member or once.
+    """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
-    With a ``count`` of members there is a context for each of them.
-    """
-
-    def __init__(self, function: Any, given: Given, count: int | None, *rest: Any) -> None:
+    def __init__(self, function: Any, extra: ExtraArguments, count: int | None, *rest: Any) -> None:
         members = range(1 if count is None else count)
-        self.contexts = [call_context(function, given.arguments(k), *rest) for k in members]
+        self.contexts = [call_context(function, extra.arguments(k), *rest) for k in members]
         self.pointers = np.array(list(map(id, self.contexts)))
         self._stride = 0 if count is None else 8
 
@@ -150,36 +135,36 @@ class PythonRhs(Contexts):
         self,
         f: Coefficients,
         frame: Frame,
-        given: Given = NOTHING,
+        extra: ExtraArguments = NO_EXTRA,
         vectorized: bool = False,
     ) -> None:
-        self.f, self.frame, self.given, self.vectorized = f, frame, given, vectorized
+        self.f, self.frame, self.extra, self.vectorized = f, frame, extra, vectorized
         self.check = Check(f, frame, vectorized)
-        members = None if vectorized else given.members
+        members = None if vectorized else extra.members
         rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
-        super().__init__(f, given, members, *rest)
+        super().__init__(f, extra, members, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PythonRhs, (self.f, self.frame, self.given, self.vectorized)
+        return PythonRhs, (self.f, self.frame, self.extra, self.vectorized)
 
-    def with_data(self, given: Given) -> PythonRhs:
+    def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return PythonRhs(self.f, self.frame, given, self.vectorized)
+        return PythonRhs(self.f, self.frame, extra, self.vectorized)
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        return PythonRhs(self.f, frame, self.given, self.vectorized)
+        return PythonRhs(self.f, frame, self.extra, self.vectorized)
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
-        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.given.inputs is not None)
-        names += [f"args[{k}]" for k in range(len(self.given.args))]
-        names += ["parameters"] * (self.given.parameters is not None)
+        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.extra.inputs is not None)
+        names += [f"args[{k}]" for k in range(len(self.extra.args))]
+        names += ["parameters"] * (self.extra.parameters is not None)
         where, shape = f"at t = {t:.17g}", str(self.frame.point_shape)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        elif self.given.first is not None:
-            where += f" in member {self.given.first + member}"
+        elif self.extra.first is not None:
+            where += f" in member {self.extra.first + member}"
         with_shape = f" with y of shape {shape}" * (not self.check.of_time)
         return f"{where}; f is given ({', '.join(names)}){with_shape}"
 
@@ -192,13 +177,13 @@ class PythonRhs(Contexts):
         if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row
-        return self.check(self.f(t, read_only(y), *self.given.arguments(member)), t)
+        return self.check(self.f(t, read_only(y), *self.extra.arguments(member)), t)
 
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
         t.flags.writeable = y.flags.writeable = False
         try:
-            value = self.f(t, y, *self.given.arguments(members))
+            value = self.f(t, y, *self.extra.arguments(members))
         except Exception as error:
             error.add_note(self.note(float(t[0])))
             raise
@@ -214,11 +199,25 @@ class PythonRhs(Contexts):
 Rhs = CompiledRhs | PythonRhs
 
 
+class CallContext(NamedTuple):
+    """What ``fortran/interface/python_rhs.c`` reads to call a function, in its order."""
+
+    function: Any
+    args: tuple[Any, ...]  # its further arguments
+    like_point: Points  # an array of the shape and the type of its points
+    like_result: Points  # one of its results
+    check: Any  # check(value, t, y) returns other than plain results as an array, or raises
+    spare: list[Any]  # arrays of the call before: the point, and numbers that change
+    of_time: bool  # whether it takes no point
+    with_input: bool  # whether it gets the value of its first argument, a function of time
+    changing: bool  # whether numbers of the last argument change, so that it gets copies
+
+
 def call_context(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
     dtype: Any = np.float64, changing: bool = False,
-) -> tuple[Any, ...]:  # fmt: skip
-    """Return one context; of `changing` numbers in the last of `args` functions get copies."""
+) -> CallContext:  # fmt: skip
+    """Return the context of a function whose results have a shape, without its wrappers."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].function(), *args[1:])
@@ -226,7 +225,8 @@ def call_context(
     if of_time:
         function = function.function
     like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
-    return function, args, *like, check, [None, None], of_time, with_input, changing
+    spare = [None, None]
+    return CallContext(function, args, *like, check, spare, of_time, with_input, changing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,14 +253,9 @@ class Derivative:
 
 
 def derivative_of(
-    function: Any,
-    name: str,
-    frame: Frame,
-    shape: tuple[int, ...],
-    vectorized: bool,
-    inputs: Inputs | None,
-    kind: type[Derivative] = Derivative,
-) -> Derivative | None:
+    function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool,
+    inputs: Inputs | None, kind: type[Derivative] = Derivative,
+) -> Derivative | None:  # fmt: skip
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
     if compiled is not None and vectorized:

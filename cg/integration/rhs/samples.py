@@ -104,9 +104,11 @@ class Resolution:
         pieces = len(self._times) - 1
         level = np.zeros(pieces, dtype=np.int8)
         errors = np.zeros_like(self._scales[0])
-        for k, (scale, own) in enumerate(zip(self._scales[1:], self._errors, strict=True), 1):
-            seen = np.where(own > _IGNORED * tolerance * scale, own, 0.0)
-            errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), seen)
+        for k, (scale, raw_errors) in enumerate(
+            zip(self._scales[1:], self._errors, strict=True), 1
+        ):
+            relevant = np.where(raw_errors > _IGNORED * tolerance * scale, raw_errors, 0.0)
+            errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), relevant)
             smooth = (errors <= allowed * scale).all(axis=1)
             if not smooth.any():
                 break

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.plan.plan import has_brackets
+from cg.frames.facts import has_brackets
 from cg.integration.run.run import Run
 from cg.support.parallel import raise_if_stopped
 from cg.support.shared_numbers import Stop
@@ -22,22 +22,22 @@ _REJECTED = (
     "f of the other side; where it would stay on the jump, as in static friction, use a smooth f "
     "and method='RadauIIA5'"
 )
-_MAX_DIM = 300
-_STEP = float(np.sqrt(np.finfo(np.float64).eps))
+_MAX_DIM = 300  # largest Jacobian whose eigenvalues are computed, in dim³ operations
+_STEP = float(np.sqrt(np.finfo(np.float64).eps))  # best for one-sided differences
 # Fraction of the real stability limit that steps reach at least if stability limits their size.
 _NEAR_LIMIT = 0.5
-_DAMPED = 0.05  # least damping of an eigenvalue, relative to its size
+_DAMPED = 0.05  # least damping relative to size; in other oscillations accuracy limits steps
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
 _FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
-_CONFIRMED = 1000  # steps after which the check is repeated
+_CONFIRMED = 1000  # steps after which the check is repeated, since one may be chance
 _MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
 
 
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or many are rejected.
 
-    It looks after 10,000, 20,000, 40,000, ... steps of a member, and where it finds a reason once
-    more 1000 steps later.
+    It looks for a reason after 10,000, 20,000, 40,000, … steps of a member. Where it finds one, it
+    looks again 1000 steps later, and warns if the reason is the same.
     """
 
     def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
@@ -104,7 +104,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
 
 _SECONDS = 0.03  # between two checks for an interrupt
 _REPORT_SECONDS = 0.1
-_MAX_GROWTH = 8
+_MAX_GROWTH = 8  # of the number of steps from a call to the next, since later ones may be slower
 _MAX_STEPS = 2**30  # fits into 32 bits
 
 

@@ -126,11 +126,11 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
     """Return the message for a step size that became too small, or leads beyond all numbers."""
     if run.status[member] == Stop.TIME_NOT_FINITE:
         return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
-    frame, smallest = run.plan.frame, 10.0 * math.ulp(t)
+    frame, min_size = run.plan.frame, 10.0 * math.ulp(t)
     direction = run.problem.t1 - run.problem.t0
     point = run.plan.points(run.end[member].copy(), ())
     try:
-        slope, ahead = run.rhs.at_member(member, t, point), math.copysign(8.0 * smallest, direction)
+        slope, ahead = run.rhs.at_member(member, t, point), math.copysign(8.0 * min_size, direction)
         moved = frame.flow(ahead * slope, point)
         is_finite = bool(np.isfinite(moved).all())
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
@@ -142,12 +142,12 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
     except (ValueError, ArithmeticError, RuntimeError):
         is_finite = True
     if is_finite:
-        return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+        return f"the step size fell below {min_size:.3g}, the resolution of time, at t = {t:.17g}"
     return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
 
 
-def find_mistakes(run: Run) -> list[str]:
-    """Return warnings that a finished run gives rise to."""
+def warnings_of(run: Run) -> list[str]:
+    """Return the texts of the warnings about a finished run."""
     plan, texts = run.plan, []
     if not run.problem.many:
         *_, steps, rejected = run.counts[0].tolist()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.integration.output.solutions import Steps
+from cg.integration.output.solutions import Interpolants
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
@@ -23,12 +23,7 @@ from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
 from cg.support.shared_numbers import JacobianKind, RhsFlag, Stop
-from cg.support.shared_records import (
-    COUNTERS,
-    COUNTS,
-    RECORD,
-    fields_of,
-)
+from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
@@ -61,14 +56,9 @@ class Run:
     address = 0  # address of the run in compiled code
 
     def __init__(
-        self,
-        problem: Problem,
-        *,
-        y: Array | None = None,
-        observed: Array | None = None,
-        keep_last: bool = False,
-        lanes: int | None = None,
-    ) -> None:
+        self, problem: Problem, *, y: Array | None = None, observed: Array | None = None,
+        keep_last: bool = False, lanes: int | None = None,
+    ) -> None:  # fmt: skip
         self.problem, self.rhs = problem, problem.rhs
         self.plan = plan = problem.plan
         self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
@@ -92,7 +82,7 @@ class Run:
         point = 1 + plan.width * problem.keeps_points
         self._bounds = point, point + count  # where points and observations end
         self._steps = [np.empty((0, point + count))]
-        self._dense = [np.empty((0, 5 + ends + plan.columns * plan.dim))]
+        self._dense = [np.empty((0, 5 + ends + plan.interpolant_vectors * plan.dim))]
         self.events_of_calls = [np.empty((0, 3 + ends))]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
@@ -151,8 +141,8 @@ class Run:
         within = problem.dense or record.outputs or self._functions or record.keep_last
         if within and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.step_table.kept + 4 * (plan.step_table.kept_nodes + solver_rows)
-        rows += 2 * plan.columns if within else 0
+        rows = plan.step_table.kept_vectors + 4 * (plan.step_table.kept_nodes + solver_rows)
+        rows += 2 * plan.interpolant_vectors if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         self._check_memory(needed)
@@ -199,7 +189,7 @@ class Run:
                 setattr(self.record, function.entry, ctypes.addressof(record))
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
-            self._share("bodies", problem.inertia.columns)
+            self._share("bodies", problem.inertia.signed_columns)
             self._share("body_constants", problem.inertia.numbers)
         count = self.plan.dim if self.record.in_coordinates else self.plan.width
         for name, tolerances in (("rtols", control.rtol), ("atol", control.atol)):
@@ -210,7 +200,7 @@ class Run:
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
-        parameters, inputs = rhs.given.parameters, rhs.given.inputs
+        parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
         if inputs is not None and isinstance(rhs, CompiledRhs):
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
 
@@ -250,7 +240,7 @@ class Run:
             call = _FAILED[int(self.detail[k])], float(self.failed_at[k]), k
         if call is not None:
             name, t, member = call
-            u, first = "" if rhs.given.inputs is None else "u, ", rhs.given.first
+            u, first = "" if rhs.extra.inputs is None else "u, ", rhs.extra.first
             which = "" if first is None or member is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
@@ -275,14 +265,14 @@ class Run:
         observed = _joined(self._steps, point, end) if end > point else None
         return _joined(self._steps, 0, 1)[:, 0], y, observed
 
-    def interpolants(self) -> Steps:
+    def interpolants(self) -> Interpolants:
         """Return the stored interpolants in the order of the members."""
         rows = _joined(self._dense)
         if (np.diff(rows[:, 0]) < 0).any():
             rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        return Steps(self.plan, rows)
+        return Interpolants(self.plan, rows)
 
-    def last_interpolants(self) -> Steps:
+    def last_interpolants(self) -> Interpolants:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
         self._core.run_continue(self.address, True)
         self.record.budget = 0
