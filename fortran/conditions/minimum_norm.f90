@@ -22,6 +22,14 @@ module minimum_norm_m
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
   real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
 
+  ! The linear model of the residuals at a point
+  type :: linear_model_t
+    real(wp), allocatable :: full(:, :)      ! (conditions, unknowns)
+    real(wp), allocatable :: jac(:, :)       ! (conditions, moving unknowns)
+    real(wp), allocatable :: gram(:, :)      ! (conditions, conditions) J J^T, as the factor below
+    real(wp), allocatable :: factor(:, :)    ! of J J^T + lambda I
+  end type linear_model_t
+
 contains
 
   ! Minimises the sum of squared residuals over the unknowns listed in `moving`.
@@ -36,15 +44,15 @@ contains
     integer, intent(in) :: max_iterations
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: evaluations, status
-    real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
+    type(linear_model_t) :: model
     real(wp), dimension(conditions) :: r, r_trial, y
     real(wp) :: step(size(moving)), trial(size(x))
-    real(wp) :: damping, growth, f_trial, gain, largest
-    integer :: flag, info, iteration
+    real(wp) :: damping, growth, f_trial, gain
+    integer :: flag, i, info, iteration
 
-    allocate (full(conditions, size(x)), jac(conditions, size(moving)))
-    allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
-
+    allocate (model%full(conditions, size(x)), model%jac(conditions, size(moving)))
+    allocate (model%gram(conditions, conditions), model%factor(conditions, conditions), &
+              source=0.0_wp)
     status = not_finite
     evaluations = 1
     flag = 0
@@ -53,9 +61,10 @@ contains
     if (flag < 0 .or. .not. f <= huge(f)) return
     status = out_of_iterations
     if (f <= ftol) status = solved
-    call linearise()
+    call linearise(problem, x, moving, model, flag)
     if (flag < 0) status = not_finite
-    damping = max(first_damping * largest, min_damping)
+    damping = max(first_damping * maxval([(dot_product(model%jac(i, :), model%jac(i, :)), &
+                                           i=1, conditions)]), min_damping)
     growth = 2.0_wp
 
     do iteration = 1, max_iterations
@@ -64,11 +73,11 @@ contains
         status = stopped
         exit
       end if
-      call factorise()
+      call factorise(model, damping)
       y = r
-      call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
-      step = -matmul(y, jac)
-      call add_acceleration()
+      call dpotrs('L', conditions, 1, model%factor, conditions, y, conditions, info)
+      step = -matmul(y, model%jac)
+      call add_acceleration(problem, x, moving, r, model, step)
       trial = x
       trial(moving) = x(moving) + step
       flag = 0
@@ -86,7 +95,7 @@ contains
         if (f <= ftol) then
           status = solved
         else
-          call linearise()
+          call linearise(problem, x, moving, model, flag)
           if (flag < 0) status = no_descent
         end if
       else
@@ -95,49 +104,63 @@ contains
         if (damping > max_damping) status = no_descent
       end if
     end do
+  end subroutine minimise_norm
 
-  contains
+  ! Computes the Jacobian and its Gram matrix.
+  subroutine linearise(problem, x, moving, model, flag)
+    class(order_conditions_t), intent(inout) :: problem
+    real(wp), intent(in) :: x(:)
+    integer, intent(in) :: moving(:)
+    type(linear_model_t), intent(inout) :: model
+    integer, intent(out) :: flag             ! negative if the Jacobian isn't finite
 
-    ! Computes the Jacobian, its Gram matrix, and the largest diagonal entry of this.
-    subroutine linearise()
-      integer :: i
+    flag = 0
+    call problem%jacobian(x, model%full, flag)
+    model%jac = model%full(:, moving)
+    associate (conditions => size(model%jac, 1))
+      call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, model%jac, conditions, 0.0_wp, &
+                 model%gram, conditions)
+    end associate
+  end subroutine linearise
 
-      flag = 0
-      call problem%jacobian(x, full, flag)
-      jac = full(:, moving)
-      call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, jac, conditions, 0.0_wp, gram, &
-                 conditions)
-      largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
-    end subroutine linearise
+  ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
+  subroutine add_acceleration(problem, x, moving, r, model, step)
+    class(order_conditions_t), intent(inout) :: problem
+    real(wp), intent(in) :: x(:), r(:)       ! r: the residuals at x
+    integer, intent(in) :: moving(:)
+    type(linear_model_t), intent(in) :: model
+    real(wp), intent(inout) :: step(:)
+    real(wp) :: ahead(size(x)), second(size(r)), acceleration(size(step))
+    integer :: flag, info
 
-    ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
-    subroutine add_acceleration()
-      real(wp) :: second(conditions), acceleration(size(moving))
+    ahead = x
+    ahead(moving) = x(moving) + probe * step
+    flag = 0
+    call problem%residual(ahead, second, flag)
+    if (flag < 0) return
+    second = (2.0_wp / probe) * ((second - r) / probe - matmul(model%jac, step))
+    call dpotrs('L', size(r), 1, model%factor, size(r), second, size(r), info)
+    acceleration = -matmul(second, model%jac)
+    if (norm2(acceleration) <= max_bend * norm2(step)) step = step + 0.5_wp * acceleration
+  end subroutine add_acceleration
 
-      trial = x
-      trial(moving) = x(moving) + probe * step
-      flag = 0
-      call problem%residual(trial, r_trial, flag)
-      if (flag < 0) return
-      second = (2.0_wp / probe) * ((r_trial - r) / probe - matmul(jac, step))
-      call dpotrs('L', conditions, 1, factor, conditions, second, conditions, info)
-      acceleration = -matmul(second, jac)
-      if (norm2(acceleration) <= max_bend * norm2(step)) step = step + 0.5_wp * acceleration
-    end subroutine add_acceleration
+  ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
+  subroutine factorise(model, damping)
+    type(linear_model_t), intent(inout) :: model
+    real(wp), intent(inout) :: damping
+    integer :: i, info
 
-    ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
-    subroutine factorise()
-      integer :: i
-
+    associate (conditions => size(model%gram, 1))
       do
-        factor = gram
+        model%factor = model%gram
         do i = 1, conditions
-          factor(i, i) = factor(i, i) + damping
+          model%factor(i, i) = model%factor(i, i) + damping
         end do
-        call dpotrf('L', conditions, factor, conditions, info)
+        call dpotrf('L', conditions, model%factor, conditions, info)
         if (info == 0 .or. .not. damping <= max_damping) exit      ! NaN may stay
         damping = 4.0_wp * damping
       end do
-    end subroutine factorise
-  end subroutine minimise_norm
+    end associate
+  end subroutine factorise
+
 end module minimum_norm_m
