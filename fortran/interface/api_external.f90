@@ -142,9 +142,9 @@ contains
         g(:, i) = c%g
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
-        associate (momenta => y(frame%linkage%momenta_offset + 1:frame%linkage%after, i))
-          speed(:, i) = rates(frame%linkage, c%moved, momenta)
-          size_of_speed(:, i) = rates(frame%linkage, abs(c%moved), abs(momenta))
+        associate (momenta => y(frame%linkage%momenta_offset + 1:frame%linkage%momenta_end, i))
+          speed(:, i) = rates(frame%linkage, c%response, momenta)
+          size_of_speed(:, i) = rates(frame%linkage, abs(c%response), abs(momenta))
         end associate
       end do
     end associate

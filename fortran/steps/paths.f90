@@ -129,15 +129,15 @@ contains
         lambda = 2 * impulse(:, 1) - impulse(:, 2)
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
-          call constraint_impulse(linkage, here%slope, lambda, &
-                                  y(linkage%momenta_offset + 1:linkage%after))
+          call constraint_impulse(linkage, here%gradient, lambda, &
+                                  y(linkage%momenta_offset + 1:linkage%momenta_end))
           call drift(x%frame, time, y)
           x%counts%nexp = x%counts%nexp + 1
           call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
           if (failed) exit
-          if (linkage%own > 0) then
-            ahead%scale(linkage%rows + 1:) = here%scale(linkage%rows + 1:)
-            ahead%min_scale(linkage%rows + 1:) = here%min_scale(linkage%rows + 1:)
+          if (linkage%user_rows > 0) then
+            ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
+            ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
           end if
           if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit
