@@ -53,7 +53,7 @@ contains
     field%data%address = data_address
     field%data%stride = data_stride
     if (curves > 0) &
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [curves])
     flag = 0
     do done = 0, members - 1
       field%member = merge(done + 1, 1, data_stride /= 0)

@@ -7,11 +7,10 @@ module api_run_m
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
   use free_motion_m, only: make_bodies
-  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use joints_m, only: make_linkage
   use kinds, only: wp
-  use linear_action_m, only: inner_points_t
   use method_m, only: make_method, reals
+  use output_m, only: evaluate_stored
   use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, set_inputs, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
@@ -223,49 +222,18 @@ contains
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
-    type(frame_t), pointer :: frame
-    type(frame_t), target :: own             ! with this call's context
+    type(frame_t) :: frame                   ! with this call's context
     type(callback_t), target :: python
-    type(interpolant_t) :: interpolant
-    type(inner_points_t) :: inner
-    integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
-    frame => plan%frame
-    if (context /= 0) then
-      own = plan%frame
-      python%context = transfer(context, c_null_ptr)
-      own%callback => python
-      frame => own
+    if (context == 0) then
+      call evaluate_stored(plan%frame, plan%method%scheme, rows, which, theta, y)
+      return
     end if
-    call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
-    if (memory /= 0) return
-    interpolant%known = plan%method%scheme%nodes
-    i = 0
-    k = 0
-    do while (i < count)
-      i = i + 1
-      if (k /= which(i) + 1) then
-        k = which(i) + 1
-        interpolant%h = rows(3, k)
-        interpolant%on_algebra = rows(5, k) > 0
-        interpolant%y0(:) = rows(6:5 + n, k)
-        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
-      end if
-      if (.not. theta(i) > 0) then
-        y(:, i) = interpolant%y0
-      else if (.not. theta(i) < 1) then
-        y(:, i) = rows(6 + n:5 + 2 * n, k)
-      else if (plan%method%scheme%at_stages) then
-        last_in_step = min(count, i + 31)
-        last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
-                                        .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-        call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
-        i = last_in_step
-      else
-        call evaluate_interpolant(interpolant, theta(i), y(:, i))
-      end if
-    end do
+    frame = plan%frame
+    python%context = transfer(context, c_null_ptr)
+    frame%callback => python
+    call evaluate_stored(frame, plan%method%scheme, rows, which, theta, y)
   end subroutine plan_interpolate
 
 end module api_run_m

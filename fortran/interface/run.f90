@@ -22,8 +22,8 @@ module run_m
   use requests_m, only: check_coefficients
   use shared_numbers
   use step_m, only: get_times, receive_answers, times_asked
-  use trajectory_m, only: exchange_state, fail, problem_t, reserve_trajectory, set_start, &
-                          trajectory_t
+  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
+                          reserve_trajectory, set_start, trajectory_t
   implicit none
   private
   public :: plan_t, run_t, drive, open_run, plan_at, run_at, set_inputs, store_lane, wake
@@ -42,7 +42,7 @@ module run_m
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 4, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! see STATE
     type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
@@ -125,7 +125,7 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 4, members])
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + state_columns, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
@@ -150,7 +150,7 @@ contains
                          [2_int64, run%record%limited])
     run%field%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
-                                                run%field%data%inputs, [7, int(run%record%curves)])
+                                                run%field%data%inputs, [run%record%curves])
     run%events%data = run%field%data
   end subroutine set_inputs
 
@@ -210,7 +210,8 @@ contains
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
                          [observations, record%members, record%outputs])
       allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points) + observations, 0), &
-                output%interpolants(5 + 2 * n + m, 0), output%events(3 + 2 * n, 0))
+                output%interpolants(interpolant_columns + 2 * n + m, 0), &
+                output%events(event_columns + 2 * n, 0))
     end associate
   end subroutine set_output
 
@@ -420,7 +421,7 @@ contains
       lanes(waiting)%status = finished
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
-      allocate (query(3 + n + run%events%count, total), member(total), values(total), stat=memory)
+      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       total = 0
@@ -432,18 +433,20 @@ contains
         end associate
       end do
       do event = 1, run%events%count
-        associate (asks => pack([(j, j=1, total)], nint(query(1, :)) == 0 &
-                                .or. nint(query(1, :)) == event))
+        associate (asks => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
+                                .or. nint(query(query_event, :)) == event), &
+                   times => query(query_time, :), &
+                   points => query(query_numbers + 1:query_numbers + n, :))
           if (size(asks) > 0 .and. run%events%table(event)%vectorized /= 0) then
-            call run%python%apply(events_operation, [real(event - 1, wp), query(3, asks), &
-                                  member(asks)], [query(4:n + 3, asks)], values(:size(asks)))
+            call run%python%apply(events_operation, [real(event - 1, wp), times(asks), &
+                                  member(asks)], [points(:, asks)], values(:size(asks)))
           else
             do j = 1, size(asks)
-              call run%events%value(nint(member(asks(j))) + 1, event, query(3, asks(j)), &
-                                    query(4:n + 3, asks(j)), values(j), failed)
+              call run%events%value(nint(member(asks(j))) + 1, event, times(asks(j)), &
+                                    points(:, asks(j)), values(j), failed)
             end do
           end if
-          query(n + 3 + event, asks) = values(:size(asks))
+          query(query_numbers + n + event, asks) = values(:size(asks))
         end associate
       end do
       total = 0

@@ -189,12 +189,14 @@ contains
     integer :: i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), before => 2 + x%frame%point_size + max(event, 1))
+    associate (query => x%query(:, :x%answered), &
+               before => query_numbers + x%frame%point_size + max(event, 1) - 1)
       if (x%answered > 0) &
-        k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
+        k = findloc(nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, &
+                    .true., 1)
       if (k > 0) then
         values = query(before + 1:before + size(values), k)
-        if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(3, k))
+        if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(query_time, k))
         return
       end if
     end associate
@@ -204,7 +206,7 @@ contains
         if (x%queries == size(x%query, 2)) &          ! more capacity
           x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
         x%queries = x%queries + 1
-        x%query(:3 + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%query(:query_numbers + size(y), x%queries) = [real(event, wp), theta, t, y]
         x%status = needs_events
         return
       end if

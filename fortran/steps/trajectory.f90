@@ -39,6 +39,9 @@ module trajectory_m
                   phase_ended
   end enum
 
+  ! Places of a query: its event, or 0 for all, the fraction of the step and the time
+  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
+
   type :: problem_t
     type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
     type(frame_t) :: frame                   ! that of the plan, with the callback of this run
@@ -213,8 +216,7 @@ module trajectory_m
     type(event_state_t), allocatable :: events(:)
     type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
-    ! (3 + point_size + events, capacity) an event or 0 for all, the fraction of the step, time and
-    ! point, then the answer
+    ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
     real(wp), allocatable :: query(:, :)
     real(wp), allocatable :: last_y(:), last_slope(:)  ! at the start of the last step, if kept
   end type trajectory_t
@@ -252,7 +254,7 @@ contains
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
                                              method%kind == splitting_kind)), &
                 x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
-                x%query(3 + frame%point_size + k, 0), x%weight(size(method%flows%weight)), &
+                x%query(query_numbers + frame%point_size + k, 0), x%weight(size(method%flows%weight)), &
                 x%last_y(merge(frame%point_size, 0, record%keep_last)), &
                 x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
