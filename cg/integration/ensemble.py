@@ -248,7 +248,7 @@ def _check_output_size(problem: Problem) -> None:
     if problem.every and problem.keeps_points:
         needed = (total // problem.every + 2) * (8 * plan.width + 8)
     if problem.dense:
-        needed += total * 8 * (2 * plan.width + plan.columns * plan.dim + 5)
+        needed += total * 8 * (2 * plan.width + plan.vectors * plan.dim + 5)
     if needed > total_memory():
         raise ValueError(
             f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "

@@ -70,7 +70,7 @@ class Output:
     flow_weights: Array  # (flows, stages)
 
     @property
-    def columns(self) -> int:
+    def vectors(self) -> int:
         """Number of vectors of an interpolant."""
         return max(len(self.basis), len(self.node) + 1)
 

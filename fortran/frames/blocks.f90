@@ -44,7 +44,7 @@ module blocks_m
     integer :: k = 0            ! their columns, where they aren't square; of SE(3) the translations
     integer :: constants = 0    ! constants of the blocks before
     integer :: v1 = 1, v2 = 0   ! the first and the last of its coefficients among all
-    integer :: p1 = 1, p2 = 0   ! and of the entries of its point
+    integer :: p1 = 1, p2 = 0   ! the first and the last of its entries of a point
     integer :: dimension = 0    ! number of coefficients
     integer :: point_size = 0   ! number of entries of a point
     type(linear_action_t) :: action

@@ -161,13 +161,13 @@ contains
     real(wp) :: v(frame%forces), q(4)
 
     associate (block => frame%blocks(i), body => frame%bodies(i))
-      associate (point => y(block%p1:block%p2), own => v(block%v1:block%v2))
+      associate (point => y(block%p1:block%p2), flow => v(block%v1:block%v2))
         if (body%turns) then
           call turn_freely(body%top, time, momentum, q)
           call turn_point(block, q, point)
         else
-          call find_velocities(body, block%dimension, momentum, own)
-          own = time * own
+          call find_velocities(body, block%dimension, momentum, flow)
+          flow = time * flow
           call apply_flows(frame, 1, v, y, i)
           if (block%kind == sphere_block) call remove_component(point, momentum)
         end if

@@ -91,7 +91,7 @@ contains
     real(wp), intent(in) :: time, momentum(frame%forces)
     ! tangents are rows; columns are coordinates, then momenta
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
-    real(wp), dimension(frame%dimension) :: u, xi, moved, term
+    real(wp), dimension(frame%dimension) :: u, xi, source, term
     real(wp) :: fraction                     ! part of the motion in a piece
     logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
@@ -110,18 +110,18 @@ contains
     end do
     fraction = 1.0_wp / real(pieces, wp)
     u = fraction * u
-    moved = 0.0_wp
+    source = 0.0_wp
     do j = 1, size(x, 1)
       xi = 0.0_wp
       xi(:frame%forces) = x(j, :frame%forces)
-      associate (own => moved(:frame%forces))          ! J^-1 eta times a piece
+      associate (v => source(:frame%forces))           ! J^-1 eta times a piece
         call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
-                        x(j, frame%forces + 1:), own)
-        own = merge(0.0_wp, time * fraction * own, turns)
+                        x(j, frame%forces + 1:), v)
+        v = merge(0.0_wp, time * fraction * v, turns)
       end associate
       do piece = 1, pieces
         call bracket(frame, u, xi, term)
-        term = term + moved
+        term = term + source
         xi = xi + term
         do k = 2, merge(terms, 1, any(u /= 0))
           call bracket(frame, u, term / real(k, wp), term)

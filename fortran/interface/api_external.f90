@@ -11,7 +11,7 @@ module api_external_m
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   use free_motion_m, only: add_constraint_forces, close_joints
-  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, vector_field_t
+  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, rhs_t
   use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
@@ -47,17 +47,17 @@ contains
     real(wp), intent(inout) :: y(n, members), f(m, members)
     integer, intent(out) :: done                       ! how many were evaluated before one failed
     integer, intent(out) :: flag                       ! what the function returned then
-    type(vector_field_t) :: field
+    type(rhs_t) :: rhs
 
-    call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
-    field%data%address = data_address
-    field%data%stride = data_stride
+    call c_f_procpointer(transfer(function_address, c_null_funptr), rhs%function)
+    rhs%data%address = data_address
+    rhs%data%stride = data_stride
     if (curves > 0) &
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), rhs%data%inputs, [curves])
     flag = 0
     do done = 0, members - 1
-      field%member = merge(done + 1, 1, data_stride /= 0)
-      call evaluate(field, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
+      rhs%member = merge(done + 1, 1, data_stride /= 0)
+      call evaluate(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
       if (flag /= 0) exit
     end do
   end subroutine call_rhs

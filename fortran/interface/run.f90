@@ -91,7 +91,7 @@ contains
       run%frame%dropped => run%record%dropped
       run%frame%dropped_at => run%record%dropped_at
       run%method => plan%method
-      call c_f_procpointer(transfer(record%function, c_null_funptr), run%field%rhs)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), run%rhs%function)
       call set_inputs(run)
       if (record%event_functions > 0) call c_f_pointer(transfer(record%event_table, c_null_ptr), &
                                                        run%events%table, [record%event_functions])
@@ -125,7 +125,8 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + state_columns, members])
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, &
+                       [n + state_columns, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
@@ -148,10 +149,10 @@ contains
 
     run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
                          [2_int64, run%record%limited])
-    run%field%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
+    run%rhs%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
-                                                run%field%data%inputs, [run%record%curves])
-    run%events%data = run%field%data
+                                                run%rhs%data%inputs, [run%record%curves])
+    run%events%data = run%rhs%data
   end subroutine set_inputs
 
   ! Sets the inertia of each member.
@@ -172,6 +173,14 @@ contains
     end do
   end subroutine set_bodies
 
+  ! Gives the frame, which all lanes share, the inertia of the member that is advanced next.
+  subroutine take_inertia(run, member)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: member
+
+    if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, member)
+  end subroutine take_inertia
+
   ! Sets a function along the solution from the record at an address, if there is one.
   subroutine set_observer(run, address, observer)
     type(run_t), intent(in) :: run
@@ -182,15 +191,15 @@ contains
     if (address == 0) return
     call c_f_pointer(transfer(address, c_null_ptr), record)
     observer%count = int(record%count)
-    observer%field%data = member_data_t(record%data, int(record%stride, c_intptr_t))
+    observer%rhs%data = member_data_t(record%data, int(record%stride, c_intptr_t))
     if (record%functions > 0) then
       observer%functions%count = int(record%functions)
       call c_f_pointer(transfer(record%table, c_null_ptr), observer%functions%table, &
                        [record%functions])
-      observer%functions%data = observer%field%data
-      observer%functions%data%inputs => run%field%data%inputs
+      observer%functions%data = observer%rhs%data
+      observer%functions%data%inputs => run%rhs%data%inputs
     else
-      call c_f_procpointer(transfer(record%function, c_null_funptr), observer%field%rhs)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), observer%rhs%function)
     end if
   end subroutine set_observer
 
@@ -199,7 +208,7 @@ contains
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               m => int(run%frame%dimension * run%method%scheme%columns, int64), &
+               m => int(run%frame%dimension * run%method%scheme%vectors, int64), &
                observations => int(run%output%observer%count, int64))
       output%record => record
       output%outputs = int(record%outputs)
@@ -290,7 +299,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_maximum) return
-        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
+        call take_inertia(run, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
@@ -392,14 +401,16 @@ contains
     call run%python%apply(rhs_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
-      associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
+      associate (lane => run%lanes(requests(i)), &
+                 answer => answers(m * k + 1:m * (k + asked(i))))
         lane%request%detail = merge(raised_in_python, 0, failed)
         if (run%frame%derivatives) then
-          call coefficients_of(run%frame, lane%request%t, lane%request%y, own, lane%request%answer)
+          call coefficients_of(run%frame, lane%request%t, lane%request%y, answer, &
+                               lane%request%answer)
         else
-          call receive_answers(lane, m, asked(i), own)
+          call receive_answers(lane, m, asked(i), answer)
         end if
-        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
+        call take_inertia(run, lane%member)
         if (lane%status == needs_rhs) call check_coefficients(lane)
       end associate
       k = k + asked(i)
@@ -421,7 +432,8 @@ contains
       lanes(waiting)%status = finished
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
-      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), stat=memory)
+      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), &
+                stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       total = 0

@@ -117,7 +117,7 @@ contains
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
+  ! Stores the coefficients at an end of a step; after those at both ends its interpolant starts.
   subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -139,8 +139,9 @@ contains
     end associate
   end subroutine receive_end
 
-  ! Starts the interpolant of the present step, or of the one before. If only events may need it,
-  ! they are sought first along what is known of it from the ends of the step.
+  ! Starts the interpolant of the present step, or of the last one, whose end is the present point,
+  ! and whose stages may be in x%f still. If only events may need an interpolant, they are sought
+  ! first along what is known of it from the ends of the step.
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -153,22 +154,22 @@ contains
         self%h = x%last%h
         self%y0(:) = x%last_y
         self%y1(:) = x%y(:, 0)
-        self%field(:, 1) = x%last_slope
-        self%field(:, 2) = x%slope
+        self%vectors(:, 1) = x%last_slope
+        self%vectors(:, 2) = x%slope
       else
         self%t0 = x%t
         self%h = x%t_end - x%t
         self%y0(:) = x%y(:, 0)
         self%y1(:) = x%y(:, x%result)
-        self%field(:, 1) = x%slope
-        self%field(:, 2) = x%end_slope
+        self%vectors(:, 1) = x%slope
+        self%vectors(:, 2) = x%end_slope
       end if
     end associate
     if (size(x%joints%impulse) > 0) then            ! slopes are forces alone
-      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
+      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%vectors(:, 1), &
                                  status)
       if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
-                                                         .true., x%interpolant%field(:, 2), status)
+                                                .true., x%interpolant%vectors(:, 2), status)
       if (status /= finished) then
         call fail(x, status, x%interpolant%t0)
         return

@@ -1,12 +1,12 @@
 ! Step size control. With the error e of a step of size h in tolerances, and e_last, h_last of the
 ! step before, the next size is
 !
-!   0.9 h (e^-0.7 e_last^0.4)^exponent                              (PI controller),
-!   0.9 h e^-exponent min(1, h / h_last (e_last / e)^exponent)      (predictive one of Gustafsson),
+!   0.9 h (e^-0.7 e_last^0.4)^exponent                                            (PI controller),
+!   0.9 h (2 m + 1) / (2 m + n) e^-exponent min(1, h / h_last (e_last / e)^exponent)   (predictive),
 !
-! the latter for collocation methods, where few rejections matter more than smooth sizes: Hairer,
-! Wanner, "Solving Ordinary Differential Equations II", sections IV.2 and IV.8. The first size is
-! that of volume I, section II.4.
+! the predictive controller of Gustafsson after n of at most m Newton iterations of a collocation
+! method, where few rejections matter more than smooth sizes: Hairer, Wanner, "Solving Ordinary
+! Differential Equations II", sections IV.2 and IV.8. The first size is that of volume I, II.4.
 module controller_m
   use kinds, only: wp
   use shared_numbers
@@ -40,8 +40,7 @@ contains
     real(wp), intent(in) :: exponent       ! power of an error that a step size is proportional to
 
     rejected_size = failure_factor * taken
-    if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) &
-      * taken
+    if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) * taken
   end function rejected_size
 
   ! The size after a shortened step: that proposed before it, as far as its error allows. An error
@@ -97,8 +96,8 @@ contains
     predicted_size = taken * factor
   end function predicted_size
 
-  ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
-  ! That may be due to a rejection; before one the smallest size is tried.
+  ! The size to try: at least the smallest one, unless a step was rejected; negative if it is below
+  ! that and doesn't lead to the end.
   pure real(wp) function tried_size(proposed, min_size, to_end, max_step, after_rejection)
     real(wp), intent(in) :: proposed, min_size, to_end, max_step
     logical, intent(in) :: after_rejection

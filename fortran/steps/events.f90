@@ -5,7 +5,7 @@ module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate, member_data_t, vector_field_t
+  use inputs_m, only: evaluate, member_data_t, rhs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
@@ -25,7 +25,7 @@ module events_m
 
   type :: observer_t
     integer :: count = 0                     ! numbers at a time
-    type(vector_field_t) :: field            ! calls the function in Python
+    type(rhs_t) :: rhs            ! calls the function in Python
     type(events_t) :: functions              ! those in C
   contains
     procedure :: observe
@@ -98,8 +98,8 @@ contains
     logical :: failed
 
     if (self%functions%count == 0) then
-      self%field%member = member
-      call evaluate(self%field, size(y), self%count, t, y, values, flag)
+      self%rhs%member = member
+      call evaluate(self%rhs, size(y), self%count, t, y, values, flag)
       if (flag /= 0) status = raised
     end if
     do i = 1, self%functions%count

@@ -13,7 +13,7 @@ module inputs_m
   implicit none
   private
   public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, &
-            vector_field_t
+            rhs_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
@@ -21,7 +21,7 @@ module inputs_m
     integer(int64) :: steps = 0
   end type grid_t
 
-  ! The data that functions in C get of a member
+  ! The data of members, which functions in C get
   type :: member_data_t
     integer(c_intptr_t) :: address = 0       ! of those of the first member, 0 for none
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's to the next
@@ -43,11 +43,11 @@ module inputs_m
 
   procedure(rhs_i), bind(c) :: call_python_rhs         ! in python_rhs.c: functions of Python
 
-  type :: vector_field_t
-    procedure(rhs_i), pointer, nopass :: rhs => null()
+  type :: rhs_t
+    procedure(rhs_i), pointer, nopass :: function => null()
     integer :: member = 1                    ! that the point belongs to
     type(member_data_t) :: data
-  end type vector_field_t
+  end type rhs_t
 
 contains
 
@@ -163,17 +163,17 @@ contains
     end associate
   end function max_step_at
 
-  ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
-  ! array descriptors take as long as a short loop.
+  ! Evaluates a right-hand side. Coefficients that it doesn't write are NaN. Shapes are explicit,
+  ! since array descriptors take as long as a short loop.
   subroutine evaluate(self, n, m, t, y, f, flag)
-    type(vector_field_t), intent(in) :: self
+    type(rhs_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
     real(wp), intent(in) :: t, y(n)
     real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag                   ! nonzero stops the integration
 
     f = nan
-    flag = self%rhs(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
+    flag = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
   end subroutine evaluate
 
 end module inputs_m

@@ -93,11 +93,10 @@ contains
     type(interpolant_t), intent(in) :: interpolant
 
     call add_row(output, output%interpolants, output%record%interpolants)
-    if (output%status == finished) &
-      output%interpolants(:, output%record%interpolants) = &
-        [real(member, wp), interpolant%t0, interpolant%h, t_end, &
-         merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
-         interpolant%field]
+    if (output%status == finished) output%interpolants(:, output%record%interpolants) = &
+      [real(member, wp), interpolant%t0, interpolant%h, t_end, &
+       merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
+       interpolant%vectors]
   end subroutine store_interpolant
 
   ! Reads an interpolant from its row, as far as it is evaluated.
@@ -110,7 +109,7 @@ contains
       interpolant%on_algebra = row(interpolant_on_algebra) > 0
       interpolant%y0(:) = points(:n)
       interpolant%y1(:) = points(n + 1:2 * n)
-      interpolant%field(:, :) = reshape(points(2 * n + 1:), shape(interpolant%field))
+      interpolant%vectors(:, :) = reshape(points(2 * n + 1:), shape(interpolant%vectors))
     end associate
   end subroutine read_interpolant
 
@@ -144,7 +143,8 @@ contains
         y(:, i) = interpolant%y1
       else if (scheme%at_stages) then
         last = min(size(which), i + max_inner - 1)
-        last = i - 2 + findloc([which(i:last) == k - 1 .and. theta(i:last) < 1, .false.], .false., 1)
+        last = i - 2 + findloc([which(i:last) == which(i) .and. theta(i:last) < 1, .false.], &
+                               .false., 1)
         call evaluate_inner(interpolant, inner, theta(i:last), y(:, i:last))
       else
         call evaluate_interpolant(interpolant, theta(i), y(:, i))

@@ -1,8 +1,8 @@
-! Requests of a trajectory for coefficients of the right-hand side and for values of events. If the
-! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
-! is called again with the answer, so that one call can answer many trajectories. In the same way
-! values of events are requested if a function takes many members at a time; what needs them begins
-! again when they are known, and finds them among the answers.
+! Requests of a trajectory for coefficients of the right-hand side and for values of events. A
+! right-hand side of one point is called at once; for a vectorized one the loop returns with the
+! request and is called again with the answer, so that one call can answer many trajectories. So are
+! values of events that take many members at a time; the phase that needs values begins again when
+! they are known, and finds them among the answers.
 module requests_m
   use kinds, only: wp
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
@@ -38,9 +38,9 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point
+  ! Requests the coefficients at a point, for the phase `next`. A compiled function gets the point
   ! itself, since loads from a copy that was just written would stall. x%request%y keeps the
-  ! entries, which are restored if the field has overwritten them.
+  ! entries, which are restored if the function has overwritten them.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -54,12 +54,12 @@ contains
     x%counts%nfev = x%counts%nfev + 1
     call copy(size(y), y, x%request%y)
     if (x%problem%record%vectorized) return
-    x%problem%field%member = x%member
+    x%problem%rhs%member = x%member
     if (x%frame%derivatives) then
-      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, &
+      call evaluate(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
                     x%request%detail)
     else
-      call evaluate(x%problem%field, size(y), size(x%work), x%request%t, y, x%request%answer, &
+      call evaluate(x%problem%rhs, size(y), size(x%work), x%request%t, y, x%request%answer, &
                     x%request%detail)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)

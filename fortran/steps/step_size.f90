@@ -70,11 +70,11 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%space%v)
-    x%control%norms(1) = norm(x%tolerances, x%space%v, x%space%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%space%v)
-    x%control%norms(2) = norm(x%tolerances, x%space%v, x%space%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%work, x%norms%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%norms%v)
+    x%control%norms(1) = norm(x%tolerances, x%norms%v, x%norms%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%v)
+    x%control%norms(2) = norm(x%tolerances, x%norms%v, x%norms%scale)
     if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
       call fail(x, slope_not_finite, x%t)
       return
@@ -86,28 +86,28 @@ contains
   subroutine request_curvature(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (moved => x%y(:, x%result))
+    associate (ahead => x%y(:, x%result))
       x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
-      call copy(size(moved), x%y(:, 0), moved)
+      call copy(size(ahead), x%y(:, 0), ahead)
       x%work = x%h * x%slope
-      call apply_flows(x%frame, 1, x%work, moved)
-      call restore(x%frame, moved)
+      call apply_flows(x%frame, 1, x%work, ahead)
+      call restore(x%frame, ahead)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received)
+      call request(x, x%t + x%h, ahead, phase_curvature_received)
     end associate
   end subroutine request_curvature
 
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%space%v)), curvature, first
+    real(wp) :: start_value(size(x%norms%v)), curvature, first
 
     first = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
-      curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%v)
+      curvature = norm(x%tolerances, x%norms%v - start_value, x%norms%scale) &
                   / x%control%guessed_size
       first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))

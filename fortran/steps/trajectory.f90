@@ -1,5 +1,5 @@
-! The problem that a trajectory solves, and the state of the trajectory, which procedures of the
-! loop call x, and a lane of run_m, which integrates one after another, `lane`.
+! The problem that a trajectory solves, and the state of the trajectory. Procedures of the loop call
+! a trajectory x; in run_m it is a lane, which integrates one member after another.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
@@ -9,7 +9,7 @@ module trajectory_m
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: method_t
-  use inputs_m, only: grid_t, vector_field_t
+  use inputs_m, only: grid_t, rhs_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
   use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
@@ -47,21 +47,23 @@ module trajectory_m
     type(frame_t) :: frame                   ! that of the plan, with the callback of this run
     type(method_t), pointer :: method => null()
     type(events_t) :: events
-    type(vector_field_t) :: field
+    type(rhs_t) :: rhs                       ! unless it is vectorized
     type(observer_t) :: step_function        ! how steps vary, see step_size_m
     logical :: adaptive = .false.
     type(tolerances_t) :: tolerances         ! for adaptive steps
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
-    ! points at output times within the step, of a method along polynomials
+    ! Points at output times within the step of one trajectory, its owner, by a method along
+    ! polynomials. All trajectories share this memory, which may be large, and compute their points
+    ! again after another one has used it.
     type(inner_points_t) :: inner
   end type problem_t
 
   ! What collocation_m keeps between steps, besides arrays
   type :: newton_state_t
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
-    logical :: moved = .false.               ! whether the point was replaced after the last step
+    logical :: replaced = .false.            ! whether the point was, after the last step
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
     real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
@@ -86,7 +88,7 @@ module trajectory_m
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
     integer :: column = 0                    ! that of the Jacobian that is evaluated, or 0
-    real(wp) :: old = 0.0_wp, moved = 0.0_wp ! value and change of its unknown
+    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! of the unknown of this column
     real(wp) :: correction = 0.0_wp          ! the last one, relative
     real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
     real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
@@ -101,7 +103,7 @@ module trajectory_m
     real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: answer(:)       ! (dimension) coefficients
     real(wp), allocatable :: slope(:)        ! (point_size) a derivative
-    integer :: detail = 0                    ! what the field returned, or see `fail`
+    integer :: detail = 0                    ! what the right-hand side returned, or see `fail`
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
 
@@ -118,10 +120,10 @@ module trajectory_m
     real(wp) :: guessed_size = 0.0_wp
   end type control_t
 
-  ! Workspace for error norms
-  type :: space_t
+  ! Workspace for norms of errors
+  type :: norms_t
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width)
-  end type space_t
+  end type norms_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
@@ -184,7 +186,7 @@ module trajectory_m
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
     integer :: segment = 1
-    type(space_t) :: space
+    type(norms_t) :: norms
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
@@ -192,18 +194,16 @@ module trajectory_m
     real(wp) :: t_end = 0.0_wp
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
-    ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
-    ! the register Z
+    ! Arrays that only some methods or callers need have no column for others.
+    ! (dimension, summands) see method_t; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
-    ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
+    ! (dimension, summands) what dexp^-1 has added to f, of a method on the algebra
     real(wp), allocatable :: added(:, :)
-    ! coefficients at the nodes of the step before, of a Magnus method; of others no column, as in
-    ! arrays below that only some methods or callers need
-    real(wp), allocatable :: f_before(:, :)
+    real(wp), allocatable :: f_before(:, :)  ! f of the step before, of a Magnus method
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
-    real(wp), allocatable :: work(:)         ! (dimension) work space within a phase, and as said
+    real(wp), allocatable :: work(:)         ! (dimension) workspace; for request_error the error
     type(collocation_t) :: collocation            ! for a collocation method
     type(implicit_t) :: implicit         ! for another implicit method
     type(joints_t) :: joints
@@ -218,7 +218,8 @@ module trajectory_m
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
     ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
     real(wp), allocatable :: query(:, :)
-    real(wp), allocatable :: last_y(:), last_slope(:)  ! at the start of the last step, if kept
+    ! point and coefficients at the start of the last step, from which its interpolant is made again
+    real(wp), allocatable :: last_y(:), last_slope(:)
   end type trajectory_t
 
 contains
@@ -228,7 +229,7 @@ contains
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: blocks, columns, k, n, unknowns
+    integer :: blocks, k, n, summands, unknowns
 
     x%problem => problem
     x%frame => problem%frame
@@ -240,23 +241,21 @@ contains
                has_registers => problem%method%kind == registers_kind, &
                outside => problem%record%jacobian == outside_jacobian)
       x%result = merge(1, method%result, has_registers)
-      columns = merge(1, size(method%error, 1), has_registers)
+      summands = merge(1, size(method%error, 1), has_registers)
       k = problem%events%count
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, columns), &
-                x%request%y(frame%point_size), &
-                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
-                x%v(m, maxval([1, first(2:) - first(:paths)])), &
-                x%f_before(m, merge(columns, 0, method%uses_last_nodes)), &
-                x%added(m, merge(columns, 0, method%kind == algebra_kind .and. method%in_parts)), &
-                x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
-                                             method%kind == splitting_kind)), &
-                x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
-                x%query(query_numbers + frame%point_size + k, 0), x%weight(size(method%flows%weight)), &
-                x%last_y(merge(frame%point_size, 0, record%keep_last)), &
-                x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, summands), &
+        x%request%y(frame%point_size), x%request%slope(merge(frame%point_size, 0, &
+        frame%derivatives)), x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
+        x%v(m, maxval([1, first(2:) - first(:paths)])), &
+        x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
+        x%added(m, merge(summands, 0, method%kind == algebra_kind .and. method%in_parts)), &
+        x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
+        method%kind == splitting_kind)), x%norms%v(n), x%norms%scale(n), x%norms%work(n), &
+        x%events(k), x%query(query_numbers + frame%point_size + k, 0), &
+        x%weight(size(method%flows%weight)), x%last_y(merge(frame%point_size, 0, &
+        record%keep_last)), x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
@@ -268,7 +267,7 @@ contains
       allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
                 x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
                 x%collocation%complex_pivot(n), &
-                x%implicit%value(m, merge(0, columns, blocks == 0)), &
+                x%implicit%value(m, merge(0, summands, blocks == 0)), &
                 x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
                 x%implicit%factored_h(blocks), stat=memory)
       if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
@@ -321,9 +320,9 @@ contains
     x%joints%impulse = 0.0_wp
     x%implicit%factored_h = 0.0_wp
     x%collocation%fresh = .false.
-    x%collocation%moved = .false.
-    if (present(near)) x%collocation%moved = near
-    if (.not. x%collocation%moved) &
+    x%collocation%replaced = .false.
+    if (present(near)) x%collocation%replaced = near
+    if (.not. x%collocation%replaced) &
       x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 

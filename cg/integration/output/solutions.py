@@ -47,7 +47,7 @@ class Steps:
         theta = np.clip((t - self.rows[which, start]) / self.rows[which, size], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
-        if len(t) and plan.columns:
+        if len(t) and plan.vectors:
             plan.core.plan_interpolate(
                 plan.address, 0 if callbacks is None else id(callbacks), which, theta,
                 self.rows.T, rows.T,

@@ -67,7 +67,7 @@ class Plan:
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
-        self.columns = self.step_table.output.columns
+        self.vectors = self.step_table.output.vectors
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
         self._linkage = self._share_mechanics()

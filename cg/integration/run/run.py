@@ -87,7 +87,7 @@ class Run:
         point = 1 + plan.width * problem.keeps_points
         self._bounds = point, point + count  # where points and observations end
         self._steps = [np.empty((0, point + count))]
-        self._dense = [np.empty((0, len(InterpolantColumn) + ends + plan.columns * plan.dim))]
+        self._dense = [np.empty((0, len(InterpolantColumn) + ends + plan.vectors * plan.dim))]
         self.events_of_calls = [np.empty((0, len(EventColumn) + ends))]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
@@ -147,7 +147,7 @@ class Run:
         if within and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
         rows = plan.step_table.kept + 4 * (plan.step_table.kept_nodes + solver_rows)
-        rows += 2 * plan.columns if within else 0
+        rows += 2 * plan.vectors if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         self._check_memory(needed)
