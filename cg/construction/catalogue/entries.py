@@ -18,14 +18,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
 from cg.construction.points import MethodError
-from cg.support.parsing import (
-    check_keys,
-    quoted,
-    read_file,
-    read_json,
-    read_toml,
-    write_file,
-)
+from cg.support.parsing import check_keys, quoted, read_file, read_json, read_toml, write_file
 
 _SUFFIXES = (".toml", ".json")
 

@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.construction.conditions.linear_equations import (
-    nystrom_residuals,
-    nystrom_values,
-)
+from cg.construction.conditions.linear_equations import nystrom_residuals, nystrom_values
 from cg.construction.methods.coefficients import Coefficient, read_row, read_texts, values_of
 from cg.construction.methods.method import Method, frozen
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR

@@ -12,12 +12,7 @@ import numpy as np
 from cg.construction.layouts import Layout
 from cg.construction.methods.method import Method
 from cg.construction.runs import run_pieces
-from cg.construction.search.candidate import (
-    Candidate,
-    Reduction,
-    default_name,
-    solve_start,
-)
+from cg.construction.search.candidate import Candidate, Reduction, default_name, solve_start
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.search.shapes import (

@@ -17,12 +17,7 @@ from cg.integration.derivatives.noise import Noise
 from cg.integration.messages import DERIVATIVES
 from cg.integration.plan.plan import Plan, is_compiled
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.inputs import (
-    DataReader,
-    Given,
-    Reader,
-    data_at,
-)
+from cg.integration.rhs.inputs import DataReader, Given, Reader, data_at
 from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value

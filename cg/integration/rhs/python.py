@@ -15,13 +15,7 @@ from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import NOTHING, Given, Inputs, WithInput
-from cg.support.arrays import (
-    Array,
-    Points,
-    complex_array,
-    conversion_hint,
-    real_array,
-)
+from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
 from cg.support.checks import short
 
 
