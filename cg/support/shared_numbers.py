@@ -240,8 +240,7 @@ STEP_CONTROL: dict[str, float | int] = {
     "min_last_error": 1e-4,
     "first_error": 0.01,  # target of the error of the first step, in tolerances
     # The first guess is a fraction of the time in which the point changes by its size, or of the
-    # span if a norm is below this many tolerances. The first size is at most
-    # `max_growth` guesses.
+    # span if a norm is below this many tolerances. The first size is at most `max_growth` guesses.
     "guess_fraction": 0.01,
     "blind_fraction": 1e-6,
     "negligible": 1e-5,

@@ -17,8 +17,7 @@ module minimum_norm_m
   private
   public :: minimise_norm
 
-  real(wp), parameter :: min_damping = 1.0e-17_wp
-  real(wp), parameter :: max_damping = 1.0e8_wp
+  real(wp), parameter :: min_damping = 1.0e-17_wp, max_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
   real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
 
@@ -26,8 +25,8 @@ module minimum_norm_m
   type :: linear_model_t
     real(wp), allocatable :: full(:, :)      ! (conditions, unknowns)
     real(wp), allocatable :: jac(:, :)       ! (conditions, moving unknowns)
-    real(wp), allocatable :: gram(:, :)      ! (conditions, conditions) J J^T, as the factor below
-    real(wp), allocatable :: factor(:, :)    ! of J J^T + lambda I
+    real(wp), allocatable :: gram(:, :)      ! (conditions, conditions) J J^T
+    real(wp), allocatable :: factor(:, :)    ! (conditions, conditions) factor of J J^T + lambda I
   end type linear_model_t
 
 contains
@@ -46,8 +45,7 @@ contains
     integer, intent(out) :: evaluations, status
     type(linear_model_t) :: model
     real(wp), dimension(conditions) :: r, r_trial, y
-    real(wp) :: step(size(moving)), trial(size(x))
-    real(wp) :: damping, growth, f_trial, gain
+    real(wp) :: step(size(moving)), trial(size(x)), damping, growth, f_trial, gain
     integer :: flag, i, info, iteration
 
     allocate (model%full(conditions, size(x)), model%jac(conditions, size(moving)))
@@ -66,7 +64,6 @@ contains
     damping = max(first_damping * maxval([(dot_product(model%jac(i, :), model%jac(i, :)), &
                                            i=1, conditions)]), min_damping)
     growth = 2.0_wp
-
     do iteration = 1, max_iterations
       if (status /= out_of_iterations) exit
       if (stop_requested(problem%stop_flag)) then
@@ -117,10 +114,8 @@ contains
     flag = 0
     call problem%jacobian(x, model%full, flag)
     model%jac = model%full(:, moving)
-    associate (conditions => size(model%jac, 1))
-      call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, model%jac, conditions, 0.0_wp, &
-                 model%gram, conditions)
-    end associate
+    call dsyrk('L', 'N', size(model%jac, 1), size(moving), 1.0_wp, model%jac, size(model%jac, 1), &
+               0.0_wp, model%gram, size(model%gram, 1))
   end subroutine linearise
 
   ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
@@ -150,17 +145,15 @@ contains
     real(wp), intent(inout) :: damping
     integer :: i, info
 
-    associate (conditions => size(model%gram, 1))
-      do
-        model%factor = model%gram
-        do i = 1, conditions
-          model%factor(i, i) = model%factor(i, i) + damping
-        end do
-        call dpotrf('L', conditions, model%factor, conditions, info)
-        if (info == 0 .or. .not. damping <= max_damping) exit      ! NaN may stay
-        damping = 4.0_wp * damping
+    do
+      model%factor = model%gram
+      do i = 1, size(model%factor, 1)
+        model%factor(i, i) = model%factor(i, i) + damping
       end do
-    end associate
+      call dpotrf('L', size(model%factor, 1), model%factor, size(model%factor, 1), info)
+      if (info == 0 .or. .not. damping <= max_damping) exit        ! NaN may stay
+      damping = 4.0_wp * damping
+    end do
   end subroutine factorise
 
 end module minimum_norm_m

@@ -110,7 +110,6 @@ contains
     end do
   end function path
 
-  ! Allocates the workspace for a method and an order.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: order, layout(:)              ! layout: see read_layout
@@ -154,7 +153,6 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Computes the letters of a tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
     type(pattern_t), intent(in) :: pattern
     real(wp), intent(in) :: x(:)                   ! (unknowns)

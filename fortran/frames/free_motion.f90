@@ -152,7 +152,6 @@ contains
     y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces) = momenta
   end subroutine drift
 
-  ! Moves the body of block i freely.
   subroutine move_body(frame, i, time, momentum, y)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: i

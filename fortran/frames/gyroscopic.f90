@@ -33,12 +33,11 @@ module gyroscopic_m
   real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
   real(wp), parameter :: substeps(9) = [half, 1 - 2 * sum(half), half(4:1:-1)]
-  integer, parameter :: terms = 18           ! of a series; 1 / 18! is rounding
-  real(wp), parameter :: max_pieces = 1e6_wp ! of a motion, which may not be interrupted
+  integer, parameter :: terms = 18           ! terms of a series; 1 / 18! is rounding
+  real(wp), parameter :: max_pieces = 1e6_wp ! since a motion isn't interrupted
 
 contains
 
-  ! The momentum of the rotor
   pure function rotor_momentum(body) result(momentum)
     type(body_t), intent(in) :: body
     real(wp) :: momentum(3)
@@ -144,7 +143,7 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: angle = 0.02_wp   ! of a difference, whose error is below rounding
+    real(wp), parameter :: angle = 0.02_wp   ! angle of a difference, for an error below rounding
     real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side

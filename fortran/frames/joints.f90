@@ -25,7 +25,7 @@ module joints_m
   type :: row_t
     integer :: form = 0                      ! a RowForm
     integer :: body(2) = 0
-    real(wp) :: point(3, 2) = 0.0_wp         ! in the axes of each body
+    real(wp) :: point(3, 2) = 0.0_wp         ! points in the axes of each body
     real(wp) :: axis(3, 2) = 0.0_wp
     real(wp) :: length = 0.0_wp              ! the fixed length
   end type row_t
@@ -125,7 +125,14 @@ contains
     real(wp) :: omega(merge(linkage%forces, 0, depth == 2))
     integer :: i
 
-    if (.not. allocated(c%g)) call reserve_constraints(linkage, c)
+    if (.not. allocated(c%g)) then
+      associate (n => linkage%joint_rows + linkage%user_rows, m => linkage%forces)
+        allocate (c%g(n), c%bias(n), c%factor(linkage%start(n) + n))
+        allocate (c%scale(n), source=1.0_wp)
+        ! derivatives along fields of other bodies remain zero
+        allocate (c%min_scale(n), c%gradient(m, n), c%response(m, n), source=0.0_wp)
+      end associate
+    end if
     failed = .false.
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
@@ -142,18 +149,6 @@ contains
       end associate
     end do
   end subroutine evaluate_constraints
-
-  ! Allocates the memory of constraints. Derivatives along fields of other bodies remain zero.
-  subroutine reserve_constraints(linkage, c)
-    type(linkage_t), intent(in) :: linkage
-    type(constraints_t), intent(inout) :: c
-
-    associate (n => linkage%joint_rows + linkage%user_rows, m => linkage%forces)
-      allocate (c%g(n), c%bias(n), c%factor(linkage%start(n) + n))
-      allocate (c%scale(n), source=1.0_wp)
-      allocate (c%min_scale(n), c%gradient(m, n), c%response(m, n), source=0.0_wp)
-    end associate
-  end subroutine reserve_constraints
 
   ! Finds the pose of a body, and its velocities if those of all blocks are given.
   pure subroutine find_pose(blocks, attitude, position, y, omega, pose)
@@ -291,12 +286,11 @@ contains
         right2 = right2 + cross(body%turning, swing)
       end associate
     end do
-    if (row%form == fixed_length) left1 = right1 / (2 * row%length)    ! both vectors lie along d
+    if (row%form == fixed_length) left1 = right1 / (2 * row%length)    ! left, too, lies along d
     second_derivative = dot_product(left2, product%right) + 2 * dot_product(left1, right1) &
                         + dot_product(product%left, right2)
   end function second_derivative
 
-  ! Evaluates the user's rows.
   subroutine evaluate_user_rows(linkage, y, omega, depth, c, failed)
     type(linkage_t), intent(in) :: linkage
     real(wp), contiguous, intent(in) :: y(:), omega(:)
@@ -322,7 +316,7 @@ contains
     type(linkage_t), intent(in) :: linkage
     type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
     real(wp), parameter :: min_rest = 1e3_wp * epsilon(1.0_wp)
-    real(wp) :: entry, rest                  ! of G J^-1 G^T, and without the columns before
+    real(wp) :: entry, rest                  ! entry of G J^-1 G^T; rest without columns before
     integer :: i, j, k, v, last
 
     c%known = .false.

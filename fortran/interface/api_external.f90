@@ -41,7 +41,7 @@ contains
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
     integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
-    integer(c_intptr_t), intent(in) :: table_address   ! of inputs, which are written into the data
+    integer(c_intptr_t), intent(in) :: table_address   ! inputs, which are written into data
     integer, intent(in) :: curves, times, members, n, m    ! curves: their number
     real(wp), intent(in) :: t(times)
     real(wp), intent(inout) :: y(n, members), f(m, members)
@@ -150,7 +150,6 @@ contains
     end associate
   end subroutine joints_errors
 
-  ! Closes the joints of points.
   subroutine joints_close(address, n, points, y, status) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points
@@ -182,7 +181,6 @@ contains
     end do
   end subroutine joints_forces
 
-  ! Sets the addresses of the routines of BLAS and LAPACK.
   subroutine set_lapack(addresses) bind(c)
     integer(c_intptr_t), intent(in) :: addresses(10)
 
@@ -221,7 +219,6 @@ contains
                        status)
   end subroutine fit_minimum_norm
 
-  ! Evaluates a function in Python that lmdif minimises.
   subroutine residual(self, x, f, flag)
     class(python_function_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)   ! (n)
@@ -247,8 +244,7 @@ contains
     type(lmdif_t) :: solver
 
     problem%python%context = transfer(context, c_null_ptr)
-    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, &
-                     factor=factor)
+    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, factor=factor)
     if (all(diag > 0)) solver%diag = diag
     x = x0
     call lmdif(problem, x, fvec, solver)

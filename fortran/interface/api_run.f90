@@ -24,7 +24,7 @@ contains
     integer, intent(in) :: blocks, numbers, description(3, blocks)
     real(wp), intent(in) :: constants(numbers)
     logical(c_bool), intent(in) :: derivatives     ! whether right-hand sides give those of points
-    integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t, or 0
+    integer(c_intptr_t), intent(in) :: method_address    ! address of a method_record_t, or 0
     integer(c_intptr_t), intent(out) :: address
     type(plan_t), pointer :: plan
     type(method_record_t), pointer :: record
@@ -77,7 +77,7 @@ contains
 
   ! Gives the frame of a plan the joints of a phase space, which is this frame or its first factor.
   subroutine plan_share_joints(address, space) bind(c)
-    integer(c_intptr_t), intent(in) :: address, space    ! of plans
+    integer(c_intptr_t), intent(in) :: address, space    ! addresses of plans
     type(plan_t), pointer :: plan, other
 
     plan => plan_at(address)
@@ -95,7 +95,7 @@ contains
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, members
     real(wp), intent(in) :: y(n, members)
-    real(wp), intent(out) :: bound                       ! of all
+    real(wp), intent(out) :: bound                       ! bound of all distances
     type(plan_t), pointer :: plan
     integer :: i
 
@@ -103,7 +103,6 @@ contains
     bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
-  ! Frees a plan.
   subroutine plan_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -113,7 +112,6 @@ contains
     deallocate (plan)
   end subroutine plan_close
 
-  ! Makes the run that a record describes.
   subroutine run_open(plan_address, record_address, address) bind(c)
     integer(c_intptr_t), intent(in) :: plan_address, record_address
     integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -129,7 +127,6 @@ contains
     deallocate (run)
   end subroutine run_open
 
-  ! Frees a run.
   subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -138,7 +135,6 @@ contains
     deallocate (run)
   end subroutine run_close
 
-  ! Advances a run until all members have ended, or the budget is used up.
   subroutine run_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
@@ -195,7 +191,6 @@ contains
     call wake(run)
   end subroutine run_restart
 
-  ! Copies the states of all trajectories, or restores them.
   subroutine run_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: restores
@@ -214,7 +209,6 @@ contains
     if (restores) call wake(run)
   end subroutine run_state
 
-  ! Evaluates stored interpolants.
   subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context

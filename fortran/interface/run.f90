@@ -48,7 +48,6 @@ module run_m
 
 contains
 
-  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -56,7 +55,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
-  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -64,7 +62,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
-  ! Opens the run of a plan whose record is set.
   subroutine open_run(plan, run, memory)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -78,7 +75,6 @@ contains
     call set_lanes(run, memory)
   end subroutine open_run
 
-  ! Sets the frame, the method, the functions, the ends of segments and the tolerances.
   subroutine set_problem(plan, run)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -155,7 +151,6 @@ contains
     run%events%data = run%rhs%data
   end subroutine set_inputs
 
-  ! Sets the inertia of each member.
   subroutine set_bodies(run)
     type(run_t), intent(inout) :: run
     integer(c_int), pointer, contiguous :: columns(:, :)
@@ -215,9 +210,8 @@ contains
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
       if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
                                           [n, record%members, record%outputs])
-      if (record%observed /= 0) &
-        call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [observations, record%members, record%outputs])
+      if (record%observed /= 0) call c_f_pointer(transfer(record%observed, c_null_ptr), &
+        output%observed, [observations, record%members, record%outputs])
       allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points) + observations, 0), &
                 output%interpolants(interpolant_columns + 2 * n + m, 0), &
                 output%events(event_columns + 2 * n, 0))
@@ -314,7 +308,6 @@ contains
     end associate
   end function advance_lane
 
-  ! Starts the next member in a free lane.
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -401,8 +394,7 @@ contains
     call run%python%apply(rhs_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
-      associate (lane => run%lanes(requests(i)), &
-                 answer => answers(m * k + 1:m * (k + asked(i))))
+      associate (lane => run%lanes(requests(i)), answer => answers(m * k + 1:m * (k + asked(i))))
         lane%request%detail = merge(raised_in_python, 0, failed)
         if (run%frame%derivatives) then
           call coefficients_of(run%frame, lane%request%t, lane%request%y, answer, &

@@ -1,6 +1,5 @@
 ! The output of an accepted step: its interpolant, whose nodes are requested one after the other,
-! events, points at output times, and its end.
-! Then the next step starts, at the end or after a jump.
+! events, points at output times, and its end. Then the next step starts there or after a jump.
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
@@ -50,7 +49,6 @@ contains
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
-  ! Whether the output needs the interpolant of the step
   pure logical function has_output(x, output)
     type(trajectory_t), intent(in) :: x
     type(output_t), intent(in) :: output
@@ -191,7 +189,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: h
     real(wp), allocatable :: flows(:)
-    real(wp), allocatable :: v(:, :)         ! of all flows
+    real(wp), allocatable :: v(:, :)         ! coefficients of all flows
     integer :: path
 
     allocate (flows(0))
@@ -219,7 +217,6 @@ contains
     end if
   end subroutine advance_interpolant
 
-  ! Moves to the next node and requests the coefficients there.
   subroutine request_node(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
@@ -230,7 +227,6 @@ contains
                  x%interpolant%y, phase_node_received)
   end subroutine request_node
 
-  ! Stores the coefficients at a node.
   subroutine receive_node(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -292,7 +288,6 @@ contains
     call begin_next_step(x, t, y, ended)
   end subroutine store_until
 
-  ! Starts the next step at time t and point y.
   subroutine begin_next_step(x, t, y, ended)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t

@@ -19,7 +19,7 @@ module controller_m
   ! of the factored matrices.
   real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
-  integer, parameter :: max_iterations = 7             ! of Newton's method
+  integer, parameter :: max_iterations = 7             ! Newton iterations
 
 contains
 
@@ -52,11 +52,10 @@ contains
     if (error > min_last_error) resumed_size = min(proposed, rejected_size(taken, error, exponent))
   end function resumed_size
 
-  ! Computes the size of the step after an accepted one.
   pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)
     real(wp), intent(in) :: taken, error, exponent
     logical, intent(in) :: after_rejection
-    real(wp), intent(inout) :: last_error  ! that of the accepted step before, then of this one
+    real(wp), intent(inout) :: last_error  ! error of the accepted step before, then of this one
     real(wp), intent(out) :: next          ! size of the next step
     real(wp) :: factor
 
@@ -75,7 +74,7 @@ contains
   pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
-    integer, intent(in) :: iterations      ! those of Newton's method
+    integer, intent(in) :: iterations      ! Newton iterations
     logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error

@@ -49,7 +49,6 @@ module error_estimate_m
 
 contains
 
-  ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
@@ -129,7 +128,7 @@ contains
           call raise(errors(2, place), norm_of_work(x))
           x%v(:, 1) = x%work                    ! the rest; all paths have been followed
         end if
-        ! of collocation methods request_error needs what the last pass leaves in x%work
+        ! request_error needs what the last pass of a collocation method leaves in x%work
         call combine(size(x%work), size(x%f, 2), weight, x%f, x%work)
         if (method%kind == collocation_kind) call filtered(x)
         call remove_isotropy(x%frame, x%y(:, x%result), x%work)
@@ -155,7 +154,7 @@ contains
   ! Raises the error of a step of a Magnus method where differences may vanish by chance.
   subroutine limit_change(x, rest)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: rest    ! that of e2
+    real(wp), intent(in) :: rest    ! the rest of e2
     real(wp) :: change
     integer :: i
 

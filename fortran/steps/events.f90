@@ -26,7 +26,7 @@ module events_m
   type :: observer_t
     integer :: count = 0                     ! numbers at a time
     type(rhs_t) :: rhs            ! calls the function in Python
-    type(events_t) :: functions              ! those in C
+    type(events_t) :: functions              ! functions in C
   contains
     procedure :: observe
   end type observer_t
@@ -72,7 +72,6 @@ contains
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 
-  ! Evaluates the point after a jump.
   subroutine event_jump(self, member, event, t, y, after, flag)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -86,7 +85,6 @@ contains
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
-  ! Evaluates the functions at a point.
   subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
     integer, intent(in) :: member            ! from 1

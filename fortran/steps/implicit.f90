@@ -82,7 +82,7 @@ contains
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1) then
         flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
-        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then          ! it is explicit
+        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then      ! explicit
           x%f(:, x%stage) = x%request%answer
           call next_block(x)
           return
@@ -127,7 +127,7 @@ contains
       else if (.not. (solver%fixed_point .or. solver%factored_h(block) == x%h)) then
         x%counts%njev = x%counts%njev + 1
         solver%column = 1
-        solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
+        solver%factored_h(block) = 0.0_wp              ! columns overwrite the factors
       end if
       if (solver%column <= size(solver%lu, 1)) return
       call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
@@ -217,7 +217,6 @@ contains
     end associate
   end subroutine correct
 
-  ! Discards the factors and rejects the step.
   subroutine give_up(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block

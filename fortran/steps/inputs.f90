@@ -23,7 +23,7 @@ module inputs_m
 
   ! The data of members, which functions in C get
   type :: member_data_t
-    integer(c_intptr_t) :: address = 0       ! of those of the first member, 0 for none
+    integer(c_intptr_t) :: address = 0       ! address of the first member's data, 0 for none
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's to the next
     type(input_record_t), pointer, contiguous :: inputs(:) => null()   ! are written into the data
   contains
@@ -45,7 +45,7 @@ module inputs_m
 
   type :: rhs_t
     procedure(rhs_i), pointer, nopass :: function => null()
-    integer :: member = 1                    ! that the point belongs to
+    integer :: member = 1                    ! the member that the point belongs to
     type(member_data_t) :: data
   end type rhs_t
 

@@ -15,11 +15,11 @@
 ! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
 ! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
-! Where the fields don't span all directions there may be no such v. That of the nearest tangent
-! removes the leading error of P too, whose direction is a combination of fields; what is left of y1
-! - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may be
-! far from the error of P, and matters where isotropy turns much within the step, as near singular
-! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
+! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
+! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order
+! of the errors of y1 and y. Where there are many v, the shortest one may be far from the error of P
+! if isotropy turns much within the step, as near singular matrices. There v composes in
+! the group the flows to z(1), backward, and the flows of the step.
 !
 ! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
 ! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
@@ -69,7 +69,7 @@ module interpolant_m
   end type interpolant_t
 
   integer, parameter :: iterations = 20
-  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! its square is below rounding
+  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! with a square below rounding
 
 contains
 
@@ -286,7 +286,7 @@ contains
     logical, intent(in) :: exists            ! as from begin_interpolant
     type(interpolant_t), intent(inout) :: self
 
-    if (.not. self%on_algebra) return           ! it has two nodes already
+    if (.not. self%on_algebra) return           ! the interpolant has two nodes already
     self%vectors = 0.0_wp
     call sum_terms(merge(3, 1, exists), self)
   end subroutine make_cubic
@@ -303,9 +303,8 @@ contains
     end do
   end subroutine sum_terms
 
-  ! Computes the point of the next node.
   subroutine next_node(self, theta)
-    type(interpolant_t), intent(inout) :: self        ! its y becomes the point
+    type(interpolant_t), intent(inout) :: self        ! self%y becomes the point
     real(wp), intent(out) :: theta
 
     if (self%on_algebra) then
@@ -354,7 +353,6 @@ contains
     flows_of_evaluation = merge(1, size(self%v, 2), self%on_algebra .or. self%scheme%at_stages)
   end function flows_of_evaluation
 
-  ! Evaluates the interpolant at a fraction of the step.
   subroutine evaluate_interpolant(self, theta, y)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta            ! 0 to 1

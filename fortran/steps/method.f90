@@ -4,8 +4,7 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers, only: algebra_kind, collocation_kind, linear_kind, method_record_t, &
-       polynomial_kind, registers_kind, splitting_kind
+  use shared_numbers
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t
@@ -61,7 +60,7 @@ module method_m
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! power of a quotient, see error_estimate_m
     logical :: estimates_at_end = .false.    ! whether a stage at the end serves only the estimate
-    real(wp) :: factor = 1.0_wp              ! that of the second one in the quotient
+    real(wp) :: factor = 1.0_wp              ! factor of the second estimate in the quotient
     ! Summands are the coefficients at the stages, then their brackets.
     real(wp), allocatable :: error(:, :)     ! (summands, estimates) of errors that need no flow
     real(wp), allocatable :: bracket(:, :, :)          ! (summands, 2, brackets) of both sides
@@ -70,7 +69,6 @@ module method_m
 
 contains
 
-  ! Makes a method from its record.
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
@@ -79,11 +77,10 @@ contains
     integer :: k
 
     method = method_t(kind=int(record%kind), result=int(record%result), &
-                      embedded=int(record%embedded), third=int(record%third), &
-                      final_stage=int(record%final_stage), blocks=int(record%blocks), &
-                      uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
-                      power=int(record%power), estimates_at_end=record%power == 0, &
-                      factor=record%factor)
+      embedded=int(record%embedded), third=int(record%third), factor=record%factor, &
+      final_stage=int(record%final_stage), blocks=int(record%blocks), power=int(record%power), &
+      uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
+      estimates_at_end=record%power == 0)
     summands = record%stages + record%bracket_count
     method%origin = int(reals(record%origin, record%paths))
     method%path_first = int(reals(record%path_first, record%paths + 1))

@@ -8,8 +8,7 @@ module output_m
   use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use linear_action_m, only: inner_points_t
   use method_m, only: scheme_t
-  use shared_numbers, only: finished, interpolant_columns, interpolant_on_algebra, &
-                            interpolant_size, out_of_memory, record_t
+  use shared_numbers
   implicit none
   private
   public :: evaluate_stored, output_t, store_interpolant, store_event, store_point, store_step
@@ -50,19 +49,16 @@ contains
     used = used + 1
   end subroutine add_row
 
-  ! Stores the point at an output time.
   subroutine store_point(output, member, number, y)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, number              ! from 1
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
 
     if (associated(output%y)) output%y(:, member, number) = y
-    if (associated(output%observed)) &
-      call output%observer%observe(member, output%times(number), y, &
-                                   output%observed(:, member, number), output%status)
+    if (associated(output%observed)) call output%observer%observe( &
+      member, output%times(number), y, output%observed(:, member, number), output%status)
   end subroutine store_point
 
-  ! Stores the end of a step.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! the step's, from 1
@@ -113,7 +109,6 @@ contains
     end associate
   end subroutine read_interpolant
 
-  ! Evaluates stored interpolants of a frame and a method.
   subroutine evaluate_stored(frame, scheme, rows, which, theta, y)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
@@ -153,7 +148,6 @@ contains
     end do
   end subroutine evaluate_stored
 
-  ! Stores an event.
   subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event

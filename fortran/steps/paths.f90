@@ -31,8 +31,7 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
-                            registers_kind, splitting_kind, step_too_long
+  use shared_numbers
   use trajectory_m
   use vectors_m, only: copy
   implicit none
@@ -78,7 +77,7 @@ contains
     if (x%frame%jointed) call find_constraints(x, y)
     if (x%status /= finished) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
-               momenta => y(x%frame%momenta_offset + 1:))      ! and tangents
+               momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
         momenta = momenta + (kick_part * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
@@ -258,7 +257,6 @@ contains
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
 
-  ! Stores the coefficients at a stage.
   subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -275,7 +273,7 @@ contains
       end if
     end if
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
-      associate (flow => x%method%path_first(x%method%stage_path(x%stage)))    ! its only one
+      associate (flow => x%method%path_first(x%method%stage_path(x%stage)))    ! the only flow
         call combine_flows(x%method%flows, x%weight, flow, flow, size(x%work), x%f, x%work)
       end associate
       if (size(x%added) > 0) x%added(:, x%stage) = x%f(:, x%stage)

@@ -1,8 +1,7 @@
 ! Requests of a trajectory for coefficients of the right-hand side and for values of events. A
 ! right-hand side of one point is called at once; for a vectorized one the loop returns with the
-! request and is called again with the answer, so that one call can answer many trajectories. So are
-! values of events that take many members at a time; the phase that needs values begins again when
-! they are known, and finds them among the answers.
+! request and is called again with the answer, so that one call can answer many trajectories. So it
+! is for vectorized events; a phase that needs their values begins again when these are known.
 module requests_m
   use kinds, only: wp
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces

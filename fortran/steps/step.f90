@@ -42,7 +42,6 @@ contains
     end select
   end subroutine request_stage
 
-  ! Stores the coefficients at a stage.
   subroutine receive_stage(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -155,7 +154,6 @@ contains
     call share_error(x, x%error)
   end subroutine receive_error
 
-  ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error

@@ -15,8 +15,7 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
-            raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
+  use shared_numbers
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private
@@ -44,7 +43,7 @@ module step_events_m
   ! The value of an event's function at a fraction of the step
   type :: sample_t
     real(wp) :: at = 0.0_wp, value = 0.0_wp
-    real(wp) :: rounding = 0.0_wp            ! that of the value, where it is needed
+    real(wp) :: rounding = 0.0_wp            ! rounding of the value, where it is needed
   end type sample_t
 
 contains
@@ -65,7 +64,7 @@ contains
   subroutine find_zero(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    type(sample_t), intent(in) :: low, high            ! of opposite signs
+    type(sample_t), intent(in) :: low, high            ! with values of opposite signs
     real(wp), intent(out) :: zero
     ! the last point, one on the other side of the zero, the one that was replaced, and the next one
     type(sample_t) :: a, b, c, new
@@ -107,7 +106,7 @@ contains
   ! period is a wrap.
   pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
-    type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
+    type(event_record_t), intent(in) :: row  ! the event's; the period is 0 without one
 
     crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
               .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
@@ -117,7 +116,7 @@ contains
   ! Whether an event ends the step, by a jump or since it is the last one
   pure elemental logical function ends_step(event, row)
     type(event_state_t), intent(in) :: event
-    type(event_record_t), intent(in) :: row  ! of the table
+    type(event_record_t), intent(in) :: row  ! the event's
 
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
@@ -126,7 +125,7 @@ contains
   ! are requested, the trajectory is left as it was. While the interpolant isn't complete, zeros are
   ! only detected: their times aren't computed.
   subroutine find_zeros(x)
-    type(trajectory_t), intent(inout) :: x   ! its zeros are set
+    type(trajectory_t), intent(inout) :: x   ! x%zeros are set
     type(event_state_t), allocatable :: events(:)
 
     if (x%problem%events%vectorized) events = x%events
@@ -208,7 +207,7 @@ contains
 
   ! The number of parts whose ends are compared
   integer function parts(x)
-    type(trajectory_t), intent(inout) :: x   ! its work is free
+    type(trajectory_t), intent(inout) :: x   ! x%work is free
     real(wp) :: angle
     integer :: column
 
@@ -298,10 +297,9 @@ contains
     end do
   end subroutine find_turning_point
 
-  ! Finds the minimum of the parabola through three values.
   pure subroutine minimise_parabola(theta, v, at, minimum, bends)
     real(wp), intent(in) :: theta(3), v(3)
-    real(wp), intent(out) :: at, minimum               ! its place, and the value there
+    real(wp), intent(out) :: at, minimum               ! place of the minimum, and the value there
     logical, intent(out) :: bends                      ! whether there is one
     real(wp) :: first, second
 
@@ -449,7 +447,7 @@ contains
   ! Stores zeros in the order of their times, up to the first one that ends the step. The status
   ! tells whether a function has failed.
   subroutine store_zeros(x, output, until, ended, after)
-    type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
+    type(trajectory_t), intent(inout) :: x    ! places of x%zeros become 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there

@@ -1,12 +1,9 @@
-! Starts segments, and chooses the sizes of steps.
-! A segment is the time between two breakpoints; the first size follows Hairer, Norsett, Wanner,
-! "Solving Ordinary Differential Equations I", section II.4.
+! Starts segments, the times between two breakpoints, and chooses the sizes of steps; the first size
+! follows Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", section II.4.
 !
 ! Variable steps of symmetric methods that stay reversible: E. Hairer, G. Söderlind, "Explicit, time
-! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005).
-!
-! The user's function s of the configuration says how steps are to vary, h s. Their density is
-! carried along, from step to step,
+! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005). The user's function s of
+! the configuration says how steps vary, h s. Their density is carried from step to step,
 !
 !   rho_(n + 1/2) = rho_(n - 1/2) - h d/dt log s(q_n),     step h / rho_(n + 1/2),
 !
@@ -22,8 +19,7 @@ module step_size_m
   use requests_m, only: evaluate_at_start, request, share
   use trajectory_m
   use vectors_m, only: copy
-  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
-                            splitting_kind, step_too_small, time_not_finite, too_many_steps
+  use shared_numbers
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, max_step_by_turn, &
@@ -98,7 +94,6 @@ contains
     end associate
   end subroutine request_curvature
 
-  ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: start_value(size(x%norms%v)), curvature, first

@@ -12,9 +12,7 @@ module trajectory_m
   use inputs_m, only: grid_t, rhs_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
-                            outside_jacobian, paused, proposed_for_point, record_t, &
-                            registers_kind, splitting_kind, terminal_event
+  use shared_numbers
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
@@ -30,21 +28,20 @@ module trajectory_m
   ! coefficients or the shared number that it has received.
   enum, bind(c)
     enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
-                  phase_curvature_received, phase_size_shared, phase_choose_step, &
-                  phase_start_received, phase_next_stage, phase_stage_received, &
-                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_ends, &
-                  phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
-                  phase_column_received, phase_error_received, phase_detect_events, &
-                  phase_interpolant_start_received, phase_complete_step, phase_step_shared, &
-                  phase_ended
+      phase_curvature_received, phase_size_shared, phase_choose_step, phase_start_received, &
+      phase_next_stage, phase_stage_received, phase_finish_step, phase_decide_step, &
+      phase_accepted, phase_request_ends, phase_end_received, phase_next_node, &
+      phase_node_received, phase_store_output, phase_column_received, phase_error_received, &
+      phase_detect_events, phase_interpolant_start_received, phase_complete_step, &
+      phase_step_shared, phase_ended
   end enum
 
   ! Places of a query: its event, or 0 for all, the fraction of the step and the time
   integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
 
   type :: problem_t
-    type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
-    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
+    type(record_t), pointer :: record => null()        ! numbers and addresses from Python
+    type(frame_t) :: frame                   ! the frame of the plan, with the callback of this run
     type(method_t), pointer :: method => null()
     type(events_t) :: events
     type(rhs_t) :: rhs                       ! unless it is vectorized
@@ -71,9 +68,9 @@ module trajectory_m
 
   ! The state of collocation_m
   type, extends(newton_state_t) :: collocation_t
-    integer :: column = 0                    ! that of the Jacobian that is evaluated next
+    integer :: column = 0                    ! the column of the Jacobian that comes next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
-    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
+    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! of corrections of z
     real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
     real(wp), allocatable :: z(:, :)         ! (dimension, 3)
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
@@ -87,8 +84,8 @@ module trajectory_m
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
-    integer :: column = 0                    ! that of the Jacobian that is evaluated, or 0
-    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! of the unknown of this column
+    integer :: column = 0                    ! the column of the Jacobian that comes next, or 0
+    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! the unknown of this column
     real(wp) :: correction = 0.0_wp          ! the last one, relative
     real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
     real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
@@ -112,11 +109,11 @@ module trajectory_m
     real(wp) :: step_size = 0.0_wp           ! the next step's; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
-    integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
+    integer :: suspicion = 0                 ! of a discontinuity of f, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether a stop or a limit shortens the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(2) = 0.0_wp            ! those of point and slope, for the first size
+    real(wp) :: norms(2) = 0.0_wp            ! norms of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
   end type control_t
 
@@ -169,7 +166,7 @@ module trajectory_m
     integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
     type(control_t) :: control
     real(wp) :: h = 0.0_wp                   ! signed size of the step
-    real(wp) :: h_before = 0.0_wp            ! of the step of f_before, 0 where they aren't used
+    real(wp) :: h_before = 0.0_wp            ! size of the step of f_before, 0 without one
     logical :: events_known = .false.        ! whether values at the start of the step are
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
     type(last_step_t) :: last
@@ -180,8 +177,7 @@ module trajectory_m
     type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
-    integer :: member = 1
-    integer :: phase = phase_begin_segment
+    integer :: member = 1, phase = phase_begin_segment
     type(request_t) :: request
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
@@ -214,7 +210,7 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points were prepared
     type(event_state_t), allocatable :: events(:)
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
+    type(zero_t), allocatable :: zeros(:)    ! zeros within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
     ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
     real(wp), allocatable :: query(:, :)
@@ -224,7 +220,6 @@ module trajectory_m
 
 contains
 
-  ! Allocates the memory of a trajectory.
   subroutine reserve_trajectory(problem, x, memory)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
@@ -368,14 +363,13 @@ contains
     call move(c_loc(x%implicit%lu), bytes_of_real * size(x%implicit%lu))
     call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot) / 8 * size(x%implicit%pivot))
     if (.not. restores) return
-    x%last%cut = .false.                     ! its interpolant isn't saved
+    x%last%cut = .false.                     ! the interpolant isn't saved
     status = x%status
     call continue_trajectory(x, .false.)
     if (status == terminal_event) x%status = status
 
   contains
 
-    ! Copies some bytes, or restores them.
     subroutine move(address, count)
       type(c_ptr), intent(in) :: address
       integer, intent(in) :: count
@@ -415,7 +409,6 @@ contains
     if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
   end function time_at
 
-  ! Ends a trajectory with an error.
   subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
