@@ -317,16 +317,16 @@ contains
   pure subroutine narrow(theta, v, at, value)
     real(wp), intent(inout) :: theta(3), v(3)
     real(wp), intent(in) :: at, value
-    real(wp) :: inner(2, 2)
+    type(sample_t) :: inner(2)
 
-    inner = reshape([theta(2), v(2), at, value], [2, 2])
-    if (at < theta(2)) inner = inner(:, 2:1:-1)
-    if (inner(2, 1) < inner(2, 2)) then
-      theta(2:) = inner(1, :)
-      v(2:) = inner(2, :)
+    inner = [sample_t(theta(2), v(2)), sample_t(at, value)]
+    if (at < theta(2)) inner = inner(2:1:-1)
+    if (inner(1)%value < inner(2)%value) then
+      theta(2:) = inner%at
+      v(2:) = inner%value
     else
-      theta(:2) = inner(1, :)
-      v(:2) = inner(2, :)
+      theta(:2) = inner%at
+      v(:2) = inner%value
     end if
   end subroutine narrow
 
