@@ -46,7 +46,7 @@ from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, texts_of
 from cg.support.checks import short
-from cg.support.shared_numbers import STEP_CONTROL, Stop
+from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method
 
@@ -521,7 +521,7 @@ class Stepper:
             self.t = self.direction * float((self.direction * run.reached).max())
         elif table is not None:
             rows = run.events_of_calls[-1]
-            last = rows[rows[:, 2] == self.t, 1].astype(int) - 1
+            last = rows[rows[:, EventColumn.TIME] == self.t, EventColumn.NUMBER].astype(int) - 1
             if len(last) and (stopped or table.rows["jumps"][last].any()):
                 self._cut_output = self._interpolate()
         if self.t == self.t_bound:
@@ -546,12 +546,12 @@ class Stepper:
         if run.record.failed:
             failure = next(iter(failures_of(run, raising=True).values()))
             raise RuntimeError(f"there is no solution within the last step: {failure}")
-        begin = float(interpolants.rows[0, 1])
+        begin = float(interpolants.rows[0, InterpolantColumn.START])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
             of_member = interpolants.member(member)
-            start = nowhere if has_stopped else of_member.rows[:1, 5 : 5 + run.plan.width]
-            point = run.plan.points(np.ascontiguousarray(start), (1,))[0]
+            start = nowhere if has_stopped else of_member.rows[:1, len(InterpolantColumn) :]
+            point = run.plan.points(start[:, : run.plan.width].copy(), (1,))[0]
             outputs.append(DenseOutput(of_member, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._many else outputs[0]
 

@@ -9,9 +9,9 @@ from enum import IntEnum
 from pathlib import Path
 
 if __package__:
-    from cg.support.shared_records import RECORDS, record_type
+    from cg.support.shared_records import RECORDS, STATE, record_type
 else:  # run by the build, beside shared_records.py
-    from shared_records import RECORDS, record_type  # type: ignore[import-not-found,no-redef]
+    from shared_records import RECORDS, STATE, record_type  # type: ignore[import-not-found,no-redef]
 
 
 class Stop(IntEnum):
@@ -224,6 +224,11 @@ class StageEquation(IntEnum):
     MIDDLE = -1  # its abscissa lies in the middle of its piece of the step
 
 
+InterpolantColumn = IntEnum("InterpolantColumn", "MEMBER START SIZE END ON_ALGEBRA", start=0)
+"""Numbers of a stored interpolant, before points and vectors; an event may end a step early."""
+EventColumn = IntEnum("EventColumn", "MEMBER NUMBER TIME", start=0)
+"""Numbers of a stored event, before the points before and after it."""
+
 STEP_CONTROL: dict[str, float | int] = {
     "safety": 0.9,
     "min_factor": 0.2,
@@ -235,8 +240,7 @@ STEP_CONTROL: dict[str, float | int] = {
     "min_last_error": 1e-4,
     "first_error": 0.01,  # target of the error of the first step, in tolerances
     # The first guess is a fraction of the time in which the point changes by its size, or of the
-    # span if a norm is below this many tolerances. The first size is at most
-    # `max_growth` guesses.
+    # span if a norm is below this many tolerances. The first size is at most `max_growth` guesses.
     "guess_fraction": 0.01,
     "blind_fraction": 1e-6,
     "negligible": 1e-5,
@@ -300,6 +304,11 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
+    lines.append(f"  integer, parameter :: state_columns = {len(STATE)}")
+    for prefix, columns in {"interpolant": InterpolantColumn, "event": EventColumn}.items():
+        lines.append(f"  integer, parameter :: {prefix}_columns = {len(columns)}")
+        for column in columns:
+            lines.append(f"  integer, parameter :: {prefix}_{column.name.lower()} = {column + 1}")
     for name, number in {**STEP_CONTROL, **ERROR_ESTIMATE}.items():
         real = isinstance(number, float)
         kind, value = ("real(c_double)", f"{number}_c_double") if real else ("integer", number)

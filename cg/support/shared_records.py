@@ -25,7 +25,7 @@ RECORD = {
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "curves": "integer",  # inputs of compiled functions
-    "inputs": "address",  # a row for each curve, see fortran/steps/inputs.f90
+    "inputs": "address",  # `INPUT`
     "event_functions": "integer",  # number of functions whose zeros are events
     "event_width": "integer",  # numbers of a point that events depend on
     "event_table": "address",  # `EVENT`
@@ -63,9 +63,7 @@ RECORD = {
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member
-    # (point, time, time of failure, start of the last step, size of the next step), a row for each;
-    # points are at first the initial ones
-    "states": "address",
+    "states": "address",  # points, at first the initial ones, then `STATE`
     "counters": "address",  # `COUNTERS`
     # points at output times
     "outputs": "integer",
@@ -146,6 +144,9 @@ COUNTERS = {
 }
 """What is counted of a member."""
 
+STATE = ("reached", "failed_at", "last_start", "next_step")
+"""Numbers of a member behind its point."""
+
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member in results, in the order of compiled code."""
 
@@ -159,6 +160,17 @@ EVENT = {
     "vectorized": "integer",  # whether the function takes many members at a time
 }
 """A function whose zeros are events."""
+
+INPUT = {
+    "powers": "integer",
+    "pieces": "integer",
+    "width": "integer",
+    "place": "integer",  # numbers in the data of a member before the values
+    "starts": "address",  # of the pieces
+    "coefficients": "address",  # (powers, pieces, width)
+    "stride": "integer",  # bytes from the coefficients of one member to those of the next
+}
+"""A curve whose values are written into the data of compiled functions."""
 
 OBSERVER = {
     "count": "integer",  # numbers at a time
@@ -209,6 +221,7 @@ RECORDS = {
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
     "event_record_t": EVENT,
+    "input_record_t": INPUT,
     "observer_record_t": OBSERVER,
     "variation_t": VARIATION,
 }

@@ -43,7 +43,7 @@ module conditions_m
 
 contains
 
-  ! Products of the flows after a point, up to the end of the chain that it is in, and of all.
+  ! Computes the weights of all words by the flows after each point of chains, and by whole chains.
   subroutine later_points(weights, start, e, right, whole)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: start(:)                    ! (chains + 1) first points of chains
@@ -72,8 +72,8 @@ contains
     end do
   end subroutine later_points
 
-  ! The conditions on a result: derivatives by the weights on its path, and how it depends on the
-  ! weights of the stages.
+  ! Adds the derivatives of the conditions on a result: those by x on the path to the result, and
+  ! the adjoints of the weights at the ends of segments.
   subroutine seed(weights, path, trees, mine, jac, adjoint)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: path(:)                 ! points on the way to the result
@@ -110,7 +110,7 @@ contains
     end do
   end subroutine seed
 
-  ! The same for simplifying assumptions on stages
+  ! Sets the derivatives and the adjoints of simplifying assumptions on stages.
   subroutine seed_assumptions(weights, trees, owner, jac, adjoint)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: trees(:), owner(:)      ! (conditions)
@@ -135,8 +135,9 @@ contains
     end do
   end subroutine seed_assumptions
 
-  ! From trees with many nodes to those with few: children and words before others have fewer nodes,
-  ! so this order serves explicit and implicit methods alike.
+  ! Carries adjoints on to the weights that weights at the ends of inner segments are made of, and
+  ! computes the derivatives of these by x. Trees with many nodes come first: parts of a word have
+  ! fewer nodes, so that this order serves explicit and implicit methods alike.
   subroutine sweep(weights, first_for, direct, adjoint)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: first_for(:)            ! (order)
@@ -169,10 +170,10 @@ contains
         do m = 1, child_start(t + 1) - child_start(t)
           u = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
-            associate (at => pattern%at(k), p => pattern%point(k), own => pattern%segment(k))
+            associate (at => pattern%at(k), p => pattern%point(k), segment => pattern%segment(k))
               direct(t, k) = direct(t, k) + weights%chi(at, u) * z(p, m)
               if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                + (weights%x(k) * z(p, m)) * adjoint(c0:, t, own)
+                + (weights%x(k) * z(p, m)) * adjoint(c0:, t, segment)
             end associate
           end do
         end do
@@ -233,7 +234,6 @@ contains
     self%target = merge(1.0_wp / real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
-  ! Computes the residuals of all conditions.
   subroutine residual(self, x, f, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)

@@ -54,7 +54,6 @@ contains
     fnorm = enorm(fvec)
     par = 0
     iteration = 1
-
     outer: do
       call linearise(problem, x, fvec, solver, ftrial, acnorm)
       if (solver%info < 0) return
@@ -70,7 +69,6 @@ contains
         return
       end if
       if (.not. given) solver%diag = max(solver%diag, acnorm)
-
       inner: do
         call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
                    problem%stop_flag)
@@ -80,19 +78,16 @@ contains
         trial = x + step
         pnorm = enorm(solver%diag * step)
         if (iteration == 1) delta = min(delta, pnorm)
-
         call problem%residual(trial, ftrial, solver%info)
         solver%nfev = solver%nfev + 1
         if (solver%info < 0) return
         fnorm_trial = enorm(ftrial)
-
         actual = -1
         if (0.1_wp * fnorm_trial < fnorm) actual = 1 - (fnorm_trial / fnorm)**2
         call predict(solver, step, fnorm, par, pnorm, predicted, slope)
         ratio = 0
         if (abs(predicted) > 0) ratio = actual / predicted
         call adjust_region(ratio, actual, slope, 0.1_wp * fnorm_trial >= fnorm, pnorm, delta, par)
-
         if (ratio >= 1.0e-4_wp) then
           x = trial
           fvec = ftrial
@@ -100,7 +95,6 @@ contains
           fnorm = fnorm_trial
           iteration = iteration + 1
         end if
-
         solver%info = stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm)
         if (solver%info /= improper_input) return
         if (.not. ratio < 1.0e-4_wp) exit inner
@@ -210,7 +204,6 @@ contains
     if (delta <= solver%xtol * xnorm) info = small_step
     if (reduction_within(solver%ftol) .and. info == small_step) info = small_reduction_and_step
     if (info /= improper_input) return
-
     if (solver%nfev >= solver%maxfev) info = too_many_evaluations
     if (reduction_within(eps)) info = ftol_too_small
     if (delta <= eps * xnorm) info = xtol_too_small

@@ -17,10 +17,17 @@ module minimum_norm_m
   private
   public :: minimise_norm
 
-  real(wp), parameter :: min_damping = 1.0e-17_wp
-  real(wp), parameter :: max_damping = 1.0e8_wp
+  real(wp), parameter :: min_damping = 1.0e-17_wp, max_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
   real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
+
+  ! The linear model of the residuals at a point
+  type :: linear_model_t
+    real(wp), allocatable :: full(:, :)      ! (conditions, unknowns)
+    real(wp), allocatable :: jac(:, :)       ! (conditions, moving unknowns)
+    real(wp), allocatable :: gram(:, :)      ! (conditions, conditions) J J^T
+    real(wp), allocatable :: factor(:, :)    ! (conditions, conditions) factor of J J^T + lambda I
+  end type linear_model_t
 
 contains
 
@@ -36,15 +43,14 @@ contains
     integer, intent(in) :: max_iterations
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: evaluations, status
-    real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
+    type(linear_model_t) :: model
     real(wp), dimension(conditions) :: r, r_trial, y
-    real(wp) :: step(size(moving)), trial(size(x))
-    real(wp) :: damping, growth, f_trial, gain, largest
-    integer :: flag, info, iteration
+    real(wp) :: step(size(moving)), trial(size(x)), damping, growth, f_trial, gain
+    integer :: flag, i, info, iteration
 
-    allocate (full(conditions, size(x)), jac(conditions, size(moving)))
-    allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
-
+    allocate (model%full(conditions, size(x)), model%jac(conditions, size(moving)))
+    allocate (model%gram(conditions, conditions), model%factor(conditions, conditions), &
+              source=0.0_wp)
     status = not_finite
     evaluations = 1
     flag = 0
@@ -53,22 +59,22 @@ contains
     if (flag < 0 .or. .not. f <= huge(f)) return
     status = out_of_iterations
     if (f <= ftol) status = solved
-    call linearise()
+    call linearise(problem, x, moving, model, flag)
     if (flag < 0) status = not_finite
-    damping = max(first_damping * largest, min_damping)
+    damping = max(first_damping * maxval([(dot_product(model%jac(i, :), model%jac(i, :)), &
+                                           i=1, conditions)]), min_damping)
     growth = 2.0_wp
-
     do iteration = 1, max_iterations
       if (status /= out_of_iterations) exit
       if (stop_requested(problem%stop_flag)) then
         status = stopped
         exit
       end if
-      call factorise()
+      call factorise(model, damping)
       y = r
-      call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
-      step = -matmul(y, jac)
-      call add_acceleration()
+      call dpotrs('L', conditions, 1, model%factor, conditions, y, conditions, info)
+      step = -matmul(y, model%jac)
+      call add_acceleration(problem, x, moving, r, model, step)
       trial = x
       trial(moving) = x(moving) + step
       flag = 0
@@ -86,7 +92,7 @@ contains
         if (f <= ftol) then
           status = solved
         else
-          call linearise()
+          call linearise(problem, x, moving, model, flag)
           if (flag < 0) status = no_descent
         end if
       else
@@ -95,49 +101,59 @@ contains
         if (damping > max_damping) status = no_descent
       end if
     end do
-
-  contains
-
-    ! Computes the Jacobian, its Gram matrix, and the largest diagonal entry of this.
-    subroutine linearise()
-      integer :: i
-
-      flag = 0
-      call problem%jacobian(x, full, flag)
-      jac = full(:, moving)
-      call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, jac, conditions, 0.0_wp, gram, &
-                 conditions)
-      largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
-    end subroutine linearise
-
-    ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
-    subroutine add_acceleration()
-      real(wp) :: second(conditions), acceleration(size(moving))
-
-      trial = x
-      trial(moving) = x(moving) + probe * step
-      flag = 0
-      call problem%residual(trial, r_trial, flag)
-      if (flag < 0) return
-      second = (2.0_wp / probe) * ((r_trial - r) / probe - matmul(jac, step))
-      call dpotrs('L', conditions, 1, factor, conditions, second, conditions, info)
-      acceleration = -matmul(second, jac)
-      if (norm2(acceleration) <= max_bend * norm2(step)) step = step + 0.5_wp * acceleration
-    end subroutine add_acceleration
-
-    ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
-    subroutine factorise()
-      integer :: i
-
-      do
-        factor = gram
-        do i = 1, conditions
-          factor(i, i) = factor(i, i) + damping
-        end do
-        call dpotrf('L', conditions, factor, conditions, info)
-        if (info == 0 .or. .not. damping <= max_damping) exit      ! NaN may stay
-        damping = 4.0_wp * damping
-      end do
-    end subroutine factorise
   end subroutine minimise_norm
+
+  ! Computes the Jacobian and its Gram matrix.
+  subroutine linearise(problem, x, moving, model, flag)
+    class(order_conditions_t), intent(inout) :: problem
+    real(wp), intent(in) :: x(:)
+    integer, intent(in) :: moving(:)
+    type(linear_model_t), intent(inout) :: model
+    integer, intent(out) :: flag             ! negative if the Jacobian isn't finite
+
+    flag = 0
+    call problem%jacobian(x, model%full, flag)
+    model%jac = model%full(:, moving)
+    call dsyrk('L', 'N', size(model%jac, 1), size(moving), 1.0_wp, model%jac, size(model%jac, 1), &
+               0.0_wp, model%gram, size(model%gram, 1))
+  end subroutine linearise
+
+  ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
+  subroutine add_acceleration(problem, x, moving, r, model, step)
+    class(order_conditions_t), intent(inout) :: problem
+    real(wp), intent(in) :: x(:), r(:)       ! r: the residuals at x
+    integer, intent(in) :: moving(:)
+    type(linear_model_t), intent(in) :: model
+    real(wp), intent(inout) :: step(:)
+    real(wp) :: ahead(size(x)), second(size(r)), acceleration(size(step))
+    integer :: flag, info
+
+    ahead = x
+    ahead(moving) = x(moving) + probe * step
+    flag = 0
+    call problem%residual(ahead, second, flag)
+    if (flag < 0) return
+    second = (2.0_wp / probe) * ((second - r) / probe - matmul(model%jac, step))
+    call dpotrs('L', size(r), 1, model%factor, size(r), second, size(r), info)
+    acceleration = -matmul(second, model%jac)
+    if (norm2(acceleration) <= max_bend * norm2(step)) step = step + 0.5_wp * acceleration
+  end subroutine add_acceleration
+
+  ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
+  subroutine factorise(model, damping)
+    type(linear_model_t), intent(inout) :: model
+    real(wp), intent(inout) :: damping
+    integer :: i, info
+
+    do
+      model%factor = model%gram
+      do i = 1, size(model%factor, 1)
+        model%factor(i, i) = model%factor(i, i) + damping
+      end do
+      call dpotrf('L', size(model%factor, 1), model%factor, size(model%factor, 1), info)
+      if (info == 0 .or. .not. damping <= max_damping) exit        ! NaN may stay
+      damping = 4.0_wp * damping
+    end do
+  end subroutine factorise
+
 end module minimum_norm_m

@@ -38,7 +38,7 @@ module weights_m
     integer :: order = 0
     integer :: stage_trees = 0                ! trees with at most order nodes
     integer, allocatable :: result_path(:)    ! points on the way to the first result
-    integer, allocatable :: second_path(:)    ! and to the second
+    integer, allocatable :: second_path(:)    ! points on the way to the second result
     real(wp), allocatable :: x(:)             ! (unknowns)
     real(wp), allocatable :: e(:, :)          ! (points, stage_trees) exponential of the flow
     real(wp), allocatable :: left(:, :)       ! (points, stage_trees) weight at the parent
@@ -110,7 +110,6 @@ contains
     end do
   end function path
 
-  ! Allocates the workspace for a method and an order.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: order, layout(:)              ! layout: see read_layout
@@ -154,7 +153,6 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Computes the letters of a tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
     type(pattern_t), intent(in) :: pattern
     real(wp), intent(in) :: x(:)                   ! (unknowns)
@@ -188,7 +186,7 @@ contains
     end if
   end function weight
 
-  ! The weight at the end of a path
+  ! The weight at the end of a path, of a tree with order + 1 nodes
   function along(self, t, path) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t, path(:)                    ! path: points, increasing

@@ -163,7 +163,6 @@ contains
     v = sum + b * power
   end subroutine dexpinv_motion
 
-  ! The bracket of two rigid motions
   pure function motion_bracket(u, v)
     real(wp), intent(in) :: u(:, 0:), v(:, 0:)       ! a rotation and velocities
     real(wp) :: motion_bracket(3, 0:ubound(u, 2))

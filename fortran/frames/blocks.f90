@@ -41,10 +41,10 @@ module blocks_m
     integer :: kind = 0
     logical :: space = .false., scalar_first = .false., polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
-    integer :: k = 0            ! their columns, where they aren't square; of SE(3) the translations
+    integer :: k = 0            ! columns of matrices that aren't square, translations of SE(3)
     integer :: constants = 0    ! constants of the blocks before
     integer :: v1 = 1, v2 = 0   ! the first and the last of its coefficients among all
-    integer :: p1 = 1, p2 = 0   ! and of the entries of its point
+    integer :: p1 = 1, p2 = 0   ! the first and the last of its entries of a point
     integer :: dimension = 0    ! number of coefficients
     integer :: point_size = 0   ! number of entries of a point
     type(linear_action_t) :: action
@@ -195,12 +195,11 @@ contains
     end if
   end subroutine find_velocities
 
-  ! Velocities of some bodies
   pure subroutine velocities(blocks, bodies, span, momenta, omega)
     type(block_t), intent(in) :: blocks(:)
     type(body_t), intent(in) :: bodies(:)
     integer, intent(in) :: span(2)                     ! the first and the last block
-    real(wp), intent(in) :: momenta(:)                 ! theirs
+    real(wp), intent(in) :: momenta(:)                 ! of these bodies
     real(wp), intent(out) :: omega(:)
     integer :: i
 

@@ -14,7 +14,6 @@ module callback_m
   end type callback_t
 
   interface
-
     function call_python(context, operation, na, a, nb, b, nc, c) bind(c) result(code)
       import :: c_double, c_int, c_ptr
       type(c_ptr), value, intent(in) :: context
@@ -23,7 +22,6 @@ module callback_m
       real(c_double), intent(inout) :: c(*)
       integer(c_int) :: code
     end function call_python
-
   end interface
 
 contains

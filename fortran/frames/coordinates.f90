@@ -23,7 +23,7 @@ module coordinates_m
             sizes, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
-  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))  ! its square doesn't underflow
+  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))  ! whose square doesn't underflow
 
   ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
   real(wp), parameter :: opposite = 1.0e-4_wp

@@ -26,7 +26,7 @@ contains
     real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
-    real(wp), allocatable :: answer(:)       ! of a frame in Python: also what is dropped
+    real(wp), allocatable :: answer(:)       ! of Python: coefficients, length of what is dropped
     integer :: i
 
     if (frame%python_derivatives) then

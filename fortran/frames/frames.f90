@@ -22,24 +22,23 @@ module frames_m
     logical :: python_derivatives = .false.  ! whether only Python has their coefficients
     ! the largest part of one that is dropped, relative to it, and its time
     real(wp), pointer :: dropped => null(), dropped_at => null()
-    real(wp), allocatable :: constants(:)    ! those of all blocks, one after the other
+    real(wp), allocatable :: constants(:)    ! numbers of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
     ! numbers of momenta of a mechanical system, and of the entries of a point before them;
     ! right-hand sides give as many forces
     integer :: forces = 0, momenta_offset = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta
-    type(body_t), pointer :: bodies(:) => null()       ! one for each block but the last
+    type(body_t), pointer :: bodies(:) => null()       ! a body for each block but the last
     logical :: jointed = .false.             ! whether it has joints or other constraints
     type(linkage_t) :: linkage
   end type frame_t
 
 contains
 
-  ! Makes the frame with the given blocks.
   subroutine make_frame(description, constants, frame)
     integer, intent(in) :: description(:, :)  ! (3, blocks): a BlockKind, n, a sum of BlockOptions
-    real(wp), intent(in) :: constants(:)      ! those of all blocks, or more
+    real(wp), intent(in) :: constants(:)      ! numbers of all blocks, or more
     type(frame_t), intent(out) :: frame
     integer :: i, length, used
 

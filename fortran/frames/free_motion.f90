@@ -152,7 +152,6 @@ contains
     y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces) = momenta
   end subroutine drift
 
-  ! Moves the body of block i freely.
   subroutine move_body(frame, i, time, momentum, y)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: i
@@ -161,13 +160,13 @@ contains
     real(wp) :: v(frame%forces), q(4)
 
     associate (block => frame%blocks(i), body => frame%bodies(i))
-      associate (point => y(block%p1:block%p2), own => v(block%v1:block%v2))
+      associate (point => y(block%p1:block%p2), flow => v(block%v1:block%v2))
         if (body%turns) then
           call turn_freely(body%top, time, momentum, q)
           call turn_point(block, q, point)
         else
-          call find_velocities(body, block%dimension, momentum, own)
-          own = time * own
+          call find_velocities(body, block%dimension, momentum, flow)
+          flow = time * flow
           call apply_flows(frame, 1, v, y, i)
           if (block%kind == sphere_block) call remove_component(point, momentum)
         end if
@@ -215,9 +214,9 @@ contains
     whole = f
     if (forces_alone) call add_free_motion(frame, y, whole)
     associate (m => frame%linkage%forces)
-      x = -rates(frame%linkage, c%moved, whole(m + 1:2 * m)) - c%bias
+      x = -rates(frame%linkage, c%response, whole(m + 1:2 * m)) - c%bias
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, c%slope, x, f(m + 1:2 * m))
+      call constraint_impulse(frame%linkage, c%gradient, x, f(m + 1:2 * m))
     end associate
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
@@ -258,7 +257,7 @@ contains
       if (status /= finished) return
       if (i == 1) size_before = maxval(max(c%scale, c%min_scale))
       if (is_closed(c, last)) then
-        call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%after))
+        call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%momenta_end))
         if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
         if (c%exchanged) status = joints_not_solved
         return
@@ -266,7 +265,7 @@ contains
       x = -c%g
       call solve_constraints(frame%linkage, c, x)
       v = 0.0_wp
-      call constraint_impulse(frame%linkage, c%moved, x, v(:frame%linkage%forces))
+      call constraint_impulse(frame%linkage, c%response, x, v(:frame%linkage%forces))
       call apply_flows(frame, 1, v, y)
     end do
     status = joints_not_solved
@@ -282,9 +281,9 @@ contains
     integer :: i
 
     do i = 1, 2
-      x = -rates(frame%linkage, c%moved, momenta)
+      x = -rates(frame%linkage, c%response, momenta)
       call solve_constraints(frame%linkage, c, x)
-      call constraint_impulse(frame%linkage, c%slope, x, momenta)
+      call constraint_impulse(frame%linkage, c%gradient, x, momenta)
     end do
   end subroutine remove_opening
 

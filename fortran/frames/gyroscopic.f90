@@ -33,12 +33,11 @@ module gyroscopic_m
   real(wp), parameter :: half(4) = [0.3921614440073141_wp, 0.3325991367893594_wp, &
                                      -0.7062461725576394_wp, 0.0822135962935508_wp]
   real(wp), parameter :: substeps(9) = [half, 1 - 2 * sum(half), half(4:1:-1)]
-  integer, parameter :: terms = 18           ! of a series; 1 / 18! is rounding
-  real(wp), parameter :: max_pieces = 1e6_wp ! of a motion, which may not be interrupted
+  integer, parameter :: terms = 18           ! terms of a series; 1 / 18! is rounding
+  real(wp), parameter :: max_pieces = 1e6_wp ! since a motion isn't interrupted
 
 contains
 
-  ! The momentum of the rotor
   pure function rotor_momentum(body) result(momentum)
     type(body_t), intent(in) :: body
     real(wp) :: momentum(3)
@@ -91,7 +90,7 @@ contains
     real(wp), intent(in) :: time, momentum(frame%forces)
     ! tangents are rows; columns are coordinates, then momenta
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
-    real(wp), dimension(frame%dimension) :: u, xi, moved, term
+    real(wp), dimension(frame%dimension) :: u, xi, source, term
     real(wp) :: fraction                     ! part of the motion in a piece
     logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
@@ -110,18 +109,18 @@ contains
     end do
     fraction = 1.0_wp / real(pieces, wp)
     u = fraction * u
-    moved = 0.0_wp
+    source = 0.0_wp
     do j = 1, size(x, 1)
       xi = 0.0_wp
       xi(:frame%forces) = x(j, :frame%forces)
-      associate (own => moved(:frame%forces))          ! J^-1 eta times a piece
+      associate (v => source(:frame%forces))           ! J^-1 eta times a piece
         call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
-                        x(j, frame%forces + 1:), own)
-        own = merge(0.0_wp, time * fraction * own, turns)
+                        x(j, frame%forces + 1:), v)
+        v = merge(0.0_wp, time * fraction * v, turns)
       end associate
       do piece = 1, pieces
         call bracket(frame, u, xi, term)
-        term = term + moved
+        term = term + source
         xi = xi + term
         do k = 2, merge(terms, 1, any(u /= 0))
           call bracket(frame, u, term / real(k, wp), term)
@@ -144,7 +143,7 @@ contains
     real(wp), intent(in) :: time, momentum(3)
     real(wp), intent(inout) :: xi(:, :), eta(:, :)     ! (tangents, 3)
     real(wp), parameter :: weight(4) = [4.0_wp / 5, -1.0_wp / 5, 4.0_wp / 105, -1.0_wp / 280]
-    real(wp), parameter :: angle = 0.02_wp   ! of a difference, whose error is below rounding
+    real(wp), parameter :: angle = 0.02_wp   ! angle of a difference, for an error below rounding
     real(wp) :: q(4), q_moved(4), change(4), moved(3), step, after(3)
     real(wp), dimension(3, 3) :: turned, by_momentum   ! derivatives by each component, as columns
     integer :: i, j, k, side

@@ -29,7 +29,7 @@ module linear_action_m
     integer :: n = 0, generators = 0         ! n: entries of a point
     integer :: point_size = 0                ! real numbers of a point
     integer :: kind = real_entries
-    integer :: reals_per_entry = 1           ! of X, 2 if they are complex
+    integer :: reals_per_entry = 1           ! numbers for an entry of X, 2 if it is complex
     logical :: skew = .false.                ! whether all G_i are skew-Hermitian
     integer, allocatable :: first(:)         ! (n + 1) where rows of X begin
     integer, allocatable :: column(:)        ! (entries of X)
@@ -92,7 +92,6 @@ contains
 
   contains
 
-    ! Reads the next array of integers.
     subroutine take(length, array)
       integer, intent(in) :: length
       integer, allocatable, intent(out) :: array(:)
@@ -109,7 +108,7 @@ contains
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, flows)
     real(wp), intent(inout) :: y(:)          ! (point_size)
-    type(linear_action_t) :: whole           ! of the matrix X alone
+    type(linear_action_t) :: whole           ! the action whose only generator is X
     real(wp), allocatable :: x(:)
     real(wp) :: norm
     integer :: j, piece, pieces
@@ -217,7 +216,6 @@ contains
     end do
   end subroutine apply_chebyshev
 
-  ! Computes the product of a matrix with y.
   pure subroutine multiply(action, first, column, x, y, product)
     type(linear_action_t), intent(in) :: action
     integer, intent(in) :: first(*)          ! (n + 1) or more, where rows begin
@@ -237,7 +235,7 @@ contains
         end do
         product(i) = a
       end do
-    case (imaginary_entries)                 ! of which the imaginary parts are stored
+    case (imaginary_entries)                 ! imaginary parts are stored
       do i = 1, action%n
         a = 0.0_wp
         b = 0.0_wp
@@ -273,7 +271,7 @@ contains
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
     real(wp), intent(in) :: granted          ! part of the tolerances, 0 for that of rounding
     real(wp), intent(inout) :: y(:)          ! (point_size)
-    type(inner_points_t), optional, intent(inout) :: inner   ! its points are computed
+    type(inner_points_t), optional, intent(inout) :: inner   ! points to compute
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
     integer :: first, i, last, piece, pieces
 
@@ -366,7 +364,7 @@ contains
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
     real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
     real(wp) :: argument(size(y)), product(size(y)), term(size(y))
-    real(wp) :: norms(size(d, 2))            ! those of y_k, y_(k - 1), ...
+    real(wp) :: norms(size(d, 2))            ! norms of y_k, y_(k - 1), ...
     real(wp) :: bounds(size(d, 2)), start, tolerance, negligible
     integer :: i, k, m, n
 

@@ -48,8 +48,7 @@ module rigid_body_m
   ! the longest piece in u, for which the error of the formula is below rounding
   real(wp), parameter :: longest = 1.1_wp
   ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
-  real(wp), parameter :: aside = 0.7_wp
-  real(wp), parameter :: pi = acos(-1.0_wp)
+  real(wp), parameter :: aside = 0.7_wp, pi = acos(-1.0_wp)
 
   ! A solution as functions of u: the modulus, its complement, a3, and the present functions
   type :: motion_t

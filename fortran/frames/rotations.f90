@@ -12,7 +12,7 @@ module rotations_m
   public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_matrix, &
             rotate_vector, rotation_bound, set_quaternion, turn_point
 
-  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
+  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))     ! whose square doesn't underflow
   ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
   ! ones don't count up to the largest square.
   integer :: term
@@ -42,7 +42,6 @@ contains
     call turn_point(block, q, y)
   end subroutine rotate
 
-  ! Rotates a point by a unit quaternion.
   pure subroutine turn_point(block, q, y)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: q(4)
@@ -146,7 +145,7 @@ contains
   ! One Newton-Schulz step of the rotation at the beginning of a matrix
   pure subroutine orthogonalise(m, y)
     integer, intent(in) :: m
-    real(wp), intent(inout) :: y(m, 3)             ! its first three rows
+    real(wp), intent(inout) :: y(m, 3)             ! the first three rows of a matrix
     real(wp) :: old(3, 3), factor(3, 3)
     integer :: i
 
@@ -221,7 +220,6 @@ contains
     w = d
   end subroutine multiply
 
-  ! Rotates a vector by a unit quaternion.
   pure subroutine rotate_vector(q, u)
     real(wp), intent(in) :: q(4)
     real(wp), intent(inout) :: u(3)

@@ -11,7 +11,7 @@ module api_external_m
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   use free_motion_m, only: add_constraint_forces, close_joints
-  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, vector_field_t
+  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, rhs_t
   use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
@@ -41,23 +41,23 @@ contains
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
     integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
-    integer(c_intptr_t), intent(in) :: table_address   ! of inputs, which are written into the data
+    integer(c_intptr_t), intent(in) :: table_address   ! inputs, which are written into data
     integer, intent(in) :: curves, times, members, n, m    ! curves: their number
     real(wp), intent(in) :: t(times)
     real(wp), intent(inout) :: y(n, members), f(m, members)
     integer, intent(out) :: done                       ! how many were evaluated before one failed
     integer, intent(out) :: flag                       ! what the function returned then
-    type(vector_field_t) :: field
+    type(rhs_t) :: rhs
 
-    call c_f_procpointer(transfer(function_address, c_null_funptr), field%rhs)
-    field%data%address = data_address
-    field%data%stride = data_stride
+    call c_f_procpointer(transfer(function_address, c_null_funptr), rhs%function)
+    rhs%data%address = data_address
+    rhs%data%stride = data_stride
     if (curves > 0) &
-      call c_f_pointer(transfer(table_address, c_null_ptr), field%data%inputs, [7, curves])
+      call c_f_pointer(transfer(table_address, c_null_ptr), rhs%data%inputs, [curves])
     flag = 0
     do done = 0, members - 1
-      field%member = merge(done + 1, 1, data_stride /= 0)
-      call evaluate(field, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
+      rhs%member = merge(done + 1, 1, data_stride /= 0)
+      call evaluate(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
       if (flag /= 0) exit
     end do
   end subroutine call_rhs
@@ -142,15 +142,14 @@ contains
         g(:, i) = c%g
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
-        associate (momenta => y(frame%linkage%momenta_offset + 1:frame%linkage%after, i))
-          speed(:, i) = rates(frame%linkage, c%moved, momenta)
-          size_of_speed(:, i) = rates(frame%linkage, abs(c%moved), abs(momenta))
+        associate (momenta => y(frame%linkage%momenta_offset + 1:frame%linkage%momenta_end, i))
+          speed(:, i) = rates(frame%linkage, c%response, momenta)
+          size_of_speed(:, i) = rates(frame%linkage, abs(c%response), abs(momenta))
         end associate
       end do
     end associate
   end subroutine joints_errors
 
-  ! Closes the joints of points.
   subroutine joints_close(address, n, points, y, status) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points
@@ -182,7 +181,6 @@ contains
     end do
   end subroutine joints_forces
 
-  ! Sets the addresses of the routines of BLAS and LAPACK.
   subroutine set_lapack(addresses) bind(c)
     integer(c_intptr_t), intent(in) :: addresses(10)
 
@@ -221,7 +219,6 @@ contains
                        status)
   end subroutine fit_minimum_norm
 
-  ! Evaluates a function in Python that lmdif minimises.
   subroutine residual(self, x, f, flag)
     class(python_function_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)   ! (n)
@@ -247,8 +244,7 @@ contains
     type(lmdif_t) :: solver
 
     problem%python%context = transfer(context, c_null_ptr)
-    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, &
-                     factor=factor)
+    solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, factor=factor)
     if (all(diag > 0)) solver%diag = diag
     x = x0
     call lmdif(problem, x, fvec, solver)

@@ -7,11 +7,10 @@ module api_run_m
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
   use free_motion_m, only: make_bodies
-  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use joints_m, only: make_linkage
   use kinds, only: wp
-  use linear_action_m, only: inner_points_t
   use method_m, only: make_method, reals
+  use output_m, only: evaluate_stored
   use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, set_inputs, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
@@ -25,7 +24,7 @@ contains
     integer, intent(in) :: blocks, numbers, description(3, blocks)
     real(wp), intent(in) :: constants(numbers)
     logical(c_bool), intent(in) :: derivatives     ! whether right-hand sides give those of points
-    integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t, or 0
+    integer(c_intptr_t), intent(in) :: method_address    ! address of a method_record_t, or 0
     integer(c_intptr_t), intent(out) :: address
     type(plan_t), pointer :: plan
     type(method_record_t), pointer :: record
@@ -58,10 +57,10 @@ contains
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
-  subroutine plan_set_joints(address, bodies, places, rows, integers, joints, reals, own, &
+  subroutine plan_set_joints(address, bodies, places, rows, integers, joints, reals, user_rows, &
                              context) bind(c)
-    integer(c_intptr_t), intent(in) :: address, context  ! context: evaluates own rows
-    integer, intent(in) :: bodies, rows, joints, own
+    integer(c_intptr_t), intent(in) :: address, context  ! context: evaluates the user's rows
+    integer, intent(in) :: bodies, rows, joints, user_rows
     ! the last columns are unused, since no array may be empty
     integer, intent(in) :: places(2, bodies), integers(3, rows)
     real(wp), intent(in) :: reals(13, joints)
@@ -70,7 +69,7 @@ contains
     plan => plan_at(address)
     associate (frame => plan%frame)
       call make_linkage(frame%blocks, frame%forces, places(:, :bodies - 1), &
-                        integers(:, :rows - 1), reals(:, :joints - 1), own, frame%linkage)
+                        integers(:, :rows - 1), reals(:, :joints - 1), user_rows, frame%linkage)
       frame%linkage%python%context = transfer(context, c_null_ptr)
       frame%jointed = .true.
     end associate
@@ -78,7 +77,7 @@ contains
 
   ! Gives the frame of a plan the joints of a phase space, which is this frame or its first factor.
   subroutine plan_share_joints(address, space) bind(c)
-    integer(c_intptr_t), intent(in) :: address, space    ! of plans
+    integer(c_intptr_t), intent(in) :: address, space    ! addresses of plans
     type(plan_t), pointer :: plan, other
 
     plan => plan_at(address)
@@ -96,7 +95,7 @@ contains
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, members
     real(wp), intent(in) :: y(n, members)
-    real(wp), intent(out) :: bound                       ! of all
+    real(wp), intent(out) :: bound                       ! bound of all distances
     type(plan_t), pointer :: plan
     integer :: i
 
@@ -104,7 +103,6 @@ contains
     bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
-  ! Frees a plan.
   subroutine plan_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -114,7 +112,6 @@ contains
     deallocate (plan)
   end subroutine plan_close
 
-  ! Makes the run that a record describes.
   subroutine run_open(plan_address, record_address, address) bind(c)
     integer(c_intptr_t), intent(in) :: plan_address, record_address
     integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -130,7 +127,6 @@ contains
     deallocate (run)
   end subroutine run_open
 
-  ! Frees a run.
   subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -139,7 +135,6 @@ contains
     deallocate (run)
   end subroutine run_close
 
-  ! Advances a run until all members have ended, or the budget is used up.
   subroutine run_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
@@ -196,7 +191,6 @@ contains
     call wake(run)
   end subroutine run_restart
 
-  ! Copies the states of all trajectories, or restores them.
   subroutine run_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: restores
@@ -215,7 +209,6 @@ contains
     if (restores) call wake(run)
   end subroutine run_state
 
-  ! Evaluates stored interpolants.
   subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context
@@ -223,49 +216,18 @@ contains
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     type(plan_t), pointer :: plan
-    type(frame_t), pointer :: frame
-    type(frame_t), target :: own             ! with this call's context
+    type(frame_t) :: frame                   ! with this call's context
     type(callback_t), target :: python
-    type(interpolant_t) :: interpolant
-    type(inner_points_t) :: inner
-    integer :: i, k, last_in_step, memory
 
     plan => plan_at(address)
-    frame => plan%frame
-    if (context /= 0) then
-      own = plan%frame
-      python%context = transfer(context, c_null_ptr)
-      own%callback => python
-      frame => own
+    if (context == 0) then
+      call evaluate_stored(plan%frame, plan%method%scheme, rows, which, theta, y)
+      return
     end if
-    call reserve_interpolant(frame, plan%method%scheme, interpolant, memory)
-    if (memory /= 0) return
-    interpolant%known = plan%method%scheme%nodes
-    i = 0
-    k = 0
-    do while (i < count)
-      i = i + 1
-      if (k /= which(i) + 1) then
-        k = which(i) + 1
-        interpolant%h = rows(3, k)
-        interpolant%on_algebra = rows(5, k) > 0
-        interpolant%y0(:) = rows(6:5 + n, k)
-        interpolant%field(:, :) = reshape(rows(6 + 2 * n:, k), shape(interpolant%field))
-      end if
-      if (.not. theta(i) > 0) then
-        y(:, i) = interpolant%y0
-      else if (.not. theta(i) < 1) then
-        y(:, i) = rows(6 + n:5 + 2 * n, k)
-      else if (plan%method%scheme%at_stages) then
-        last_in_step = min(count, i + 31)
-        last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
-                                        .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-        call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
-        i = last_in_step
-      else
-        call evaluate_interpolant(interpolant, theta(i), y(:, i))
-      end if
-    end do
+    frame = plan%frame
+    python%context = transfer(context, c_null_ptr)
+    frame%callback => python
+    call evaluate_stored(frame, plan%method%scheme, rows, which, theta, y)
   end subroutine plan_interpolate
 
 end module api_run_m

@@ -22,8 +22,8 @@ module run_m
   use requests_m, only: check_coefficients
   use shared_numbers
   use step_m, only: get_times, receive_answers, times_asked
-  use trajectory_m, only: exchange_state, fail, problem_t, reserve_trajectory, set_start, &
-                          trajectory_t
+  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
+                          reserve_trajectory, set_start, trajectory_t
   implicit none
   private
   public :: plan_t, run_t, drive, open_run, plan_at, run_at, set_inputs, store_lane, wake
@@ -42,13 +42,12 @@ module run_m
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 4, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! see STATE
     type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
 contains
 
-  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -56,7 +55,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
-  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -64,7 +62,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
-  ! Opens the run of a plan whose record is set.
   subroutine open_run(plan, run, memory)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -78,7 +75,6 @@ contains
     call set_lanes(run, memory)
   end subroutine open_run
 
-  ! Sets the frame, the method, the functions, the ends of segments and the tolerances.
   subroutine set_problem(plan, run)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -91,7 +87,7 @@ contains
       run%frame%dropped => run%record%dropped
       run%frame%dropped_at => run%record%dropped_at
       run%method => plan%method
-      call c_f_procpointer(transfer(record%function, c_null_funptr), run%field%rhs)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), run%rhs%function)
       call set_inputs(run)
       if (record%event_functions > 0) call c_f_pointer(transfer(record%event_table, c_null_ptr), &
                                                        run%events%table, [record%event_functions])
@@ -125,7 +121,8 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 4, members])
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, &
+                       [n + state_columns, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
@@ -148,13 +145,12 @@ contains
 
     run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
                          [2_int64, run%record%limited])
-    run%field%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
+    run%rhs%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
-                                                run%field%data%inputs, [7, int(run%record%curves)])
-    run%events%data = run%field%data
+                                                run%rhs%data%inputs, [run%record%curves])
+    run%events%data = run%rhs%data
   end subroutine set_inputs
 
-  ! Sets the inertia of each member.
   subroutine set_bodies(run)
     type(run_t), intent(inout) :: run
     integer(c_int), pointer, contiguous :: columns(:, :)
@@ -172,6 +168,14 @@ contains
     end do
   end subroutine set_bodies
 
+  ! Gives the frame, which all lanes share, the inertia of the member that is advanced next.
+  subroutine take_inertia(run, member)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: member
+
+    if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, member)
+  end subroutine take_inertia
+
   ! Sets a function along the solution from the record at an address, if there is one.
   subroutine set_observer(run, address, observer)
     type(run_t), intent(in) :: run
@@ -182,15 +186,15 @@ contains
     if (address == 0) return
     call c_f_pointer(transfer(address, c_null_ptr), record)
     observer%count = int(record%count)
-    observer%field%data = member_data_t(record%data, int(record%stride, c_intptr_t))
+    observer%rhs%data = member_data_t(record%data, int(record%stride, c_intptr_t))
     if (record%functions > 0) then
       observer%functions%count = int(record%functions)
       call c_f_pointer(transfer(record%table, c_null_ptr), observer%functions%table, &
                        [record%functions])
-      observer%functions%data = observer%field%data
-      observer%functions%data%inputs => run%field%data%inputs
+      observer%functions%data = observer%rhs%data
+      observer%functions%data%inputs => run%rhs%data%inputs
     else
-      call c_f_procpointer(transfer(record%function, c_null_funptr), observer%field%rhs)
+      call c_f_procpointer(transfer(record%function, c_null_funptr), observer%rhs%function)
     end if
   end subroutine set_observer
 
@@ -199,18 +203,18 @@ contains
     type(run_t), target, intent(inout) :: run
 
     associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
-               m => int(run%frame%dimension * run%method%scheme%columns, int64), &
+               m => int(run%frame%dimension * run%method%scheme%vectors, int64), &
                observations => int(run%output%observer%count, int64))
       output%record => record
       output%outputs = int(record%outputs)
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [record%outputs])
       if (record%y /= 0) call c_f_pointer(transfer(record%y, c_null_ptr), output%y, &
                                           [n, record%members, record%outputs])
-      if (record%observed /= 0) &
-        call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [observations, record%members, record%outputs])
+      if (record%observed /= 0) call c_f_pointer(transfer(record%observed, c_null_ptr), &
+        output%observed, [observations, record%members, record%outputs])
       allocate (output%steps(1 + merge(n, 0_int64, record%keeps_points) + observations, 0), &
-                output%interpolants(5 + 2 * n + m, 0), output%events(3 + 2 * n, 0))
+                output%interpolants(interpolant_columns + 2 * n + m, 0), &
+                output%events(event_columns + 2 * n, 0))
     end associate
   end subroutine set_output
 
@@ -289,7 +293,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_maximum) return
-        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
+        call take_inertia(run, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
@@ -304,7 +308,6 @@ contains
     end associate
   end function advance_lane
 
-  ! Starts the next member in a free lane.
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -391,14 +394,15 @@ contains
     call run%python%apply(rhs_operation, [times, members], points, answers, failed)
     k = 0
     do i = 1, size(requests)
-      associate (lane => run%lanes(requests(i)), own => answers(m * k + 1:m * (k + asked(i))))
+      associate (lane => run%lanes(requests(i)), answer => answers(m * k + 1:m * (k + asked(i))))
         lane%request%detail = merge(raised_in_python, 0, failed)
         if (run%frame%derivatives) then
-          call coefficients_of(run%frame, lane%request%t, lane%request%y, own, lane%request%answer)
+          call coefficients_of(run%frame, lane%request%t, lane%request%y, answer, &
+                               lane%request%answer)
         else
-          call receive_answers(lane, m, asked(i), own)
+          call receive_answers(lane, m, asked(i), answer)
         end if
-        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
+        call take_inertia(run, lane%member)
         if (lane%status == needs_rhs) call check_coefficients(lane)
       end associate
       k = k + asked(i)
@@ -420,7 +424,8 @@ contains
       lanes(waiting)%status = finished
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
-      allocate (query(3 + n + run%events%count, total), member(total), values(total), stat=memory)
+      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), &
+                stat=memory)
       if (memory /= 0) lanes(waiting)%status = out_of_memory
       if (memory /= 0) return
       total = 0
@@ -432,18 +437,20 @@ contains
         end associate
       end do
       do event = 1, run%events%count
-        associate (asks => pack([(j, j=1, total)], nint(query(1, :)) == 0 &
-                                .or. nint(query(1, :)) == event))
+        associate (asks => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
+                                .or. nint(query(query_event, :)) == event), &
+                   times => query(query_time, :), &
+                   points => query(query_numbers + 1:query_numbers + n, :))
           if (size(asks) > 0 .and. run%events%table(event)%vectorized /= 0) then
-            call run%python%apply(events_operation, [real(event - 1, wp), query(3, asks), &
-                                  member(asks)], [query(4:n + 3, asks)], values(:size(asks)))
+            call run%python%apply(events_operation, [real(event - 1, wp), times(asks), &
+                                  member(asks)], [points(:, asks)], values(:size(asks)))
           else
             do j = 1, size(asks)
-              call run%events%value(nint(member(asks(j))) + 1, event, query(3, asks(j)), &
-                                    query(4:n + 3, asks(j)), values(j), failed)
+              call run%events%value(nint(member(asks(j))) + 1, event, times(asks(j)), &
+                                    points(:, asks(j)), values(j), failed)
             end do
           end if
-          query(n + 3 + event, asks) = values(:size(asks))
+          query(query_numbers + n + event, asks) = values(:size(asks))
         end associate
       end do
       total = 0

@@ -24,11 +24,11 @@ module variational_m
   private
   public :: variational_rhs
 
-  ! What one evaluation refers to
+  ! One evaluation of a right-hand side with derivatives
   type :: evaluation_t
     type(variation_t), pointer :: record => null()
-    type(plan_t), pointer :: plan => null()            ! it has the frame alone
-    type(c_ptr) :: parameters = c_null_ptr             ! those of a member
+    type(plan_t), pointer :: plan => null()            ! with a frame, and no method
+    type(c_ptr) :: parameters = c_null_ptr             ! parameters of a member
     real(wp) :: t = 0.0_wp
     integer(c_int) :: code = 0                         ! what the last function returned
   end type evaluation_t
@@ -163,7 +163,7 @@ contains
   ! The sizes of coordinates and of parameters for differences
   function sizes_of(self, given, y, n, k) result(whole)
     type(evaluation_t), intent(in) :: self
-    logical, intent(in) :: given(2)          ! of which those of coordinates are only known if not
+    logical, intent(in) :: given(2)          ! without df/dy, sizes of coordinates are needed
     real(wp), contiguous, intent(in) :: y(:)
     integer, intent(in) :: n, k
     real(wp) :: whole(n + k)

@@ -1,6 +1,5 @@
 ! The output of an accepted step: its interpolant, whose nodes are requested one after the other,
-! events, points at output times, and its end.
-! Then the next step starts, at the end or after a jump.
+! events, points at output times, and its end. Then the next step starts there or after a jump.
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
@@ -50,7 +49,6 @@ contains
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
-  ! Whether the output needs the interpolant of the step
   pure logical function has_output(x, output)
     type(trajectory_t), intent(in) :: x
     type(output_t), intent(in) :: output
@@ -117,7 +115,7 @@ contains
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at one of these ends; after the second one the interpolant starts.
+  ! Stores the coefficients at an end of a step; after those at both ends its interpolant starts.
   subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -139,8 +137,9 @@ contains
     end associate
   end subroutine receive_end
 
-  ! Starts the interpolant of the present step, or of the one before. If only events may need it,
-  ! they are sought first along what is known of it from the ends of the step.
+  ! Starts the interpolant of the present step, or of the last one, whose end is the present point,
+  ! and whose stages may be in x%f still. If only events may need an interpolant, they are sought
+  ! first along what is known of it from the ends of the step.
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -153,22 +152,22 @@ contains
         self%h = x%last%h
         self%y0(:) = x%last_y
         self%y1(:) = x%y(:, 0)
-        self%field(:, 1) = x%last_slope
-        self%field(:, 2) = x%slope
+        self%vectors(:, 1) = x%last_slope
+        self%vectors(:, 2) = x%slope
       else
         self%t0 = x%t
         self%h = x%t_end - x%t
         self%y0(:) = x%y(:, 0)
         self%y1(:) = x%y(:, x%result)
-        self%field(:, 1) = x%slope
-        self%field(:, 2) = x%end_slope
+        self%vectors(:, 1) = x%slope
+        self%vectors(:, 2) = x%end_slope
       end if
     end associate
     if (size(x%joints%impulse) > 0) then            ! slopes are forces alone
-      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%field(:, 1), &
+      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%vectors(:, 1), &
                                  status)
       if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
-                                                         .true., x%interpolant%field(:, 2), status)
+                                                .true., x%interpolant%vectors(:, 2), status)
       if (status /= finished) then
         call fail(x, status, x%interpolant%t0)
         return
@@ -190,7 +189,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: h
     real(wp), allocatable :: flows(:)
-    real(wp), allocatable :: v(:, :)         ! of all flows
+    real(wp), allocatable :: v(:, :)         ! coefficients of all flows
     integer :: path
 
     allocate (flows(0))
@@ -218,7 +217,6 @@ contains
     end if
   end subroutine advance_interpolant
 
-  ! Moves to the next node and requests the coefficients there.
   subroutine request_node(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
@@ -229,7 +227,6 @@ contains
                  x%interpolant%y, phase_node_received)
   end subroutine request_node
 
-  ! Stores the coefficients at a node.
   subroutine receive_node(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -291,7 +288,6 @@ contains
     call begin_next_step(x, t, y, ended)
   end subroutine store_until
 
-  ! Starts the next step at time t and point y.
   subroutine begin_next_step(x, t, y, ended)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t

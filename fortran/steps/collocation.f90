@@ -19,9 +19,7 @@ module collocation_m
   use requests_m, only: reject_stage, request
   use trajectory_m
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
-  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, &
-                            outside_jacobian, raised, solve_operation, stages_not_solved, &
-                            step_too_long
+  use shared_numbers
   implicit none
   private
   public :: converges_fast, filtered, keep_step, receive_collocation, receive_column, refactor, &
@@ -147,10 +145,10 @@ contains
   end subroutine factor
 
   ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
-  subroutine solve(x, columns, b)
+  subroutine solve(x, count, b)
     type(trajectory_t), intent(in) :: x
-    integer, intent(in) :: columns
-    real(wp), intent(inout) :: b(size(x%work), columns)
+    integer, intent(in) :: count
+    real(wp), intent(inout) :: b(size(x%work), count)
     complex(wp) :: solution(size(x%work))
     real(wp) :: numbers(size(b))
     integer :: info
@@ -160,7 +158,7 @@ contains
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
         b = reshape(numbers, shape(b))
-      else if (columns == 1) then
+      else if (count == 1) then
         call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
       else
         solution = cmplx(b(:, 1), b(:, 2), wp)
@@ -249,11 +247,11 @@ contains
         / max(maxval(x%work), maxval(abs(x%collocation%z + dz)), tiny(1.0_wp))
       return
     end if
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%work, x%norms%scale)
     correction_norm = 0.0_wp
     do i = 1, size(dz, 2)
-      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%space%v)
-      correction_norm = hypot(correction_norm, norm(x%tolerances, x%space%v, x%space%scale))
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%norms%v)
+      correction_norm = hypot(correction_norm, norm(x%tolerances, x%norms%v, x%norms%scale))
     end do
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
@@ -399,7 +397,7 @@ contains
     x%collocation%last = x%f(:, 2:)
     x%collocation%last_h = x%h
     x%collocation%fresh = .false.
-    x%collocation%moved = .false.
+    x%collocation%replaced = .false.
     x%collocation%has_jacobian = converges_fast(x)
   end subroutine keep_step
 

@@ -1,12 +1,12 @@
 ! Step size control. With the error e of a step of size h in tolerances, and e_last, h_last of the
 ! step before, the next size is
 !
-!   0.9 h (e^-0.7 e_last^0.4)^exponent                              (PI controller),
-!   0.9 h e^-exponent min(1, h / h_last (e_last / e)^exponent)      (predictive one of Gustafsson),
+!   0.9 h (e^-0.7 e_last^0.4)^exponent                                            (PI controller),
+!   0.9 h (2 m + 1) / (2 m + n) e^-exponent min(1, h / h_last (e_last / e)^exponent)   (predictive),
 !
-! the latter for collocation methods, where few rejections matter more than smooth sizes: Hairer,
-! Wanner, "Solving Ordinary Differential Equations II", sections IV.2 and IV.8. The first size is
-! that of volume I, section II.4.
+! the predictive controller of Gustafsson after n of at most m Newton iterations of a collocation
+! method, where few rejections matter more than smooth sizes: Hairer, Wanner, "Solving Ordinary
+! Differential Equations II", sections IV.2 and IV.8. The first size is that of volume I, II.4.
 module controller_m
   use kinds, only: wp
   use shared_numbers
@@ -19,7 +19,7 @@ module controller_m
   ! of the factored matrices.
   real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
-  integer, parameter :: max_iterations = 7             ! of Newton's method
+  integer, parameter :: max_iterations = 7             ! Newton iterations
 
 contains
 
@@ -40,8 +40,7 @@ contains
     real(wp), intent(in) :: exponent       ! power of an error that a step size is proportional to
 
     rejected_size = failure_factor * taken
-    if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) &
-      * taken
+    if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) * taken
   end function rejected_size
 
   ! The size after a shortened step: that proposed before it, as far as its error allows. An error
@@ -53,11 +52,10 @@ contains
     if (error > min_last_error) resumed_size = min(proposed, rejected_size(taken, error, exponent))
   end function resumed_size
 
-  ! Computes the size of the step after an accepted one.
   pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)
     real(wp), intent(in) :: taken, error, exponent
     logical, intent(in) :: after_rejection
-    real(wp), intent(inout) :: last_error  ! that of the accepted step before, then of this one
+    real(wp), intent(inout) :: last_error  ! error of the accepted step before, then of this one
     real(wp), intent(out) :: next          ! size of the next step
     real(wp) :: factor
 
@@ -76,7 +74,7 @@ contains
   pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
-    integer, intent(in) :: iterations      ! those of Newton's method
+    integer, intent(in) :: iterations      ! Newton iterations
     logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error
@@ -97,8 +95,8 @@ contains
     predicted_size = taken * factor
   end function predicted_size
 
-  ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
-  ! That may be due to a rejection; before one the smallest size is tried.
+  ! The size to try: at least the smallest one, unless a step was rejected; negative if it is below
+  ! that and doesn't lead to the end.
   pure real(wp) function tried_size(proposed, min_size, to_end, max_step, after_rejection)
     real(wp), intent(in) :: proposed, min_size, to_end, max_step
     logical, intent(in) :: after_rejection

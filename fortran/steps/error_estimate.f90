@@ -49,13 +49,12 @@ module error_estimate_m
 
 contains
 
-  ! Estimates the error of a step whose results are known.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
     real(wp) :: parts(2), change
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%space%work, x%space%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%work, x%norms%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
@@ -108,7 +107,7 @@ contains
   subroutine find_differences(x, errors)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)
-    real(wp), allocatable :: weight(:)       ! (columns) of the coefficients
+    real(wp), allocatable :: weight(:)       ! (summands)
     real(wp) :: error
     integer :: i, part, place
 
@@ -129,7 +128,7 @@ contains
           call raise(errors(2, place), norm_of_work(x))
           x%v(:, 1) = x%work                    ! the rest; all paths have been followed
         end if
-        ! of collocation methods request_error needs what the last pass leaves in x%work
+        ! request_error needs what the last pass of a collocation method leaves in x%work
         call combine(size(x%work), size(x%f, 2), weight, x%f, x%work)
         if (method%kind == collocation_kind) call filtered(x)
         call remove_isotropy(x%frame, x%y(:, x%result), x%work)
@@ -138,8 +137,8 @@ contains
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
         if (.not. method%in_parts .or. method%third == 0) cycle
-        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%space%work))
-        if (i == last) call raise(errors(2, place), distance(x, method%third, x%space%work))
+        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%norms%work))
+        if (i == last) call raise(errors(2, place), distance(x, method%third, x%norms%work))
       end do
     end associate
   end subroutine find_differences
@@ -155,7 +154,7 @@ contains
   ! Raises the error of a step of a Magnus method where differences may vanish by chance.
   subroutine limit_change(x, rest)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: rest    ! that of e2
+    real(wp), intent(in) :: rest    ! the rest of e2
     real(wp) :: change
     integer :: i
 
@@ -234,20 +233,20 @@ contains
     real(wp), intent(in), optional :: known(:)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%space%v)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%v)
     else
-      x%space%v(:) = x%y(:, x%result) - x%y(:, path)
+      x%norms%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(known)) x%space%v(:) = x%space%v - known(:size(x%space%v))
-    distance = norm(x%tolerances, x%space%v, x%space%scale)
+    if (present(known)) x%norms%v(:) = x%norms%v - known(:size(x%norms%v))
+    distance = norm(x%tolerances, x%norms%v, x%norms%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
   real(wp) function norm_of_work(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%space%work)
-    norm_of_work = norm(x%tolerances, x%space%work, x%space%scale)
+    call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%norms%work)
+    norm_of_work = norm(x%tolerances, x%norms%work, x%norms%scale)
   end function norm_of_work
 
 end module error_estimate_m

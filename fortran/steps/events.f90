@@ -5,7 +5,7 @@ module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate, member_data_t, vector_field_t
+  use inputs_m, only: evaluate, member_data_t, rhs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
@@ -25,8 +25,8 @@ module events_m
 
   type :: observer_t
     integer :: count = 0                     ! numbers at a time
-    type(vector_field_t) :: field            ! calls the function in Python
-    type(events_t) :: functions              ! those in C
+    type(rhs_t) :: rhs            ! calls the function in Python
+    type(events_t) :: functions              ! functions in C
   contains
     procedure :: observe
   end type observer_t
@@ -72,7 +72,6 @@ contains
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 
-  ! Evaluates the point after a jump.
   subroutine event_jump(self, member, event, t, y, after, flag)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -86,7 +85,6 @@ contains
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
-  ! Evaluates the functions at a point.
   subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
     integer, intent(in) :: member            ! from 1
@@ -98,8 +96,8 @@ contains
     logical :: failed
 
     if (self%functions%count == 0) then
-      self%field%member = member
-      call evaluate(self%field, size(y), self%count, t, y, values, flag)
+      self%rhs%member = member
+      call evaluate(self%rhs, size(y), self%count, t, y, values, flag)
       if (flag /= 0) status = raised
     end if
     do i = 1, self%functions%count

@@ -27,13 +27,11 @@ module heat_bath_m
 
 contains
 
-  ! Lets the momenta of a point exchange heat for a time.
   subroutine exchange_heat(record, frame, member, t, time, y)
-    type(record_t), intent(in) :: record     ! of the run, with gamma and k_B T of the bath
+    type(record_t), intent(in) :: record     ! record of the run, with gamma and k_B T of the bath
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: member            ! its number in the run, from 1
-    real(wp), intent(in) :: t                ! that of the step
-    real(wp), intent(in) :: time
+    integer, intent(in) :: member            ! number in the run, from 1
+    real(wp), intent(in) :: t, time          ! t: of the step; time: that of the exchange
     real(wp), intent(inout) :: y(frame%point_size)
     real(wp) :: noise(frame%forces + 3), kept, deviation
     integer(int64) :: tick

@@ -82,7 +82,7 @@ contains
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1) then
         flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
-        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then          ! it is explicit
+        if (method%flows%stage(method%flows%first(flow)) /= x%stage) then      ! explicit
           x%f(:, x%stage) = x%request%answer
           call next_block(x)
           return
@@ -93,7 +93,7 @@ contains
       else
         associate (row => (x%stage - solver%first) * n)
           solver%lu(row + 1:row + n, solver%column, block) = &
-            (solver%value(:, x%stage) - x%request%answer) / solver%moved
+            (solver%value(:, x%stage) - x%request%answer) / solver%displacement
         end associate
       end if
       x%stage = x%stage + 1
@@ -104,7 +104,7 @@ contains
       if (info /= 0) then
         call give_up(x, block)
       else if (solver%column > 0) then
-        call move_unknown(x)
+        call displace_unknown(x)
       else
         call correct(x, block)
       end if
@@ -121,12 +121,13 @@ contains
     info = 0
     associate (solver => x%implicit, n => size(x%f, 1))
       if (solver%column > 0) then
-        x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%old
+        x%f(1 + mod(solver%column - 1, n), solver%first + &
+            (solver%column - 1) / n) = solver%undisplaced
         solver%column = solver%column + 1
       else if (.not. (solver%fixed_point .or. solver%factored_h(block) == x%h)) then
         x%counts%njev = x%counts%njev + 1
         solver%column = 1
-        solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
+        solver%factored_h(block) = 0.0_wp              ! columns overwrite the factors
       end if
       if (solver%column <= size(solver%lu, 1)) return
       call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
@@ -136,19 +137,19 @@ contains
     end associate
   end subroutine prepare_correction
 
-  ! Moves the unknown of a column of the Jacobian.
-  subroutine move_unknown(x)
+  ! Displaces the unknown of a column of the Jacobian.
+  subroutine displace_unknown(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: scale(size(x%f, 1))
 
     associate (solver => x%implicit, i => 1 + mod(x%implicit%column - 1, size(x%f, 1)), &
                stage => x%implicit%first + (x%implicit%column - 1) / size(x%f, 1))
       call scale_of(x, x%f(:, stage), scale)
-      solver%old = x%f(i, stage)
-      x%f(i, stage) = solver%old + sqrt(epsilon(1.0_wp)) * scale(i)
-      solver%moved = x%f(i, stage) - solver%old
+      solver%undisplaced = x%f(i, stage)
+      x%f(i, stage) = solver%undisplaced + sqrt(epsilon(1.0_wp)) * scale(i)
+      solver%displacement = x%f(i, stage) - solver%undisplaced
     end associate
-  end subroutine move_unknown
+  end subroutine displace_unknown
 
   ! The scale of coefficients: their absolute values, but at least what moves the point by about the
   ! size of its coordinates
@@ -216,7 +217,6 @@ contains
     end associate
   end subroutine correct
 
-  ! Discards the factors and rejects the step.
   subroutine give_up(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block

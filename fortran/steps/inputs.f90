@@ -4,15 +4,16 @@
 ! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
 ! equal steps are those of a grid, whose last step may be shorter.
 module inputs_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
-       c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, &
+                                         c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
+  use shared_numbers, only: input_record_t
   use vectors_m, only: nan
   implicit none
   private
   public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, &
-            vector_field_t
+            rhs_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
@@ -20,14 +21,11 @@ module inputs_m
     integer(int64) :: steps = 0
   end type grid_t
 
-  ! The data that functions in C get of a member
+  ! The data of members, which functions in C get
   type :: member_data_t
-    integer(c_intptr_t) :: address = 0       ! of those of the first member, 0 for none
+    integer(c_intptr_t) :: address = 0       ! address of the first member's data, 0 for none
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's to the next
-    ! inputs, which are written into the data. Of each curve: powers, pieces, width, first place in
-    ! the data of a member, addresses of the starts of the pieces and of the coefficients (width,
-    ! pieces, powers), and the bytes from the coefficients of one member to those of the next
-    integer(c_int64_t), pointer, contiguous :: inputs(:, :) => null()  ! (7, curves)
+    type(input_record_t), pointer, contiguous :: inputs(:) => null()   ! are written into the data
   contains
     procedure :: at => data_at
   end type member_data_t
@@ -45,11 +43,11 @@ module inputs_m
 
   procedure(rhs_i), bind(c) :: call_python_rhs         ! in python_rhs.c: functions of Python
 
-  type :: vector_field_t
-    procedure(rhs_i), pointer, nopass :: rhs => null()
-    integer :: member = 1                    ! that the point belongs to
+  type :: rhs_t
+    procedure(rhs_i), pointer, nopass :: function => null()
+    integer :: member = 1                    ! the member that the point belongs to
     type(member_data_t) :: data
-  end type vector_field_t
+  end type rhs_t
 
 contains
 
@@ -104,17 +102,18 @@ contains
     real(wp) :: s
     integer :: i, j, k, piece
 
-    do i = 1, size(self%inputs, 2)
-      associate (row => int(self%inputs(:4, i)), address => self%inputs(5:6, i))
-        call c_f_pointer(transfer(address(1), c_null_ptr), starts, [row(2)])
-        call c_f_pointer(transfer(address(2) + int(member - 1, c_intptr_t) * self%inputs(7, i), &
-                                  c_null_ptr), coefficients, [row(3), row(2), row(1)])
-        call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
+    do i = 1, size(self%inputs)
+      associate (input => self%inputs(i))
+        call c_f_pointer(transfer(input%starts, c_null_ptr), starts, [input%pieces])
+        call c_f_pointer(transfer(input%coefficients + int(member - 1, c_intptr_t) * input%stride, &
+                                  c_null_ptr), coefficients, &
+                         [input%width, input%pieces, input%powers])
+        call c_f_pointer(transfer(data + 8 * input%place, c_null_ptr), values, [input%width])
         piece = last_before(starts, t)
         s = t - starts(piece)
-        do j = 1, row(3)                     ! of whole arrays, pointers, the compiler makes copies
-          values(j) = coefficients(j, piece, row(1))
-          do k = row(1) - 1, 1, -1
+        do j = 1, int(input%width)           ! of whole arrays, pointers, the compiler makes copies
+          values(j) = coefficients(j, piece, int(input%powers))
+          do k = int(input%powers) - 1, 1, -1
             values(j) = coefficients(j, piece, k) + s * values(j)
           end do
         end do
@@ -149,30 +148,32 @@ contains
 
     max_step_at = huge(max_step_at)
     if (size(limits, 2) == 0) return
-    i = last_before(limits(1, :), t)
-    if (direction < 0 .and. i > 1 .and. .not. limits(1, i) < t) i = i - 1
-    max_step_at = limits(2, i)
-    do
-      next = i + merge(1, -1, direction > 0)
-      if (next < 1 .or. next > size(limits, 2)) return
-      ahead = abs(limits(1, max(i, next)) - t)
-      if (ahead >= max_step_at) return
-      max_step_at = min(max_step_at, max(limits(2, next), ahead))
-      i = next
-    end do
+    associate (begins => limits(1, :), largest => limits(2, :))
+      i = last_before(begins, t)
+      if (direction < 0 .and. i > 1 .and. .not. begins(i) < t) i = i - 1
+      max_step_at = largest(i)
+      do
+        next = i + merge(1, -1, direction > 0)
+        if (next < 1 .or. next > size(begins)) return
+        ahead = abs(begins(max(i, next)) - t)
+        if (ahead >= max_step_at) return
+        max_step_at = min(max_step_at, max(largest(next), ahead))
+        i = next
+      end do
+    end associate
   end function max_step_at
 
-  ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
-  ! array descriptors take as long as a short loop.
+  ! Evaluates a right-hand side. Coefficients that it doesn't write are NaN. Shapes are explicit,
+  ! since array descriptors take as long as a short loop.
   subroutine evaluate(self, n, m, t, y, f, flag)
-    type(vector_field_t), intent(in) :: self
+    type(rhs_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
     real(wp), intent(in) :: t, y(n)
     real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag                   ! nonzero stops the integration
 
     f = nan
-    flag = self%rhs(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
+    flag = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
   end subroutine evaluate
 
 end module inputs_m

@@ -15,11 +15,11 @@
 ! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
 ! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
-! Where the fields don't span all directions there may be no such v. That of the nearest tangent
-! removes the leading error of P too, whose direction is a combination of fields; what is left of y1
-! - y(1) is of the order of the errors of y1 and y. Where there are many, that of least norm may be
-! far from the error of P, and matters where isotropy turns much within the step, as near singular
-! matrices. There v composes in the group the flows to z(1), backward, and those of the step.
+! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
+! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order
+! of the errors of y1 and y. Where there are many v, the shortest one may be far from the error of P
+! if isotropy turns much within the step, as near singular matrices. There v composes in
+! the group the flows to z(1), backward, and the flows of the step.
 !
 ! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
 ! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
@@ -62,14 +62,14 @@ module interpolant_m
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
-    ! (dimension, columns) those of h phi_d; or coefficients at nodes, and of the last flow
-    real(wp), allocatable :: field(:, :)
-    ! (dimension, derivatives) or (dimension, nodes) coefficients at the nodes of the next one
+    ! (dimension, vectors) those that h phi_d multiply; or f at nodes, then v of the last flow
+    real(wp), allocatable :: vectors(:, :)
+    ! (dimension, derivatives) k_j; or (dimension, nodes) f at nodes of the next interpolant
     real(wp), allocatable :: next(:, :)
   end type interpolant_t
 
   integer, parameter :: iterations = 20
-  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! its square is below rounding
+  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! with a square below rounding
 
 contains
 
@@ -82,12 +82,13 @@ contains
 
     self%frame => frame
     self%scheme => scheme
-    allocate (self%path(0), self%y0(frame%point_size), self%y1(frame%point_size), &
-              self%u(frame%dimension), self%y(frame%point_size), &
-              self%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
-              self%field(frame%dimension, scheme%columns), &
-              self%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
-              self%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
+    associate (n => frame%point_size, m => frame%dimension, derivatives => size(scheme%basis, 1))
+      allocate (self%path(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
+                self%weight(max(1, derivatives, size(scheme%basis, 2))), &
+                self%vectors(m, scheme%vectors), self%next(m, max(scheme%nodes, derivatives)), &
+                self%v(m, size(scheme%weight, 2) + 1), stat=memory)
+    end associate
+    if (memory == 0) self%vectors = 0.0_wp   ! all are stored, whether they are used or not
   end subroutine reserve_interpolant
 
   ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position
@@ -109,7 +110,7 @@ contains
     real(wp) :: v(self%frame%dimension)
 
     self%known = nodes
-    self%field(:, nodes + 1) = 0.0_wp
+    self%vectors(:, nodes + 1) = 0.0_wp
     reached = self%y0
     aim = self%y1
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
@@ -121,7 +122,7 @@ contains
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
     if (self%noisy) v(self%frame%forces + 1:) = 0.0_wp
-    if (all(abs(v) <= huge(v))) self%field(:, nodes + 1) = v
+    if (all(abs(v) <= huge(v))) self%vectors(:, nodes + 1) = v
     self%nexp = self%nexp + size(self%v, 2)
     self%node = 2
     self%complete = nodes == self%scheme%nodes
@@ -155,15 +156,15 @@ contains
     associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)
       call lagrange(self%scheme, n, begin, theta - begin, self%h, basis)
       do i = 1, last - 1
-        call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), self%field, &
-                     v(:, i))
+        call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), &
+                     self%vectors, v(:, i))
       end do
       w = 0.0_wp
       do i = n + 1, 0, -1
         w = w * theta + self%scheme%blend(i, n)
       end do
       if (self%noisy) w = theta - begin
-      v(:, last) = w * self%field(:, n + 1)
+      v(:, last) = w * self%vectors(:, n + 1)
       if (allocated(self%scheme%drift)) then
         call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
@@ -208,8 +209,8 @@ contains
                       .and. (self%scheme%flat .or. unique_flows)
     if (self%scheme%at_stages) then
       self%known = self%scheme%nodes
-      self%field(:, :self%scheme%nodes) = stages
-      self%field(:, self%scheme%nodes + 1) = 0.0_wp  ! there is no last flow
+      self%vectors(:, :self%scheme%nodes) = stages
+      self%vectors(:, self%scheme%nodes + 1) = 0.0_wp  ! there is no last flow
       return
     end if
     if (.not. self%on_algebra) then
@@ -217,7 +218,7 @@ contains
       return
     end if
     associate (k => self%next, final => self%scheme%final, h => self%h, &
-               first => self%field(:, 1), last => self%field(:, 2))
+               first => self%vectors(:, 1), last => self%vectors(:, 2))
       if (self%scheme%flat) then
         k(:, :size(stages, 2)) = stages
         self%known = max(size(stages, 2), final)
@@ -262,7 +263,7 @@ contains
     logical, intent(out) :: exists
     integer :: i
 
-    self%u = self%h * (self%field(:, 1) + self%field(:, 2)) / 2
+    self%u = self%h * (self%vectors(:, 1) + self%vectors(:, 2)) / 2
     do i = 1, iterations
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
@@ -285,8 +286,8 @@ contains
     logical, intent(in) :: exists            ! as from begin_interpolant
     type(interpolant_t), intent(inout) :: self
 
-    if (.not. self%on_algebra) return           ! it has two nodes already
-    self%field = 0.0_wp
+    if (.not. self%on_algebra) return           ! the interpolant has two nodes already
+    self%vectors = 0.0_wp
     call sum_terms(merge(3, 1, exists), self)
   end subroutine make_cubic
 
@@ -298,13 +299,12 @@ contains
 
     do d = 1, terms
       self%weight(:self%known) = self%h * self%scheme%basis(:self%known, d)
-      call combine(size(self%u), self%known, self%weight, self%next, self%field(:, d))
+      call combine(size(self%u), self%known, self%weight, self%next, self%vectors(:, d))
     end do
   end subroutine sum_terms
 
-  ! Computes the point of the next node.
   subroutine next_node(self, theta)
-    type(interpolant_t), intent(inout) :: self        ! its y becomes the point
+    type(interpolant_t), intent(inout) :: self        ! self%y becomes the point
     real(wp), intent(out) :: theta
 
     if (self%on_algebra) then
@@ -335,8 +335,8 @@ contains
       self%next(:, self%node) = f
       self%node = self%node + 1
       if (self%node < n) return
-      self%field(:, n) = self%field(:, self%known)
-      self%field(:, 2:n - 1) = self%next(:, 2:n - 1)
+      self%vectors(:, n) = self%vectors(:, self%known)
+      self%vectors(:, 2:n - 1) = self%next(:, 2:n - 1)
       call add_last_flow(n, self)
       return
     end if
@@ -353,7 +353,6 @@ contains
     flows_of_evaluation = merge(1, size(self%v, 2), self%on_algebra .or. self%scheme%at_stages)
   end function flows_of_evaluation
 
-  ! Evaluates the interpolant at a fraction of the step.
   subroutine evaluate_interpolant(self, theta, y)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta            ! 0 to 1
@@ -366,7 +365,7 @@ contains
       do d = 2, size(self%scheme%basis, 2)
         self%weight(d) = self%weight(d - 1) * merge(theta, 1 - theta, modulo(d, 2) == 1)
       end do
-      call combine(self%frame%dimension, size(self%scheme%basis, 2), self%weight, self%field, &
+      call combine(self%frame%dimension, size(self%scheme%basis, 2), self%weight, self%vectors, &
                    self%u)
       call apply_flows(self%frame, 1, self%u, y)
     else

@@ -1,8 +1,6 @@
 ! The loop over steps of one trajectory, as a state machine that can pause anywhere and be resumed.
-! The same loop serves functions in C of one point and vectorized functions.
-!
-! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
-! returns with a status (needs_rhs: coefficients at request%t and request%y; needs_events: values
+! Unless the right-hand side is vectorized, requests for coefficients are answered at once. Else
+! `resume` sets a status (needs_rhs: coefficients at request%t and request%y; needs_events: values
 ! of events at `query`; needs_maximum: of a number over all trajectories with common steps; paused)
 ! and is called again when the answer has been stored. The phase says where to continue.
 ! Phases follow each other as
@@ -47,7 +45,6 @@ contains
     end do
   end subroutine resume
 
-  ! Does what the phase asks for.
   subroutine advance(x, output, budget)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
@@ -109,7 +106,6 @@ contains
     end select
   end subroutine advance
 
-  ! Stores the coefficients at the start of a step.
   subroutine receive_slope(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -4,8 +4,7 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers, only: algebra_kind, collocation_kind, linear_kind, method_record_t, &
-       polynomial_kind, registers_kind, splitting_kind
+  use shared_numbers
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t
@@ -21,7 +20,7 @@ module method_m
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
-    integer :: columns = 0                   ! number of those of `field` of interpolant_t
+    integer :: vectors = 0                   ! number of vectors of an interpolant
     logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
@@ -41,18 +40,16 @@ module method_m
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind: by it step.f90 and paths.f90 choose
-    ! paths, in an order in which each can be followed when it is reached
-    ! (paths) the path to its start, 0 for the start of the step
-    integer, allocatable :: origin(:)
-    integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
+    ! paths, each after the path to its start
+    integer, allocatable :: origin(:)        ! (paths) that path, 0 for the start of the step
+    integer, allocatable :: path_first(:)    ! (paths + 1) first flow
     type(flow_sequence_t) :: flows           ! flows of all paths, with fields at the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
     ! results
     integer :: result = 0                    ! the path to it
-    integer :: embedded = 0                  ! the path to the second one of a pair
-    integer :: third = 0                     ! the path to a third one, 0 if there is none
+    integer :: embedded = 0, third = 0       ! the paths to a second and a third one, or 0
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
@@ -63,31 +60,28 @@ module method_m
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! power of a quotient, see error_estimate_m
     logical :: estimates_at_end = .false.    ! whether a stage at the end serves only the estimate
-    real(wp) :: factor = 1.0_wp              ! that of the second one in the quotient
-    ! weights of the stages in error estimates that need no flow
-    real(wp), allocatable :: error(:, :)     ! (columns, estimates)
-    ! weights of both sides of brackets of fields, which are columns after those of the stages
-    real(wp), allocatable :: bracket(:, :, :)  ! (columns, 2, brackets)
+    real(wp) :: factor = 1.0_wp              ! factor of the second estimate in the quotient
+    ! Summands are the coefficients at the stages, then their brackets.
+    real(wp), allocatable :: error(:, :)     ! (summands, estimates) of errors that need no flow
+    real(wp), allocatable :: bracket(:, :, :)          ! (summands, 2, brackets) of both sides
     type(scheme_t) :: scheme
   end type method_t
 
 contains
 
-  ! Makes a method from its record.
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
     type(transformation_t), pointer :: transformation
-    integer(c_int64_t) :: columns
+    integer(c_int64_t) :: summands
     integer :: k
 
     method = method_t(kind=int(record%kind), result=int(record%result), &
-                      embedded=int(record%embedded), third=int(record%third), &
-                      final_stage=int(record%final_stage), blocks=int(record%blocks), &
-                      uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
-                      power=int(record%power), estimates_at_end=record%power == 0, &
-                      factor=record%factor)
-    columns = record%stages + record%bracket_count
+      embedded=int(record%embedded), third=int(record%third), factor=record%factor, &
+      final_stage=int(record%final_stage), blocks=int(record%blocks), power=int(record%power), &
+      uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
+      estimates_at_end=record%power == 0)
+    summands = record%stages + record%bracket_count
     method%origin = int(reals(record%origin, record%paths))
     method%path_first = int(reals(record%path_first, record%paths + 1))
     method%flows%first = int(reals(record%flow_first, record%flows + 1))
@@ -99,9 +93,9 @@ contains
       method%a = reals(record%registers, record%stages)
       method%b = reals(record%registers + 8 * record%stages, record%stages)
     end if
-    method%error = reshape(reals(record%error, columns * record%errors), [columns, record%errors])
-    method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
-                             [columns, 2_c_int64_t, record%bracket_count])
+    method%error = reshape(reals(record%error, summands * record%errors), [summands, record%errors])
+    method%bracket = reshape(reals(record%brackets, 2 * summands * record%bracket_count), &
+                             [summands, 2_c_int64_t, record%bracket_count])
     if (method%kind == collocation_kind) then
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
@@ -124,11 +118,10 @@ contains
     type(scheme_t), intent(out) :: scheme
 
     associate (n => record%nodes, m => record%derivatives, stages => record%result_stages)
-      scheme = scheme_t(columns=int(max(record%degree, n + 1)), nodes=int(n), &
-                        at_stages=kind == polynomial_kind, &
-                        flat=any(kind == [algebra_kind, collocation_kind]), &
-                        final=int(record%final), series=int(record%output_series), &
-                        theta=reals(record%theta, record%further), c=reals(record%flow_c, stages))
+      scheme = scheme_t(vectors=int(max(record%degree, n + 1)), nodes=int(n), &
+        at_stages=kind == polynomial_kind, flat=any(kind == [algebra_kind, collocation_kind]), &
+        final=int(record%final), series=int(record%output_series), &
+        theta=reals(record%theta, record%further), c=reals(record%flow_c, stages))
       scheme%row = reshape(reals(record%rows, m * record%further), [m, record%further])
       scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
       allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))

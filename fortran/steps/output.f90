@@ -3,12 +3,15 @@
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
-  use interpolant_m, only: interpolant_t
   use events_m, only: observer_t
-  use shared_numbers, only: finished, out_of_memory, record_t
+  use frames_m, only: frame_t
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
+  use linear_action_m, only: inner_points_t
+  use method_m, only: scheme_t
+  use shared_numbers
   implicit none
   private
-  public :: output_t, store_interpolant, store_event, store_point, store_step
+  public :: evaluate_stored, output_t, store_interpolant, store_event, store_point, store_step
 
   type :: output_t
     type(record_t), pointer :: record => null()        ! what is stored, and numbers of rows
@@ -19,13 +22,10 @@ module output_m
     real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
     type(observer_t) :: observer
     integer :: status = finished             ! raised if the observer has failed, or out_of_memory
-    ! Rows are columns here. Time, point and observations at the end of a step, for a single
-    ! trajectory
-    real(wp), allocatable :: steps(:, :)
-    ! member; start, size and end of a step, 1 on an algebra; points at both ends; vectors
-    real(wp), allocatable :: interpolants(:, :)
-    ! member and event; time; points before and after
-    real(wp), allocatable :: events(:, :)
+    ! rows of the caller are columns here
+    real(wp), allocatable :: steps(:, :)     ! time, point and observations, of a single trajectory
+    real(wp), allocatable :: interpolants(:, :)        ! InterpolantColumn, points, coefficients
+    real(wp), allocatable :: events(:, :)              ! EventColumn, points
   end type output_t
 
 contains
@@ -49,19 +49,16 @@ contains
     used = used + 1
   end subroutine add_row
 
-  ! Stores the point at an output time.
   subroutine store_point(output, member, number, y)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, number              ! from 1
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
 
     if (associated(output%y)) output%y(:, member, number) = y
-    if (associated(output%observed)) &
-      call output%observer%observe(member, output%times(number), y, &
-                                   output%observed(:, member, number), output%status)
+    if (associated(output%observed)) call output%observer%observe( &
+      member, output%times(number), y, output%observed(:, member, number), output%status)
   end subroutine store_point
 
-  ! Stores the end of a step.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! the step's, from 1
@@ -83,7 +80,7 @@ contains
     end associate
   end subroutine store_step
 
-  ! Stores an interpolant.
+  ! Stores an interpolant in a row, which read_interpolant reads.
   subroutine store_interpolant(output, member, t_end, interpolant)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member                      ! from 1
@@ -92,14 +89,65 @@ contains
     type(interpolant_t), intent(in) :: interpolant
 
     call add_row(output, output%interpolants, output%record%interpolants)
-    if (output%status == finished) &
-      output%interpolants(:, output%record%interpolants) = &
-        [real(member, wp), interpolant%t0, interpolant%h, t_end, &
-         merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
-         interpolant%field]
+    if (output%status == finished) output%interpolants(:, output%record%interpolants) = &
+      [real(member, wp), interpolant%t0, interpolant%h, t_end, &
+       merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
+       interpolant%vectors]
   end subroutine store_interpolant
 
-  ! Stores an event.
+  ! Reads an interpolant from its row, as far as it is evaluated.
+  subroutine read_interpolant(row, interpolant)
+    real(wp), intent(in) :: row(:)
+    type(interpolant_t), intent(inout) :: interpolant
+
+    associate (n => size(interpolant%y0), points => row(interpolant_columns + 1:))
+      interpolant%h = row(interpolant_size)
+      interpolant%on_algebra = row(interpolant_on_algebra) > 0
+      interpolant%y0(:) = points(:n)
+      interpolant%y1(:) = points(n + 1:2 * n)
+      interpolant%vectors(:, :) = reshape(points(2 * n + 1:), shape(interpolant%vectors))
+    end associate
+  end subroutine read_interpolant
+
+  subroutine evaluate_stored(frame, scheme, rows, which, theta, y)
+    type(frame_t), target, intent(in) :: frame
+    type(scheme_t), target, intent(in) :: scheme
+    real(wp), intent(in) :: rows(:, :)       ! interpolants of output_t
+    integer, intent(in) :: which(:)          ! rows, from 0
+    real(wp), intent(in) :: theta(:)         ! fractions of their steps
+    real(wp), intent(inout) :: y(:, :)       ! points, left as they are if there isn't enough memory
+    integer, parameter :: max_inner = 32     ! points that one flow along a polynomial computes
+    type(interpolant_t) :: interpolant
+    type(inner_points_t) :: inner
+    integer :: i, k, last, memory
+
+    call reserve_interpolant(frame, scheme, interpolant, memory)
+    if (memory /= 0) return
+    interpolant%known = scheme%nodes
+    i = 1
+    k = 0
+    do while (i <= size(which))
+      if (k /= which(i) + 1) then
+        k = which(i) + 1
+        call read_interpolant(rows(:, k), interpolant)
+      end if
+      last = i
+      if (.not. theta(i) > 0) then
+        y(:, i) = interpolant%y0
+      else if (.not. theta(i) < 1) then
+        y(:, i) = interpolant%y1
+      else if (scheme%at_stages) then
+        last = min(size(which), i + max_inner - 1)
+        last = i - 2 + findloc([which(i:last) == which(i) .and. theta(i:last) < 1, .false.], &
+                               .false., 1)
+        call evaluate_inner(interpolant, inner, theta(i:last), y(:, i:last))
+      else
+        call evaluate_interpolant(interpolant, theta(i), y(:, i))
+      end if
+      i = last + 1
+    end do
+  end subroutine evaluate_stored
+
   subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event

@@ -31,8 +31,7 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
-                            registers_kind, splitting_kind, step_too_long
+  use shared_numbers
   use trajectory_m
   use vectors_m, only: copy
   implicit none
@@ -78,7 +77,7 @@ contains
     if (x%frame%jointed) call find_constraints(x, y)
     if (x%status /= finished) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
-               momenta => y(x%frame%momenta_offset + 1:))      ! and tangents
+               momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
         momenta = momenta + (kick_part * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
@@ -129,15 +128,15 @@ contains
         lambda = 2 * impulse(:, 1) - impulse(:, 2)
         do i = 1, iterations
           if (i > 1) call copy(size(y), start, y)
-          call constraint_impulse(linkage, here%slope, lambda, &
-                                  y(linkage%momenta_offset + 1:linkage%after))
+          call constraint_impulse(linkage, here%gradient, lambda, &
+                                  y(linkage%momenta_offset + 1:linkage%momenta_end))
           call drift(x%frame, time, y)
           x%counts%nexp = x%counts%nexp + 1
           call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
           if (failed) exit
-          if (linkage%own > 0) then
-            ahead%scale(linkage%rows + 1:) = here%scale(linkage%rows + 1:)
-            ahead%min_scale(linkage%rows + 1:) = here%min_scale(linkage%rows + 1:)
+          if (linkage%user_rows > 0) then
+            ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
+            ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
           end if
           if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit
@@ -258,7 +257,6 @@ contains
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
 
-  ! Stores the coefficients at a stage.
   subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists

@@ -1,8 +1,7 @@
-! Requests of a trajectory for coefficients of the right-hand side and for values of events. If the
-! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
-! is called again with the answer, so that one call can answer many trajectories. In the same way
-! values of events are requested if a function takes many members at a time; what needs them begins
-! again when they are known, and finds them among the answers.
+! Requests of a trajectory for coefficients of the right-hand side and for values of events. A
+! right-hand side of one point is called at once; for a vectorized one the loop returns with the
+! request and is called again with the answer, so that one call can answer many trajectories. So it
+! is for vectorized events; a phase that needs their values begins again when these are known.
 module requests_m
   use kinds, only: wp
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
@@ -38,9 +37,9 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A compiled field gets the point
+  ! Requests the coefficients at a point, for the phase `next`. A compiled function gets the point
   ! itself, since loads from a copy that was just written would stall. x%request%y keeps the
-  ! entries, which are restored if the field has overwritten them.
+  ! entries, which are restored if the function has overwritten them.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -54,12 +53,12 @@ contains
     x%counts%nfev = x%counts%nfev + 1
     call copy(size(y), y, x%request%y)
     if (x%problem%record%vectorized) return
-    x%problem%field%member = x%member
+    x%problem%rhs%member = x%member
     if (x%frame%derivatives) then
-      call evaluate(x%problem%field, size(y), size(y), x%request%t, y, x%request%slope, &
+      call evaluate(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
                     x%request%detail)
     else
-      call evaluate(x%problem%field, size(y), size(x%work), x%request%t, y, x%request%answer, &
+      call evaluate(x%problem%rhs, size(y), size(x%work), x%request%t, y, x%request%answer, &
                     x%request%detail)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
@@ -189,12 +188,14 @@ contains
     integer :: i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), before => 2 + x%frame%point_size + max(event, 1))
+    associate (query => x%query(:, :x%answered), &
+               before => query_numbers + x%frame%point_size + max(event, 1) - 1)
       if (x%answered > 0) &
-        k = findloc(nint(query(1, :)) == event .and. query(2, :) == theta, .true., 1)
+        k = findloc(nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, &
+                    .true., 1)
       if (k > 0) then
         values = query(before + 1:before + size(values), k)
-        if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(3, k))
+        if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(query_time, k))
         return
       end if
     end associate
@@ -204,7 +205,7 @@ contains
         if (x%queries == size(x%query, 2)) &          ! more capacity
           x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
         x%queries = x%queries + 1
-        x%query(:3 + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%query(:query_numbers + size(y), x%queries) = [real(event, wp), theta, t, y]
         x%status = needs_events
         return
       end if

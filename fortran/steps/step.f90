@@ -42,7 +42,6 @@ contains
     end select
   end subroutine request_stage
 
-  ! Stores the coefficients at a stage.
   subroutine receive_stage(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -75,7 +74,7 @@ contains
       times_asked = stages(x) - x%stage + 1
   end function times_asked
 
-  ! Gets these times.
+  ! Gets the times that times_asked counts.
   pure subroutine get_times(x, times)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(out) :: times(:)        ! (times_asked)
@@ -121,7 +120,7 @@ contains
       x%error = huge(1.0_wp)
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
       if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-          .and. (x%control%after_rejection .or. x%collocation%moved &
+          .and. (x%control%after_rejection .or. x%collocation%replaced &
                  .or. x%collocation%last_h == 0)) then
         call request_error(x)
       else
@@ -146,7 +145,7 @@ contains
     call request(x, x%t, y, phase_error_received)
   end subroutine request_error
 
-  ! Stores these coefficients and estimates the error again.
+  ! Stores the coefficients at the displaced start, and estimates the error again.
   subroutine receive_error(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -155,7 +154,6 @@ contains
     call share_error(x, x%error)
   end subroutine receive_error
 
-  ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error

@@ -15,8 +15,7 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
-            raised, resting_contact, splitting_kind, step_too_long, step_too_long_for_events
+  use shared_numbers
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private
@@ -41,44 +40,63 @@ module step_events_m
   real(wp), parameter :: same_time_tolerance = 32 * epsilon(1.0_wp)
   real(wp), parameter :: decided_by_rounding = sqrt(epsilon(1.0_wp))
 
+  ! The value of an event's function at a fraction of the step
+  type :: sample_t
+    real(wp) :: at = 0.0_wp, value = 0.0_wp
+    real(wp) :: rounding = 0.0_wp            ! rounding of the value, where it is needed
+  end type sample_t
+
 contains
+
+  ! Evaluates the function of an event at a fraction of the step, if its value is known.
+  subroutine evaluate(x, event, sample)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    type(sample_t), intent(inout) :: sample
+    real(wp) :: values(1)
+
+    values = sample%value
+    call evaluate_events(x, event, sample%at, values)
+    sample%value = values(1)
+  end subroutine evaluate
 
   ! Finds a zero of an event between two points, as far as there are values.
   subroutine find_zero(x, event, low, high, zero)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: low(2), high(2)  ! points, and values there, of opposite signs
+    type(sample_t), intent(in) :: low, high            ! with values of opposite signs
     real(wp), intent(out) :: zero
-    ! the last point, one on the other side of the zero, and the one that was replaced, with values
-    real(wp) :: a(2), b(2), c(2)
-    real(wp) :: new(2), part, min_part, xi, phi        ! part: of the way from a to b
+    ! the last point, one on the other side of the zero, the one that was replaced, and the next one
+    type(sample_t) :: a, b, c, new
+    real(wp) :: part, min_part, xi, phi                ! part: of the way from a to b
     integer :: i
 
     a = high
     b = low
-    zero = high(1)
+    zero = high%at
     part = 0.5_wp
     do i = 1, max_root_iterations
-      new(1) = a(1) + part * (b(1) - a(1))
-      call evaluate_events(x, event, new(1), new(2:))
+      new%at = a%at + part * (b%at - a%at)
+      call evaluate(x, event, new)
       if (x%status /= finished) exit
       c = b
-      if (new(2) * sign(1.0_wp, a(2)) > 0) then
+      if (new%value * sign(1.0_wp, a%value) > 0) then
         c = a
       else
         b = a
       end if
       a = new
-      zero = merge(a(1), b(1), abs(a(2)) < abs(b(2)))
-      min_part = tolerance * (abs(zero) + 1) / abs(b(1) - a(1)) / 2
-      if (min_part > 0.5_wp .or. a(2) == 0) exit
+      zero = merge(a%at, b%at, abs(a%value) < abs(b%value))
+      min_part = tolerance * (abs(zero) + 1) / abs(b%at - a%at) / 2
+      if (min_part > 0.5_wp .or. a%value == 0) exit
       ! where the inverse of a parabola through three points increases between them, its zero
-      xi = (a(1) - b(1)) / (c(1) - b(1))
-      phi = (a(2) - b(2)) / (c(2) - b(2))
+      xi = (a%at - b%at) / (c%at - b%at)
+      phi = (a%value - b%value) / (c%value - b%value)
       part = 0.5_wp
       if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
-        part = a(2) / (b(2) - a(2)) * c(2) / (b(2) - c(2)) &
-               + (c(1) - a(1)) / (b(1) - a(1)) * a(2) / (c(2) - a(2)) * b(2) / (c(2) - b(2))
+        part = a%value / (b%value - a%value) * c%value / (b%value - c%value) &
+               + (c%at - a%at) / (b%at - a%at) * a%value / (c%value - a%value) &
+                 * b%value / (c%value - b%value)
       part = min(1 - min_part, max(min_part, part))
     end do
   end subroutine find_zero
@@ -88,7 +106,7 @@ contains
   ! period is a wrap.
   pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
-    type(event_record_t), intent(in) :: row  ! of the table; its period is 0 without one
+    type(event_record_t), intent(in) :: row  ! the event's; the period is 0 without one
 
     crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
               .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
@@ -98,7 +116,7 @@ contains
   ! Whether an event ends the step, by a jump or since it is the last one
   pure elemental logical function ends_step(event, row)
     type(event_state_t), intent(in) :: event
-    type(event_record_t), intent(in) :: row  ! of the table
+    type(event_record_t), intent(in) :: row  ! the event's
 
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
@@ -107,7 +125,7 @@ contains
   ! are requested, the trajectory is left as it was. While the interpolant isn't complete, zeros are
   ! only detected: their times aren't computed.
   subroutine find_zeros(x)
-    type(trajectory_t), intent(inout) :: x   ! its zeros are set
+    type(trajectory_t), intent(inout) :: x   ! x%zeros are set
     type(event_state_t), allocatable :: events(:)
 
     if (x%problem%events%vectorized) events = x%events
@@ -123,8 +141,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: waits
     real(wp) :: middle(size(x%events))       ! values there
-    ! (0:parts), (events, 0:parts), (0:parts) values of one event
-    real(wp), allocatable :: theta(:), values(:, :), own(:)
+    real(wp), allocatable :: theta(:), of_event(:)     ! (0:parts) of_event: values of one event
+    real(wp), allocatable :: values(:, :)              ! (events, 0:parts)
     integer :: first, i, k, memory, n
 
     n = parts(x)
@@ -143,7 +161,7 @@ contains
       if (x%status /= finished) return
       if (all(keeps_sign(x%events, middle))) return
     end if
-    allocate (theta(0:n), own(0:n), values(size(x%events), 0:n), stat=memory)
+    allocate (theta(0:n), of_event(0:n), values(size(x%events), 0:n), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
       return
@@ -162,9 +180,9 @@ contains
     end do
     waits = .false.
     do i = 1, size(values, 1)
-      own(:) = values(i, :)
-      if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, own)
-      if (x%status == finished) call find_zeros_of_event(x, i, theta, own)
+      of_event(:) = values(i, :)
+      if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, of_event)
+      if (x%status == finished) call find_zeros_of_event(x, i, theta, of_event)
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
         x%status = finished
@@ -189,7 +207,7 @@ contains
 
   ! The number of parts whose ends are compared
   integer function parts(x)
-    type(trajectory_t), intent(inout) :: x   ! its work is free
+    type(trajectory_t), intent(inout) :: x   ! x%work is free
     real(wp) :: angle
     integer :: column
 
@@ -211,21 +229,21 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
-    real(wp) :: extremum(2)
+    type(sample_t) :: extremum
     integer :: k, last
     logical :: exists
 
     last = 0                                           ! part with a pair of zeros
     do k = 1, ubound(theta, 1)
-      call add_zero(x, event, [theta(k - 1), values(k - 1)], [theta(k), values(k)])
+      call add_zero(x, event, sample_t(theta(k - 1), values(k - 1)), sample_t(theta(k), values(k)))
       if (x%status /= finished .or. k == ubound(theta, 1)) return
       call find_turning_point(x, event, theta(k - 1:k + 1), values(k - 1:k + 1), extremum, exists)
       if (x%status /= finished) return
-      if (.not. exists .or. (extremum(1) < theta(k) .and. last == k)) cycle
-      last = merge(k, k + 1, extremum(1) < theta(k))
-      call add_zero(x, event, [theta(last - 1), values(last - 1)], extremum)
+      if (.not. exists .or. (extremum%at < theta(k) .and. last == k)) cycle
+      last = merge(k, k + 1, extremum%at < theta(k))
+      call add_zero(x, event, sample_t(theta(last - 1), values(last - 1)), extremum)
       if (x%status == finished) &
-        call add_zero(x, event, extremum, [theta(last), values(last)])
+        call add_zero(x, event, extremum, sample_t(theta(last), values(last)))
       if (x%status /= finished) return
     end do
   end subroutine find_zeros_of_event
@@ -239,7 +257,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: ends(3), values(3)
-    real(wp), intent(out) :: extremum(2)                ! the point, and the function there
+    type(sample_t), intent(out) :: extremum
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
@@ -250,13 +268,12 @@ contains
     detects = .not. x%interpolant%complete
     theta = ends
     v = abs(values)
-    extremum = 0.0_wp
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
-      call minimise_parabola(theta, v, extremum(1), nearest, bends)
+      call minimise_parabola(theta, v, extremum%at, nearest, bends)
       if (.not. bends) return
-      associate (at => extremum(1))
+      associate (at => extremum%at)
         near = margin * (maxval(v) - minval(v))
         lies_within = at > theta(1) .and. at < theta(3)
         if (.not. (lies_within .and. (detects .or. nearest <= minval(v) / 2))) then
@@ -269,21 +286,20 @@ contains
         end if
         ! in detection the sign alone counts: any value of the other sign, without a call
         exists = detects .and. min(nearest, minval(v)) < near
-        extremum(2) = -values(1)
+        extremum%value = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
-        call evaluate_events(x, event, at, extremum(2:))
+        call evaluate(x, event, extremum)
         if (x%status /= finished) return
-        exists = extremum(2) * sign(1.0_wp, values(1)) <= 0
+        exists = extremum%value * sign(1.0_wp, values(1)) <= 0
         if (exists) return
-        call narrow(theta, v, at, abs(extremum(2)))
+        call narrow(theta, v, at, abs(extremum%value))
       end associate
     end do
   end subroutine find_turning_point
 
-  ! Finds the minimum of the parabola through three values.
   pure subroutine minimise_parabola(theta, v, at, minimum, bends)
     real(wp), intent(in) :: theta(3), v(3)
-    real(wp), intent(out) :: at, minimum               ! its place, and the value there
+    real(wp), intent(out) :: at, minimum               ! place of the minimum, and the value there
     logical, intent(out) :: bends                      ! whether there is one
     real(wp) :: first, second
 
@@ -301,16 +317,16 @@ contains
   pure subroutine narrow(theta, v, at, value)
     real(wp), intent(inout) :: theta(3), v(3)
     real(wp), intent(in) :: at, value
-    real(wp) :: inner(2, 2)
+    type(sample_t) :: inner(2)
 
-    inner = reshape([theta(2), v(2), at, value], [2, 2])
-    if (at < theta(2)) inner = inner(:, 2:1:-1)
-    if (inner(2, 1) < inner(2, 2)) then
-      theta(2:) = inner(1, :)
-      v(2:) = inner(2, :)
+    inner = [sample_t(theta(2), v(2)), sample_t(at, value)]
+    if (at < theta(2)) inner = inner(2:1:-1)
+    if (inner(1)%value < inner(2)%value) then
+      theta(2:) = inner%at
+      v(2:) = inner%value
     else
-      theta(:2) = inner(1, :)
-      v(:2) = inner(2, :)
+      theta(:2) = inner%at
+      v(:2) = inner%value
     end if
   end subroutine narrow
 
@@ -319,14 +335,13 @@ contains
   subroutine add_zero(x, event, low, high)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: low(2), high(2)            ! points, and the values there
+    type(sample_t), intent(in) :: low, high
     real(wp) :: zero
 
-    if (.not. crosses(low(2), high(2), x%problem%events%table(event))) return
-    zero = high(1)
-    if (high(2) /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
-    x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, &
-                                             merge(-1, 1, low(2) < 0))]
+    if (.not. crosses(low%value, high%value, x%problem%events%table(event))) return
+    zero = high%at
+    if (high%value /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
+    x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, merge(-1, 1, low%value < 0))]
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
@@ -345,8 +360,9 @@ contains
     ! A line has the power 1, a body that lies on the floor falls by the power 2. `passes` ends the
     ! search early, `rests` is halfway between them.
     real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
-    real(wp), allocatable :: near(:, :)      ! (3, points) ever nearer, the function, its rounding
-    real(wp) :: elapsed, point(3)
+    type(sample_t), allocatable :: near(:)   ! at points ever nearer to the start
+    type(sample_t) :: point
+    real(wp) :: elapsed
     integer :: first, k, last
 
     associate (state => x%events(event), n => ubound(theta, 1), &
@@ -362,23 +378,23 @@ contains
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
-      near = reshape([(theta(k), values(k), rounding_at(x, event, theta(k), values(n)), &
-                       k=last, first, -1)], [3, last - first + 1])
+      near = [(sample_t(theta(k), values(k), rounding_at(x, event, theta(k), values(n))), &
+               k=last, first, -1)]
       elapsed = abs((x%t - state%time) / x%h)
       do k = 1, halvings
-        point(1) = theta(first) * 0.5_wp**k
+        point%at = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
-        if (point(1) < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
-        call evaluate_events(x, event, point(1), point(2:2))
+        if (point%at < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
+        call evaluate(x, event, point)
         if (x%status /= finished) return
-        point(3) = rounding_at(x, event, point(1), values(n))
-        if (abs(point(2)) <= point(3)) exit
-        if (point(2) * side > 0) then
-          if (first == 1) call add_zero(x, event, point(:2), [theta(1), values(1)])
+        point%rounding = rounding_at(x, event, point%at, values(n))
+        if (abs(point%value) <= point%rounding) exit
+        if (point%value * side > 0) then
+          if (first == 1) call add_zero(x, event, point, sample_t(theta(1), values(1)))
           state%came_from = 0
           return
         end if
-        near = reshape([near, point], [3, size(near, 2) + 1])
+        near = [near, point]
       end do
       associate (power => power_of(elapsed, near, 1))
         if (power < 0) return
@@ -396,22 +412,22 @@ contains
   ! there are too few.
   pure real(wp) function power_of(elapsed, near, powers)
     real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
-    real(wp), intent(in) :: near(:, :)       ! (3, points)
+    type(sample_t), intent(in) :: near(:)
     integer, intent(in) :: powers
-    real(wp) :: times(size(near, 2)), ratio
+    real(wp) :: times(size(near)), ratio
     integer :: j, k
 
-    times = elapsed + near(1, :)
+    times = elapsed + near%at
     power_of = -1.0_wp
     do k = size(times), size(times) - powers + 1, -1
       ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
-      ratio = exp(near(3, k) / abs(4 * near(2, k)))
+      ratio = exp(near(k)%rounding / abs(4 * near(k)%value))
       j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
       if (j == 0) then
         power_of = merge(power_of, huge(power_of), powers == 1)
         return
       end if
-      power_of = max(power_of, log(near(2, j) / near(2, k)) / log(times(j) / times(k)))
+      power_of = max(power_of, log(near(j)%value / near(k)%value) / log(times(j) / times(k)))
     end do
   end function power_of
 
@@ -431,7 +447,7 @@ contains
   ! Stores zeros in the order of their times, up to the first one that ends the step. The status
   ! tells whether a function has failed.
   subroutine store_zeros(x, output, until, ended, after)
-    type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
+    type(trajectory_t), intent(inout) :: x    ! places of x%zeros become 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
@@ -470,7 +486,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
     logical, intent(inout) :: happen(:)                ! (zeros)
-    real(wp) :: value(1)
+    type(sample_t) :: sample
     integer :: k
 
     associate (zeros => x%zeros, t => time_at(x, until))
@@ -479,12 +495,13 @@ contains
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + same_time_tolerance
         if (happen(k)) cycle
-        call evaluate_events(x, zeros(k)%event, until, value)
+        sample%at = until
+        call evaluate(x, zeros(k)%event, sample)
         if (x%status /= finished) return
-        happen(k) = value(1) * real(zeros(k)%from, wp) <= 0 &
+        happen(k) = sample%value * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= resolution(t)
         ! its zero is yet to come, and isn't another event
-        if (happen(k)) x%events(zeros(k)%event)%residual = value(1)
+        if (happen(k)) x%events(zeros(k)%event)%residual = sample%value
       end do
     end associate
   end subroutine find_together

@@ -1,12 +1,9 @@
-! Starts segments, and chooses the sizes of steps.
-! A segment is the time between two breakpoints; the first size follows Hairer, Norsett, Wanner,
-! "Solving Ordinary Differential Equations I", section II.4.
+! Starts segments, the times between two breakpoints, and chooses the sizes of steps; the first size
+! follows Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", section II.4.
 !
 ! Variable steps of symmetric methods that stay reversible: E. Hairer, G. Söderlind, "Explicit, time
-! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005).
-!
-! The user's function s of the configuration says how steps are to vary, h s. Their density is
-! carried along, from step to step,
+! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005). The user's function s of
+! the configuration says how steps vary, h s. Their density is carried from step to step,
 !
 !   rho_(n + 1/2) = rho_(n - 1/2) - h d/dt log s(q_n),     step h / rho_(n + 1/2),
 !
@@ -22,8 +19,7 @@ module step_size_m
   use requests_m, only: evaluate_at_start, request, share
   use trajectory_m
   use vectors_m, only: copy
-  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
-                            splitting_kind, step_too_small, time_not_finite, too_many_steps
+  use shared_numbers
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, max_step_by_turn, &
@@ -70,11 +66,11 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%space%work, x%space%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%space%v)
-    x%control%norms(1) = norm(x%tolerances, x%space%v, x%space%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%space%v)
-    x%control%norms(2) = norm(x%tolerances, x%space%v, x%space%scale)
+    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%work, x%norms%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%norms%v)
+    x%control%norms(1) = norm(x%tolerances, x%norms%v, x%norms%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%v)
+    x%control%norms(2) = norm(x%tolerances, x%norms%v, x%norms%scale)
     if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
       call fail(x, slope_not_finite, x%t)
       return
@@ -86,28 +82,27 @@ contains
   subroutine request_curvature(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (moved => x%y(:, x%result))
+    associate (ahead => x%y(:, x%result))
       x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
-      call copy(size(moved), x%y(:, 0), moved)
+      call copy(size(ahead), x%y(:, 0), ahead)
       x%work = x%h * x%slope
-      call apply_flows(x%frame, 1, x%work, moved)
-      call restore(x%frame, moved)
+      call apply_flows(x%frame, 1, x%work, ahead)
+      call restore(x%frame, ahead)
       x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t + x%h, moved, phase_curvature_received)
+      call request(x, x%t + x%h, ahead, phase_curvature_received)
     end associate
   end subroutine request_curvature
 
-  ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%space%v)), curvature, first
+    real(wp) :: start_value(size(x%norms%v)), curvature, first
 
     first = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%space%v)
-      curvature = norm(x%tolerances, x%space%v - start_value, x%space%scale) &
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%v)
+      curvature = norm(x%tolerances, x%norms%v - start_value, x%norms%scale) &
                   / x%control%guessed_size
       first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))

@@ -1,5 +1,5 @@
-! The problem that a trajectory solves, and the state of the trajectory, which procedures of the
-! loop call x, and a lane of run_m, which integrates one after another, `lane`.
+! The problem that a trajectory solves, and the state of the trajectory. Procedures of the loop call
+! a trajectory x; in run_m it is a lane, which integrates one member after another.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
@@ -9,12 +9,10 @@ module trajectory_m
   use joints_m, only: constraints_t
   use linear_action_m, only: inner_points_t
   use method_m, only: method_t
-  use inputs_m, only: grid_t, vector_field_t
+  use inputs_m, only: grid_t, rhs_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
-                            outside_jacobian, paused, proposed_for_point, record_t, &
-                            registers_kind, splitting_kind, terminal_event
+  use shared_numbers
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
@@ -30,35 +28,39 @@ module trajectory_m
   ! coefficients or the shared number that it has received.
   enum, bind(c)
     enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
-                  phase_curvature_received, phase_size_shared, phase_choose_step, &
-                  phase_start_received, phase_next_stage, phase_stage_received, &
-                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_ends, &
-                  phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
-                  phase_column_received, phase_error_received, phase_detect_events, &
-                  phase_interpolant_start_received, phase_complete_step, phase_step_shared, &
-                  phase_ended
+      phase_curvature_received, phase_size_shared, phase_choose_step, phase_start_received, &
+      phase_next_stage, phase_stage_received, phase_finish_step, phase_decide_step, &
+      phase_accepted, phase_request_ends, phase_end_received, phase_next_node, &
+      phase_node_received, phase_store_output, phase_column_received, phase_error_received, &
+      phase_detect_events, phase_interpolant_start_received, phase_complete_step, &
+      phase_step_shared, phase_ended
   end enum
 
+  ! Places of a query: its event, or 0 for all, the fraction of the step and the time
+  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
+
   type :: problem_t
-    type(record_t), pointer :: record => null()        ! its numbers, as Python passes them
-    type(frame_t) :: frame                   ! that of the plan, with the callback of this run
+    type(record_t), pointer :: record => null()        ! numbers and addresses from Python
+    type(frame_t) :: frame                   ! the frame of the plan, with the callback of this run
     type(method_t), pointer :: method => null()
     type(events_t) :: events
-    type(vector_field_t) :: field
+    type(rhs_t) :: rhs                       ! unless it is vectorized
     type(observer_t) :: step_function        ! how steps vary, see step_size_m
     logical :: adaptive = .false.
     type(tolerances_t) :: tolerances         ! for adaptive steps
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
-    ! points at output times within the step, of a method along polynomials
+    ! Points at output times within the step of one trajectory, its owner, by a method along
+    ! polynomials. All trajectories share this memory, which may be large, and compute their points
+    ! again after another one has used it.
     type(inner_points_t) :: inner
   end type problem_t
 
   ! What collocation_m keeps between steps, besides arrays
   type :: newton_state_t
     logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
-    logical :: moved = .false.               ! whether the point was replaced after the last step
+    logical :: replaced = .false.            ! whether the point was, after the last step
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
     real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
@@ -66,9 +68,9 @@ module trajectory_m
 
   ! The state of collocation_m
   type, extends(newton_state_t) :: collocation_t
-    integer :: column = 0                    ! that of the Jacobian that is evaluated next
+    integer :: column = 0                    ! the column of the Jacobian that comes next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
-    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! those of corrections
+    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! of corrections of z
     real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
     real(wp), allocatable :: z(:, :)         ! (dimension, 3)
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
@@ -82,8 +84,8 @@ module trajectory_m
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
-    integer :: column = 0                    ! that of the Jacobian that is evaluated, or 0
-    real(wp) :: old = 0.0_wp, moved = 0.0_wp ! value and change of its unknown
+    integer :: column = 0                    ! the column of the Jacobian that comes next, or 0
+    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! the unknown of this column
     real(wp) :: correction = 0.0_wp          ! the last one, relative
     real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
     real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
@@ -98,7 +100,7 @@ module trajectory_m
     real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: answer(:)       ! (dimension) coefficients
     real(wp), allocatable :: slope(:)        ! (point_size) a derivative
-    integer :: detail = 0                    ! what the field returned, or see `fail`
+    integer :: detail = 0                    ! what the right-hand side returned, or see `fail`
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
 
@@ -107,18 +109,18 @@ module trajectory_m
     real(wp) :: step_size = 0.0_wp           ! the next step's; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
-    integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
+    integer :: suspicion = 0                 ! of a discontinuity of f, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether a stop or a limit shortens the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(2) = 0.0_wp            ! those of point and slope, for the first size
+    real(wp) :: norms(2) = 0.0_wp            ! norms of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
   end type control_t
 
-  ! Workspace for error norms
-  type :: space_t
+  ! Workspace for norms of errors
+  type :: norms_t
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width)
-  end type space_t
+  end type norms_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
@@ -164,7 +166,7 @@ module trajectory_m
     integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
     type(control_t) :: control
     real(wp) :: h = 0.0_wp                   ! signed size of the step
-    real(wp) :: h_before = 0.0_wp            ! of the step of f_before, 0 where they aren't used
+    real(wp) :: h_before = 0.0_wp            ! size of the step of f_before, 0 without one
     logical :: events_known = .false.        ! whether values at the start of the step are
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
     type(last_step_t) :: last
@@ -175,13 +177,12 @@ module trajectory_m
     type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
-    integer :: member = 1
-    integer :: phase = phase_begin_segment
+    integer :: member = 1, phase = phase_begin_segment
     type(request_t) :: request
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
     integer :: segment = 1
-    type(space_t) :: space
+    type(norms_t) :: norms
     ! the step
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
@@ -189,18 +190,16 @@ module trajectory_m
     real(wp) :: t_end = 0.0_wp
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
-    ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
-    ! the register Z
+    ! Arrays that only some methods or callers need have no column for others.
+    ! (dimension, summands) see method_t; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
-    ! (dimension, columns) of a method on the algebra, what dexp^-1 has added to the coefficients
+    ! (dimension, summands) what dexp^-1 has added to f, of a method on the algebra
     real(wp), allocatable :: added(:, :)
-    ! coefficients at the nodes of the step before, of a Magnus method; of others no column, as in
-    ! arrays below that only some methods or callers need
-    real(wp), allocatable :: f_before(:, :)
+    real(wp), allocatable :: f_before(:, :)  ! f of the step before, of a Magnus method
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
-    real(wp), allocatable :: work(:)         ! (dimension) work space within a phase, and as said
+    real(wp), allocatable :: work(:)         ! (dimension) workspace; for request_error the error
     type(collocation_t) :: collocation            ! for a collocation method
     type(implicit_t) :: implicit         ! for another implicit method
     type(joints_t) :: joints
@@ -211,22 +210,21 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points were prepared
     type(event_state_t), allocatable :: events(:)
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
+    type(zero_t), allocatable :: zeros(:)    ! zeros within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
-    ! (3 + point_size + events, capacity) an event or 0 for all, the fraction of the step, time and
-    ! point, then the answer
+    ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
     real(wp), allocatable :: query(:, :)
-    real(wp), allocatable :: last_y(:), last_slope(:)  ! at the start of the last step, if kept
+    ! point and coefficients at the start of the last step, from which its interpolant is made again
+    real(wp), allocatable :: last_y(:), last_slope(:)
   end type trajectory_t
 
 contains
 
-  ! Allocates the memory of a trajectory.
   subroutine reserve_trajectory(problem, x, memory)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: blocks, columns, k, n, unknowns
+    integer :: blocks, k, n, summands, unknowns
 
     x%problem => problem
     x%frame => problem%frame
@@ -238,23 +236,21 @@ contains
                has_registers => problem%method%kind == registers_kind, &
                outside => problem%record%jacobian == outside_jacobian)
       x%result = merge(1, method%result, has_registers)
-      columns = merge(1, size(method%error, 1), has_registers)
+      summands = merge(1, size(method%error, 1), has_registers)
       k = problem%events%count
       n = 0
       if (problem%adaptive) n = size(problem%tolerances%atol)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, columns), &
-                x%request%y(frame%point_size), &
-                x%request%slope(merge(frame%point_size, 0, frame%derivatives)), &
-                x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
-                x%v(m, maxval([1, first(2:) - first(:paths)])), &
-                x%f_before(m, merge(columns, 0, method%uses_last_nodes)), &
-                x%added(m, merge(columns, 0, method%kind == algebra_kind .and. method%in_parts)), &
-                x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
-                                             method%kind == splitting_kind)), &
-                x%space%v(n), x%space%scale(n), x%space%work(n), x%events(k), &
-                x%query(3 + frame%point_size + k, 0), x%weight(size(method%flows%weight)), &
-                x%last_y(merge(frame%point_size, 0, record%keep_last)), &
-                x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
+      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, summands), &
+        x%request%y(frame%point_size), x%request%slope(merge(frame%point_size, 0, &
+        frame%derivatives)), x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
+        x%v(m, maxval([1, first(2:) - first(:paths)])), &
+        x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
+        x%added(m, merge(summands, 0, method%kind == algebra_kind .and. method%in_parts)), &
+        x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
+        method%kind == splitting_kind)), x%norms%v(n), x%norms%scale(n), x%norms%work(n), &
+        x%events(k), x%query(query_numbers + frame%point_size + k, 0), &
+        x%weight(size(method%flows%weight)), x%last_y(merge(frame%point_size, 0, &
+        record%keep_last)), x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
       if (memory /= 0) return
       x%added = 0.0_wp
       x%joints%impulse = 0.0_wp
@@ -266,7 +262,7 @@ contains
       allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
                 x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
                 x%collocation%complex_pivot(n), &
-                x%implicit%value(m, merge(0, columns, blocks == 0)), &
+                x%implicit%value(m, merge(0, summands, blocks == 0)), &
                 x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
                 x%implicit%factored_h(blocks), stat=memory)
       if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
@@ -319,9 +315,9 @@ contains
     x%joints%impulse = 0.0_wp
     x%implicit%factored_h = 0.0_wp
     x%collocation%fresh = .false.
-    x%collocation%moved = .false.
-    if (present(near)) x%collocation%moved = near
-    if (.not. x%collocation%moved) &
+    x%collocation%replaced = .false.
+    if (present(near)) x%collocation%replaced = near
+    if (.not. x%collocation%replaced) &
       x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 
@@ -367,14 +363,13 @@ contains
     call move(c_loc(x%implicit%lu), bytes_of_real * size(x%implicit%lu))
     call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot) / 8 * size(x%implicit%pivot))
     if (.not. restores) return
-    x%last%cut = .false.                     ! its interpolant isn't saved
+    x%last%cut = .false.                     ! the interpolant isn't saved
     status = x%status
     call continue_trajectory(x, .false.)
     if (status == terminal_event) x%status = status
 
   contains
 
-    ! Copies some bytes, or restores them.
     subroutine move(address, count)
       type(c_ptr), intent(in) :: address
       integer, intent(in) :: count
@@ -414,7 +409,6 @@ contains
     if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
   end function time_at
 
-  ! Ends a trajectory with an error.
   subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status

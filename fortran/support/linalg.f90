@@ -31,11 +31,9 @@ module linalg_m
     end subroutine residual_i
   end interface
 
-  ! Squares of numbers between these two neither underflow nor overflow in any
-  ! kind with at least the exponent range of single precision. They are
-  ! MINPACK's own figures: others would round differently near zero residuals.
-  real(wp), parameter :: rdwarf = 3.834e-20_wp
-  real(wp), parameter :: rgiant = 1.304e19_wp
+  ! MINPACK's numbers, since others would round differently near zero residuals: squares of numbers
+  ! between them neither underflow nor overflow in any kind with the exponents of single precision.
+  real(wp), parameter :: rdwarf = 3.834e-20_wp, rgiant = 1.304e19_wp
 
 contains
 
@@ -61,7 +59,6 @@ contains
     large_scale = 0
     small_scale = 0
     giant = rgiant / real(max(size(x), 1), wp)
-
     do i = 1, size(x)
       magnitude = abs(x(i))
       if (magnitude > rdwarf .and. magnitude < giant) then
@@ -72,7 +69,6 @@ contains
         call add_scaled(magnitude, large_scale, large)
       end if
     end do
-
     if (large <= 0 .and. ordinary <= 0) then
       norm = small_scale * sqrt(small)
     else if (large <= 0 .and. ordinary >= small_scale) then
@@ -116,7 +112,6 @@ contains
     rdiag = acnorm
     reference = acnorm
     ipvt = [(j, j=1, n)]
-
     do j = 1, min(m, n)
       k = j - 1 + maxloc(rdiag(j:), dim=1)
       if (k /= j) then
@@ -125,7 +120,6 @@ contains
         reference(k) = reference(j)
         ipvt([j, k]) = ipvt([k, j])
       end if
-
       norm = enorm(a(j:, j))
       if (norm > 0) then
         if (a(j, j) < 0) norm = -norm
@@ -167,9 +161,9 @@ contains
     end if
   end subroutine downdate
 
-  ! Given a P = Q R, minimises |a x - b|**2 + |D x|**2.
-  ! The triangle of `r` holds R and stays; its strict lower triangle returns
-  ! that of S^T, and `sdiag` S's diagonal, where P^T (a^T a + D**2) P = S^T S.
+  ! Given a P = Q R, minimises |a x - b|**2 + |D x|**2. The upper triangle of `r` holds R and stays.
+  ! With P^T (a^T a + D**2) P = S^T S the strict lower triangle returns that of S^T, and `sdiag` the
+  ! diagonal of S.
   subroutine qrsolv(r, ipvt, diag, qtb, x, sdiag, stop_flag)
     real(wp), intent(inout), contiguous :: r(:,:)  ! (>= n, n)
     integer, intent(in) :: ipvt(:)                 ! (n)
@@ -187,14 +181,12 @@ contains
       r(j:n, j) = r(j, j:n)
       rdiag(j) = r(j, j)
     end do
-
     do j = 1, n
       if (stop_requested(stop_flag)) return
       if (abs(diag(ipvt(j))) > 0) call rotate_in(j, diag(ipvt(j)), r, rhs, sdiag)
       sdiag(j) = r(j, j)
       r(j, j) = rdiag(j)
     end do
-
     rank = findloc([abs(sdiag) > 0, .false.], .false., 1) - 1
     rhs(rank + 1:) = 0
     do j = rank, 1, -1
@@ -227,7 +219,6 @@ contains
         cosine = 0.5_wp / sqrt(0.25_wp + 0.25_wp * ratio**2)
         sine = cosine * ratio
       end if
-
       r(k, k) = cosine * r(k, k) + sine * row(k)
       held = cosine * rhs(k) + sine * row_rhs
       row_rhs = -sine * rhs(k) + cosine * row_rhs
@@ -265,7 +256,6 @@ contains
       par = 0
       return
     end if
-
     lower = 0
     if (rank == n) then
       work = diag(ipvt) * (scaled(ipvt) / xnorm)
@@ -274,15 +264,12 @@ contains
       end do
       lower = newton_correction(work)
     end if
-
     work = [(dot_product(r(:j, j), qtb(:j)), j=1, n)] / diag(ipvt)
     gnorm = enorm(work)
     upper = gnorm / delta
     if (.not. upper > 0) upper = tiny(1.0_wp) / min(delta, 0.1_wp)
-
     par = min(max(par, lower), upper)
     if (.not. par > 0) par = gnorm / xnorm
-
     do iteration = 1, max_iterations
       if (.not. par > 0) par = max(tiny(1.0_wp), 0.001_wp * upper)
       call qrsolv(r, ipvt, sqrt(par) * diag, qtb, x, sdiag, stop_flag)
@@ -291,11 +278,9 @@ contains
       xnorm = enorm(scaled)
       previous = excess
       excess = xnorm - delta
-
       if (abs(excess) <= 0.1_wp * delta) exit
       if (.not. lower > 0 .and. excess <= previous .and. previous < 0) exit
       if (iteration == max_iterations) exit
-
       work = diag(ipvt) * (scaled(ipvt) / xnorm)
       do j = 1, n
         work(j) = work(j) / sdiag(j)

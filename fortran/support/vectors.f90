@@ -19,14 +19,12 @@ module vectors_m
       type(*), intent(in) :: alpha, beta, a(lda, *)          ! (lda, k)
       type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
     end subroutine syrk_i
-
     subroutine potrf_i(uplo, n, a, lda, info) bind(c)
       character, intent(in) :: uplo
       integer, intent(in) :: n, lda
       type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
       integer, intent(out) :: info
     end subroutine potrf_i
-
     subroutine potrs_i(uplo, n, nrhs, a, lda, b, ldb, info) bind(c)
       character, intent(in) :: uplo
       integer, intent(in) :: n, nrhs, lda, ldb
@@ -34,14 +32,12 @@ module vectors_m
       type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
       integer, intent(out) :: info
     end subroutine potrs_i
-
     subroutine getrf_i(m, n, a, lda, pivot, info) bind(c)
       integer, intent(in) :: m, n, lda
       type(*), intent(inout) :: a(lda, *)                    ! (lda, n)
       integer, intent(inout) :: pivot(*)                     ! (min(m, n))
       integer, intent(out) :: info
     end subroutine getrf_i
-
     subroutine getrs_i(trans, n, nrhs, a, lda, pivot, b, ldb, info) bind(c)
       character, intent(in) :: trans
       integer, intent(in) :: n, nrhs, lda, ldb, pivot(*)     ! (n)
@@ -49,14 +45,12 @@ module vectors_m
       type(*), intent(inout) :: b(ldb, *)                    ! (ldb, nrhs)
       integer, intent(out) :: info
     end subroutine getrs_i
-
     subroutine gemm_i(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc) bind(c)
       character, intent(in) :: transa, transb
       integer, intent(in) :: m, n, k, lda, ldb, ldc
       type(*), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)   ! (lda, k), (ldb, n)
       type(*), intent(inout) :: c(ldc, *)                    ! (ldc, n)
     end subroutine gemm_i
-
     subroutine syevd_i(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info) bind(c)
       character, intent(in) :: jobz, uplo
       integer, intent(in) :: n, lda, lwork, liwork
@@ -120,7 +114,6 @@ contains
     to = from
   end subroutine copy
 
-  ! The cross product
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)

@@ -17,6 +17,7 @@ from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, real_array, texts_of
 from cg.support.caches import ReadOnly, filled
+from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, source_method
 
@@ -26,25 +27,24 @@ class Interpolants:
     """The interpolants by which compiled code evaluates the solution within steps."""
 
     plan: Plan
-    # A row for each step: its member, from 1, increasing; start, signed size, end (an event may end
-    # the step before its full size), and 1 if the interpolant is in coordinates; points at both
-    # ends of the full step, as doubles; and the interpolant's vectors.
-    rows: Array
+    rows: Array  # `InterpolantColumn`, points as doubles, and vectors; members increase
 
     @property
     def ends(self) -> Array:
         """The times at which steps end."""
-        return self.rows[:, 3]
+        return self.rows[:, InterpolantColumn.END]
 
     def member(self, member: int) -> Interpolants:
         """Return the interpolants of one member."""
-        rows = slice(*np.searchsorted(self.rows[:, 0], [member + 1, member + 2]).tolist())
+        members = self.rows[:, InterpolantColumn.MEMBER]
+        rows = slice(*np.searchsorted(members, [member + 1, member + 2]).tolist())
         return Interpolants(self.plan, self.rows[rows])
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
         plan = self.plan
-        theta = np.clip((t - self.rows[which, 1]) / self.rows[which, 2], 0.0, 1.0)
+        start, size = InterpolantColumn.START, InterpolantColumn.SIZE
+        theta = np.clip((t - self.rows[which, start]) / self.rows[which, size], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
         if len(t) and plan.interpolant_vectors:

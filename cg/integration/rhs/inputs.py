@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, check_finite, real_array
+from cg.support.shared_records import INPUT, columns_of
 from cg.tables import MethodTable
 
 _ABSCISSA_ERROR = 1e-15  # largest one from rounding
@@ -81,18 +82,15 @@ class Inputs:
             return np.zeros((1, self.width))
         return np.concatenate([parameters, np.zeros((len(parameters), self.width))], axis=1)
 
-    def table(self, parameters: Array | None) -> NDArray[np.int64]:
-        """Return the table that ``fortran/steps/inputs.f90`` reads.
-
-        The values are written behind the parameters of a member.
-        """
-        first = 0 if parameters is None else parameters.shape[1]
-        rows: NDArray[np.int64] = np.empty((len(self.curves), 7), dtype=np.int64)
+    def table(self, parameters: Array | None) -> NDArray[np.void]:
+        """Return the `INPUT` of each curve; its values come behind the parameters of a member."""
+        place = 0 if parameters is None else parameters.shape[1]
+        rows: NDArray[np.void] = np.empty(len(self.curves), dtype=columns_of(INPUT))
         for k, curve in enumerate(self.curves):
             starts, numbers = curve._edges, curve._numbers
             stride = numbers[0].nbytes if curve.members else 0
-            rows[k] = *numbers.shape[-3:], first, address(starts), address(numbers), stride
-            first += numbers.shape[-1]
+            rows[k] = *numbers.shape[-3:], place, address(starts), address(numbers), stride
+            place += numbers.shape[-1]
         return rows
 
     def corners(self, tolerance: float | None) -> Array:

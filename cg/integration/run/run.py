@@ -22,8 +22,8 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
-from cg.support.shared_numbers import JacobianKind, RhsFlag, Stop
-from cg.support.shared_records import COUNTERS, COUNTS, RECORD, fields_of
+from cg.support.shared_numbers import EventColumn, InterpolantColumn, JacobianKind, RhsFlag, Stop
+from cg.support.shared_records import COUNTERS, COUNTS, RECORD, STATE, fields_of
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
@@ -82,8 +82,9 @@ class Run:
         point = 1 + plan.width * problem.keeps_points
         self._bounds = point, point + count  # where points and observations end
         self._steps = [np.empty((0, point + count))]
-        self._dense = [np.empty((0, 5 + ends + plan.interpolant_vectors * plan.dim))]
-        self.events_of_calls = [np.empty((0, 3 + ends))]
+        width = len(InterpolantColumn) + ends + plan.interpolant_vectors * plan.dim
+        self._dense = [np.empty((0, width))]
+        self.events_of_calls = [np.empty((0, len(EventColumn) + ends))]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
             if array is not None and len(array):
@@ -161,7 +162,7 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._share("states", np.empty((members, width + 4)))
+        states = self._share("states", np.empty((members, width + len(STATE))))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
         self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
@@ -268,8 +269,9 @@ class Run:
     def interpolants(self) -> Interpolants:
         """Return the stored interpolants in the order of the members."""
         rows = _joined(self._dense)
-        if (np.diff(rows[:, 0]) < 0).any():
-            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        members = rows[:, InterpolantColumn.MEMBER]
+        if (np.diff(members) < 0).any():
+            rows = rows[np.argsort(members, kind="stable")]
         return Interpolants(self.plan, rows)
 
     def last_interpolants(self) -> Interpolants:
@@ -327,8 +329,9 @@ class Run:
         """
         plan = self.plan
         rows = _joined(self.events_of_calls)
-        places, points = rows[:, :2].astype(np.int64) - 1, np.ascontiguousarray(rows[:, 3:])
-        return places, rows[:, 2].copy(), plan.points(points, (len(rows), 2))
+        places = rows[:, [EventColumn.MEMBER, EventColumn.NUMBER]].astype(np.int64) - 1
+        points = np.ascontiguousarray(rows[:, len(EventColumn) :])
+        return places, rows[:, EventColumn.TIME].copy(), plan.points(points, (len(rows), 2))
 
 
 def _joined(calls: list[Array], begin: int = 0, end: int | None = None) -> Array:
