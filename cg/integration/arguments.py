@@ -117,6 +117,8 @@ def check_number(name: str, value: Any) -> float:
 
 def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
+    if type(rtol) is float and _MIN_RTOL <= rtol < math.inf:  # the usual case, in little time
+        return np.array(rtol)
     many = isinstance(rtol, list | tuple | np.ndarray)
     numbers = rtol if many else np.array(check_number("rtol", rtol))
     tolerances = _check_tolerances("rtol", numbers, rtol)
@@ -135,6 +137,8 @@ def check_atol(atol: ArrayLike | None) -> Array:
 
 def _check_tolerances(name: str, numbers: ArrayLike, value: Any) -> Array:
     """Return numbers after checking them; ``value`` is the argument that they were made of."""
+    if type(numbers) is float and 0.0 <= numbers < math.inf:
+        return np.array(numbers)
     tolerances = real_array(numbers, name)
     if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
         raise ValueError(f"{name} must be finite and not negative, got {short(value)}")

@@ -68,8 +68,8 @@ class Control(NamedTuple):
 
     @property
     def tolerance(self) -> float | None:
-        """The least relative tolerance, None for equal steps."""
-        return None if self.h is not None else float(np.min(self.rtol))
+        """The smallest relative tolerance, None for equal steps."""
+        return None if self.h is not None else float(self.rtol.min())
 
 
 @dataclass(frozen=True, eq=False)
@@ -517,8 +517,9 @@ def make_problem(
     stops, t_eval = _read_times(options, start, stop, many)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
-    shared_inputs = None if member_inputs else inputs
-    stops, limits = stops_and_limits(shared_inputs, stops, start, control.tolerance)
+    limits = np.empty((0, 2))
+    if inputs is not None and not member_inputs:
+        stops, limits = stops_and_limits(inputs, stops, start, control.tolerance)
     events = _read_events(options, frame, rhs, start, stop)
     step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])

@@ -165,11 +165,9 @@ def check_member_inputs(
 
 
 def stops_and_limits(
-    inputs: Inputs | None, stops: Array, start: float, tolerance: float | None
+    inputs: Inputs, stops: Array, start: float, tolerance: float | None
 ) -> tuple[Array, Array]:
     """Return the ends of segments with those at corners, and the limits of steps."""
-    if inputs is None:
-        return stops, np.empty((0, 2))
     return inputs.add_stops(stops, start, tolerance), inputs.limits(tolerance)
 
 
