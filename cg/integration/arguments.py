@@ -374,6 +374,10 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
         hint = _HINTS.get(wrong) or similar_names(wrong, names)
         hint = hint or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
+    values: Any = options
+    for name in function.needed & options.keys():
+        if values[name] is None or values[name] is False:
+            raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
     return {**_DEFAULTS, **function.options, **options}  # type: ignore[typeddict-item]
 
 
@@ -399,7 +403,7 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
             for name, annotation in kind.__annotations__.items()
         ]
         changed: Any = function
-        changed.options = options
+        changed.options, changed.needed = options, set(defaults)
         changed.__signature__ = signature.replace(parameters=parameters)
         # where frame is missing, a misspelt keyword gets the message for that, which is better
         changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}

@@ -131,7 +131,7 @@ def solve_ivp(
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"``, whose matrices take ``dim``
         evaluations and :math:`dim^3` operations, or ``"fixed-point"``, which is faster for more
-        than some 30 coefficients, unless an equation is stiff.
+        than some 30 coefficients, unless an equation is stiff; not for ``"RadauIIA5"``.
     jac
         ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
         ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
@@ -407,8 +407,10 @@ def integrate(
     """
     all_options = complete_options(integrate, options)
     if all_options["h"] is None:
-        raise TypeError("h must be a real number, got None")
+        raise TypeError("h must be given; cg.solve_ivp chooses steps by rtol and atol")
     every = check_count("save_every", save_every)
+    if every != 1 and options.get("t_eval") is not None:
+        raise ValueError(f"save_every must be 1 with t_eval, got {every}")
     return solve_one(make_problem(f, t_span, y0, frame, all_options, every=every), all_options)
 
 

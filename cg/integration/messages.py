@@ -53,7 +53,7 @@ class ConvergenceError(RuntimeError):
         return (
             f"the implicit stages did not converge ({self.reason}): after {self.iterations} "
             f"iterations{remainder} in the step of h = {self.h:.6g} from t = {self.t:.17g}; "
-            "a smaller step or another stage_solver may help"
+            "a smaller step may help, or another stage_solver where the method has one"
         )
 
 

@@ -221,9 +221,7 @@ def _equal_steps(
 def _check_pair(plan: Plan, options: EnsembleOptions) -> None:
     """Raise ValueError unless the method estimates errors, by which steps are chosen."""
     if plan.table.kind is Kind.SPLITTING:
-        raise ValueError(
-            f"h must be given with {plan.table!r}: steps of splitting methods have a fixed size"
-        )
+        raise ValueError(f"{plan.table!r} needs h: steps of splitting methods have a fixed size")
     if not plan.step_table.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
@@ -281,7 +279,11 @@ def _check_rhs(
 
 
 def _checked_method(
-    chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None
+    chosen: MethodTable | None,
+    linear: bool,
+    frame: Frame,
+    rtol: float | None,
+    stage_solver: str,
 ) -> MethodTable:
     """Return the chosen or the default method after checking the equation and the frame."""
     if linear and isinstance(frame, PhaseSpace):
@@ -296,6 +298,8 @@ def _checked_method(
         )
     if chosen is None:
         return table_of(choose_method(frame, rtol, linear))
+    if chosen.kind is Kind.COLLOCATION and stage_solver != "newton":
+        raise ValueError(f"stage_solver must be 'newton' with {chosen!r}, got {stage_solver!r}")
     if chosen.kind is Kind.LINEAR and not linear:
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for linear=True"
@@ -352,7 +356,8 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
         frame = for_derivatives(frame)[brackets or options["derivatives"] is not None]
-    return plan_of(frame, _checked_method(chosen, options["linear"], frame, min_rtol)), rtol
+    linear, solver = options["linear"], options["stage_solver"]
+    return plan_of(frame, _checked_method(chosen, linear, frame, min_rtol, solver)), rtol
 
 
 def _check_flags(options: Any, many: bool) -> None:
@@ -379,8 +384,8 @@ def _check_flags(options: Any, many: bool) -> None:
     for name in refused:
         value: Any = options[name]
         if value is not None and value is not False:
-            choice = f"derivatives={derivatives!r}"
-            raise ValueError(f"{name} must not be given with {choice}, got {short(value)}")
+            needed = "derivatives='forward'" + " or 'adjoint'" * (name == "df_dp")
+            raise ValueError(f"{name} needs {needed}, got {derivatives!r} with {short(value)}")
 
 
 def _read_members(
@@ -498,8 +503,8 @@ def make_problem(
 
     The order matters, since each step reads the results of those before: flags decide what other
     options may be, the frame and the method how points are read, points and inputs how many
-    members there are, and all of these make the right-hand side. It is called from `_check_rhs`
-    on, after what can be checked without calls.
+    members there are, and all of these make the right-hand side. Functions of the user are called
+    from `_check_rhs` on, after what can be checked without calls.
     """
     _check_flags(options, many)
     plan, rtol = _make_plan(frame, options)

@@ -401,7 +401,8 @@ class Stepper:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
         shared = not self._many or (self._problem.common and not self._stopped.all())
         if not (self._has_step and shared) or self._overwritten:
-            raise RuntimeError("dense_output must come after a step that all members share")
+            which = " that all members share" * self._many
+            raise RuntimeError(f"dense_output must come after a step{which}")
         return self._cut_output or self._interpolate()
 
     def _replace_data(

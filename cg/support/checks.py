@@ -53,7 +53,7 @@ def check_instance(name: str, value: Any, kind: type) -> None:
 def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
     """Raise ValueError unless a value is one of some texts."""
     if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
 
 
 def check_generator(name: str, value: Any) -> np.random.Generator:

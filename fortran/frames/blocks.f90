@@ -58,7 +58,7 @@ module blocks_m
     ! commutes with free motion
     real(wp), allocatable :: gyroscopic(:, :)
     logical :: commutes = .true.
-    logical :: turns = .false.               ! whether its moments of inertia differ
+    logical :: turns = .false.               ! whether it is a rigid body that turns about any axis
     type(top_t) :: top                       ! if it turns
   end type body_t
 

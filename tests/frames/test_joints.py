@@ -238,7 +238,7 @@ END = (0, [0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(("arguments", "options", "error", "message"), [
-    (("weld", END, (1, NEXT)), {}, ValueError, "kind must be one of ball"),
+    (("weld", END, (1, NEXT)), {}, ValueError, "kind must be one of .ball."),
     (("ball", END, END), {}, ValueError, "different bodies"),
     (("ball", (0,), (1, NEXT)), {}, ValueError, r"first must be \(body, point\)"),
     (("ball", END, (1.0, NEXT)), {}, TypeError, "body of second must be an integer"),

@@ -125,6 +125,7 @@ def test_signatures_show_all_options():
     ({"f": never, "method": "DOP835"}, ValueError, "'DOP835'; similar names are DOP853"),
     ({"rtol": 1e-3, "method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),
     ({"method": MIDPOINT, "h": 0.1, "stage_solver": "hope"}, ValueError, "stage_solver must"),
+    ({"method": "RadauIIA5", "stage_solver": "fixed-point"}, ValueError, "'newton' with .*Radau"),
     *(({"t_span": span}, ValueError, "t_span must be two numbers") for span in NO_SPANS),
     ({"t_span": (0.0, np.nan)}, ValueError, "t_span must be two numbers, the first one finite"),
     ({"t_span": (0.0, np.inf), "h": 0.1}, ValueError, "t_span must be finite with h"),
@@ -183,7 +184,7 @@ def test_signatures_show_all_options():
     ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
     ({"linear": True, "jac": never}, ValueError, "jac must be None with linear=True"),
     ({"linear": True, **FORWARD}, ValueError, "derivatives must be None.* with linear=True"),
-    ({"derivatives": None, "P0": np.eye(3)}, ValueError, "P0 must not be given with deriv.*=None"),
+    ({"derivatives": None, "P0": np.eye(3)}, ValueError, "(P0 needs .*, got|must not be) None"),
 ])  # fmt: skip
 def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     check_rejected(CALLS, changes, error, message)
@@ -278,3 +279,30 @@ def test_a_first_step_may_be_as_long_as_the_span():
         assert solution.steps == 1
         with pytest.raises(ValueError, match="first_step must not exceed the length of t_span"):
             solve(t_span=span, first_step=np.nextafter(length, 9.0))
+
+
+@pytest.mark.parametrize(("function", "name", "value"), [
+    (cg.solve_linear, "linear", False), (cg.solve_linear_ensemble, "linear", False),
+    (cg.solve_variational, "derivatives", None),
+    (cg.solve_variational_ensemble, "derivatives", None),
+])  # fmt: skip
+def test_what_a_function_is_named_after_cannot_be_left_out(function, name, value):
+    frame = cg.frames.Euclidean(1)
+    message = f"{name} must not be {value} in {function.__name__}"
+    refuses(ValueError, message, function, never, (0, 1), [1.0], frame=frame, **{name: value})
+
+
+def test_integrate_refuses_to_store_steps_and_times():
+    options = {"frame": cg.frames.Euclidean(1), "h": 0.1, "method": "CF4"}
+    message = "save_every must be 1 with t_eval, got 3"
+    refuses(ValueError, message, cg.integrate, never, (0, 1), [1.0], **options, save_every=3,
+            t_eval=[0.5])  # fmt: skip
+
+
+def test_residuals_refuse_weights_with_a_method():
+    refuses(TypeError, "b must not .* got 'x'", cg.conditions.residuals, cg.methods["CF4"], "x", 2)
+
+
+def test_a_single_stepper_has_no_output_before_its_first_step():
+    stepper = cg.Stepper(lambda t, y: [1.0], 0.0, [0.0], 1.0, frame=cg.frames.Euclidean(1))
+    refuses(RuntimeError, "must come after a step$", stepper.dense_output)

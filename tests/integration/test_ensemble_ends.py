@@ -63,7 +63,7 @@ def test_a_member_that_fails_ends_alone(options, output, compiled_function):
     ("square", 0.0, 4.0, {}, "the step size fell below"),
     ("square", 0.0, 1e160, {}, "f must return finite numbers"),
     ("stops", 0.0, 1.0, {}, "f returned the error code 7 at t = 0"),
-    ("growth", 1.0, 0.0, {"max_steps": 3}, "max_steps = 3 steps"),
+    ("growth", 1.0, 0.0, {"max_steps": 3}, "3 steps (max_steps)"),
     ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "a stage is no longer finite"),
 ])  # fmt: skip
 @pytest.mark.parametrize("output", OUTPUTS)

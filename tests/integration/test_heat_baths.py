@@ -213,7 +213,7 @@ def test_random_momenta_are_those_of_the_temperature():
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"thermostat": 1.0}, "thermostat must be a cg.Langevin or None"),
-    ({"method": "DOP853", "h": None}, "thermostat must be given with a splitting method"),
+    ({"method": "DOP853", "h": None}, "thermostat needs a splitting method"),
     ({"method": cg.Splitting([0, "2/3", "1/3"], ["1/4", "3/4"])}, "symmetric method"),
     ({"t_span": (1, 0)}, "thermostat must be None backward in time"),
     ({"dense_output": True}, "dense_output must be False"),

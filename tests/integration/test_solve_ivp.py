@@ -48,7 +48,7 @@ def test_steps_without_end_are_given_up(monkeypatch):
     monkeypatch.setattr(sys.modules["cg.integration.arguments"], "DEFAULT_MAX_STEPS", 50)
     for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 1.0}):
         solution = solve(**options)
-        assert "max_steps = 50 steps" in solution.message
+        assert "50 steps (max_steps)" in solution.message
         assert solution.steps + solution.nrejected == 50
 
 
@@ -113,7 +113,7 @@ def test_an_empty_span_is_the_initial_point(options, growth):
 def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
     span, line = (0.0, 1.0), {"frame": Euclidean(1)}
     options = {"max_step": 0.01, "max_steps": 20, "dense_output": True, **line}
-    message = "Failure: max_steps = 20 steps, rejected ones included, led only to t = 0."
+    message = "Failure: 20 steps (max_steps), rejected ones included, led only to t = 0."
     solution = cg.solve_ivp(growth, span, [1.0], **options)
     assert (solution.status, solution.success) == (-1, False)
     assert solution.message.startswith(message)

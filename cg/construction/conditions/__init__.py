@@ -172,6 +172,8 @@ def residuals(
         raise TypeError(f"a has other conditions, see its method residuals: got {a!r}")
     tree = None
     if isinstance(getattr(a, "tree", None), PointTree):
+        if b is not None and order is not None:
+            raise TypeError(f"b must not be given with a method, got {b!r}")
         order, tree = b if order is None else order, result_tree(a, embedded)
     elif check_flag("embedded", embedded):
         raise ValueError(f"embedded must be False for coefficients, got {embedded!r}")

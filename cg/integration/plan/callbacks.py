@@ -105,7 +105,7 @@ def jacobian_of(
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     if table.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac must be None without "RadauIIA5" or derivatives, got {table!r}')
+        raise ValueError(f'jac needs method="RadauIIA5" or derivatives, the method is {table!r}')
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     shape = frame.dim, frame.dim

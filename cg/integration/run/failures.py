@@ -119,7 +119,7 @@ def _not_finite(run: Run) -> str:
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
     limit, difficulty = run.control.max_steps, find_difficulty(run, member, t)
     reason = f"; {difficulty}" if difficulty else ""
-    return f"max_steps = {limit} steps, rejected ones included, led only to t = {t:.17g}{reason}"
+    return f"{limit} steps (max_steps), rejected ones included, led only to t = {t:.17g}{reason}"
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
@@ -181,5 +181,6 @@ def dropped_parts(run: Run) -> list[str]:
         return []
     return [
         f"f returns derivatives with a part that the fields of {run.plan.user_frame!r} don't have, "
-        f"which is dropped: up to {share:.3g} of their length, at t = {record.dropped_at:.17g}"
+        f"which is dropped: up to {100 * share:.3g} % of their length, at t = "
+        f"{record.dropped_at:.17g}"
     ]
