@@ -139,7 +139,7 @@ NO_BRACKETS = cg.frames.MatrixFrame([np.tri(3), np.tri(3).T])
     (cg.solve_variational, {"noise": np.eye(3)}, "noise needs derivatives='forward', got"),
     (cg.solve_variational, {"control_derivatives": True}, "control_derivatives needs .*, got"),
     (cg.solve_variational, {"events": lambda t, y: y[0, 0]}, "events must be None .*, got 1"),
-    (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp needs .* or 'adjoint', got None"),
+    (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp needs .* or 'adjoint', got"),
     (cg.solve_linear, {"df_dp": never}, "parameters must be given with df_dp"),
     (cg.solve_linear, {"frame": NO_BRACKETS}, "frame must be a LinearAction or know the brac"),
 ])  # fmt: skip

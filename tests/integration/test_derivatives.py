@@ -159,7 +159,7 @@ def test_what_it_refuses():
     with pytest.raises(OverflowError, match="can't be computed in double precision"):
         LowRankStiefel(4, 2).flow(np.full(8, 1e4), y0)
     with pytest.raises(
-        ValueError, match="rhs must be one of .coefficients., .derivative., got None"
+        ValueError, match=r"rhs must be one of .coefficients., .derivative., got None"
     ):
         cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame, rhs=None)
     space = cg.frames.PhaseSpace(cg.frames.SO3())

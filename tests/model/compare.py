@@ -5,6 +5,7 @@ so that both together show what differs.
 """
 
 import concurrent.futures
+import concurrent.futures.process
 import multiprocessing
 import warnings
 from collections.abc import Sequence
@@ -196,9 +197,14 @@ def pool() -> concurrent.futures.Executor:
 
 def processes(case: Case) -> None:
     """Members are integrated by another process."""
-    if case.program.compiled != "numba":  # which can't be pickled
-        case.names["pool"] = pool()
-        members(case, (", executor=pool",), ())
+    if case.program.compiled == "numba":  # which can't be pickled
+        return
+    try:
+        pool().submit(int)
+    except concurrent.futures.process.BrokenProcessPool:  # by a program before
+        pool.cache_clear()
+    case.names["pool"] = pool()
+    members(case, (", executor=pool",), (), scripts.POOL)
 
 
 def _data_of_members(program: Program) -> str:
@@ -222,10 +228,11 @@ def members(
         ", common_steps=True, vectorized=True",
         " | many, common_steps=True",
     ),
+    begin: str = "",
 ) -> None:
     """Members of an ensemble are equal to single solutions, however they are computed."""
     program = case.program
-    code = _data_of_members(program)
+    code = begin + _data_of_members(program)
     ways, common = ([way for way in each if program.events or "many" not in way]
                     for each in (ways, common))  # fmt: skip
     if program.endless and program.output is None and not program.dense:

@@ -15,6 +15,10 @@ TOGETHER = """def together(event):
 many = {"events": [event if event.direction > 0 else together(event)
                    for event in options.get("events", ())]}
 """
+POOL = """import concurrent.futures, multiprocessing
+pool = globals().get("pool") or concurrent.futures.ProcessPoolExecutor(
+    1, multiprocessing.get_context("fork"))
+"""
 EVENTS_TOGETHER = (" | many", " | many, vectorized=True")
 VECTORIZED = (", vectorized=True", ", vectorized=True, workers=2")
 STEPPING = """others = "t_eval dense_output linear derivatives control_derivatives P0 noise".split()

@@ -18,7 +18,7 @@ def test_programs(part):
     outcomes = run(0, range(COUNT * part, COUNT * (part + 1)), shrink=False)
     assert not outcomes["failed"], "printed above"
     # others have no definite answer; were these most of a test, it would compare little
-    assert outcomes["compared"] >= 0.5 * COUNT, outcomes
+    assert outcomes["compared"] >= 0.7 * COUNT, outcomes
 
 
 @pytest.mark.parametrize("program", [
@@ -33,6 +33,7 @@ def test_in_jax(program):
 
 
 def test_output_does_not_change_which_events_are_found():
+    """Two near zeros were sought along a cubic without output, along the interpolant with it."""
     program = Program(
         space=12, seed=34, turns=1.8, speed=5.0, start=1e5, length=-1.0, method="CF5(4)", steps=3.0,
         dense=True, observe=True, breaks=(0.5,), parameters=True, callers=("members",),
