@@ -190,14 +190,9 @@ def construct_command(**options: Any) -> int:
 
 
 def _run(
-    function: Callable[..., Any],
-    *,
-    processes: bool,
-    quiet: bool,
-    output: Path | None,
-    in_json: bool,
-    **options: Any,
-) -> int:
+    function: Callable[..., Any], *, processes: bool, quiet: bool, output: Path | None,
+    in_json: bool, **options: Any,
+) -> int:  # fmt: skip
     """Call a function with the arguments of the command; print and write the methods."""
     arguments = _arguments_of(options)
     check_output(output)

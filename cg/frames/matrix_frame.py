@@ -45,15 +45,10 @@ class MatrixFrame(UserFrame):
     _columns: int | None
 
     def __init__(
-        self,
-        matrices: ArrayLike,
-        columns: int | None = None,
-        *,
-        membership_error: Function | None = None,
-        restore: Function | None = None,
-        project: Function | None = None,
-        random_point: Function | None = None,
-    ) -> None:
+        self, matrices: ArrayLike, columns: int | None = None, *,
+        membership_error: Function | None = None, restore: Function | None = None,
+        project: Function | None = None, random_point: Function | None = None,
+    ) -> None:  # fmt: skip
         if isinstance(matrices, list | tuple):
             matrices = [each.full() if is_qobj(each) else each for each in matrices]
         array = number_array(matrices, "matrices")

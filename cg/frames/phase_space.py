@@ -130,14 +130,9 @@ class PhaseSpace(Product):
     _bodies: tuple[Body, ...] = field(init=False, compare=False)
 
     def __init__(
-        self,
-        frame: Frame,
-        inertia: Any = None,
-        *,
-        gyroscopic: Any = None,
-        joints: Iterable[Joint] = (),
-        constraints: Any = None,
-    ) -> None:
+        self, frame: Frame, inertia: Any = None, *, gyroscopic: Any = None,
+        joints: Iterable[Joint] = (), constraints: Any = None,
+    ) -> None:  # fmt: skip
         check_frame(frame)
         numbers, bodies = read_inertia(frame, inertia, gyroscopic=gyroscopic)
         super().__init__(frame, Euclidean(frame.dim))

@@ -44,13 +44,9 @@ class UserFrame(Frame):
         raise AttributeError(f"a {type(self).__name__} is immutable: {name} can't be set")
 
     def _call(
-        self,
-        name: str,
-        function: Function,
-        arguments: list[tuple[Points, int]],
-        shape: tuple[int, ...],
-        dtype: Any = np.float64,
-    ) -> Points:
+        self, name: str, function: Function, arguments: list[tuple[Points, int]],
+        shape: tuple[int, ...], dtype: Any = np.float64,
+    ) -> Points:  # fmt: skip
         """Call ``function`` for every entry of a batch, and stack the results.
 
         Each of ``arguments`` is an array with the number of trailing axes of one argument;

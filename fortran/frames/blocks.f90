@@ -12,8 +12,7 @@ module blocks_m
 
   integer, parameter, public :: max_own_rows = 12  ! rows of matrices multiplied without BLAS
 
-  ! Of the series of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's
-  ! numbers
+  ! Of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's numbers
   real(wp), parameter, public :: beta(11) = [ &
     1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
     691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
@@ -220,14 +219,11 @@ contains
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        select case (m)
-        case (3)                             ! frequent sizes, which the compiler then knows
+        if (m == 3) then                     ! a frequent size, which the compiler then knows
           call add_terms(3, terms, weight(k), flows%stage(k), f, v(1, j))
-        case (6)
-          call add_terms(6, terms, weight(k), flows%stage(k), f, v(1, j))
-        case default
+        else
           call add_terms(m, terms, weight(k), flows%stage(k), f, v(1, j))
-        end select
+        end if
       end associate
     end do
   end subroutine combine_flows

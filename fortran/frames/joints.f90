@@ -221,8 +221,7 @@ contains
         arm(:, j) = matmul(body%r, row%point(:, j))
         end(:, j) = body%x + arm(:, j)
         product%axis(:, j) = row%axis(:, j)
-        if (j == 2 .or. row%form /= along_space) &
-          product%axis(:, j) = matmul(body%r, row%axis(:, j))
+        if (j == 2 .or. row%form /= along_space) product%axis(:, j) = matmul(body%r, row%axis(:, j))
       end associate
     end do
     product%left = product%axis(:, 1)

@@ -52,8 +52,7 @@ contains
     call c_f_procpointer(transfer(function_address, c_null_funptr), rhs%function)
     rhs%data%address = data_address
     rhs%data%stride = data_stride
-    if (curves > 0) &
-      call c_f_pointer(transfer(table_address, c_null_ptr), rhs%data%inputs, [curves])
+    if (curves > 0) call c_f_pointer(transfer(table_address, c_null_ptr), rhs%data%inputs, [curves])
     flag = 0
     do done = 0, members - 1
       rhs%member = merge(done + 1, 1, data_stride /= 0)

@@ -4,16 +4,14 @@
 ! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
 ! equal steps are those of a grid, whose last step may be shorter.
 module inputs_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, &
-                                         c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use shared_numbers, only: input_record_t
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, &
-            rhs_t
+  public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, rhs_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward

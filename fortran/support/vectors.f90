@@ -84,25 +84,13 @@ contains
     integer, intent(in) :: m, n
     real(wp), intent(in) :: weight(n), k(m, n)
     real(wp), intent(out) :: sum(m)
-
-    if (m == 3) then                         ! a frequent size, which the compiler then knows
-      call add_columns(3, n, weight, k, sum)
-    else
-      call add_columns(m, n, weight, k, sum)
-    end if
-  end subroutine combine
-
-  pure subroutine add_columns(m, n, weight, k, sum)
-    integer, intent(in) :: m, n
-    real(wp), intent(in) :: weight(n), k(m, n)
-    real(wp), intent(out) :: sum(m)
     integer :: j
 
     sum = 0.0_wp
     do j = 1, n
       if (weight(j) /= 0) sum = sum + weight(j) * k(:, j)
     end do
-  end subroutine add_columns
+  end subroutine combine
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.

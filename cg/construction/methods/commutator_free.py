@@ -99,18 +99,10 @@ class CommutatorFree(Method):
     nominal_residual: Coefficient | None
 
     def __init__(
-        self,
-        points: Iterable[Any],
-        stage_points: Iterable[int],
-        result: int | None = None,
-        *,
-        embedded_result: int | None = None,
-        third: Iterable[Any] | None = None,
-        name: str = "",
-        source: str = "",
-        nominal_order: int | None = None,
-        nominal_residual: Any = None,
-    ) -> None:
+        self, points: Iterable[Any], stage_points: Iterable[int], result: int | None = None, *,
+        embedded_result: int | None = None, third: Iterable[Any] | None = None, name: str = "",
+        source: str = "", nominal_order: int | None = None, nominal_residual: Any = None,
+    ) -> None:  # fmt: skip
         values = read_texts(name, source, nominal_order, nominal_residual)
         read = [
             _read_point(point, m) for m, point in enumerate(read_sequence(points, "points", of=""))
@@ -285,13 +277,9 @@ class MuntheKaas(Method):
     of_trees: ClassVar[bool] = False
 
     def __init__(
-        self,
-        tableau: Tableau,
-        *,
-        third: Iterable[Any] | None = None,
-        name: str | None = None,
+        self, tableau: Tableau, *, third: Iterable[Any] | None = None, name: str | None = None,
         source: str | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not isinstance(tableau, Tableau):
             raise MethodError(f"tableau must be a Tableau, got {tableau!r}")
         if not (tableau.explicit or _is_collocation(tableau)):

@@ -141,12 +141,9 @@ def _max_ratio(
 
 
 def _step(
-    method: Method,
-    values: Vector,
-    angles: Vector,
-    base: Vector = _CONSTANT,
+    method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT,
     powers: int | None = None,
-) -> tuple[Vector, Vector]:
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return the result of a step and the estimate of its error, by angles φ.
 
     Perturbations have `values` at the nodes; X is multiplied by the polynomial `base` of time.

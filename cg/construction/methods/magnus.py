@@ -109,17 +109,11 @@ class MagnusMethod(Method):
     of_trees: ClassVar[bool] = False
 
     def __init__(
-        self,
-        nodes: Iterable[Any],
-        weights: Iterable[Iterable[Any]],
-        embedded: Iterable[Iterable[Any]] | None = None,
-        *,
-        brackets: Iterable[Iterable[Iterable[Any]]] = (),
-        third: Iterable[Any] | None = None,
-        third_factor: Any = 1,
-        name: str = "",
-        source: str = "",
-    ) -> None:
+        self, nodes: Iterable[Any], weights: Iterable[Iterable[Any]],
+        embedded: Iterable[Iterable[Any]] | None = None, *,
+        brackets: Iterable[Iterable[Iterable[Any]]] = (), third: Iterable[Any] | None = None,
+        third_factor: Any = 1, name: str = "", source: str = "",
+    ) -> None:  # fmt: skip
         values = read_texts(name, source)
         values["nodes"] = read_row(nodes, "nodes")
         count = len(values["nodes"])

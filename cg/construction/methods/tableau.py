@@ -84,16 +84,10 @@ class Tableau(Method):
     nominal_residual: Coefficient | None
 
     def __init__(
-        self,
-        a: Iterable[Iterable[Any]],
-        b: Iterable[Any],
-        *,
-        name: str = "",
-        source: str = "",
-        b_embedded: Iterable[Any] | None = None,
-        nominal_order: int | None = None,
+        self, a: Iterable[Iterable[Any]], b: Iterable[Any], *, name: str = "", source: str = "",
+        b_embedded: Iterable[Any] | None = None, nominal_order: int | None = None,
         nominal_residual: Any = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         try:
             values = read_texts(name, source, nominal_order, nominal_residual)
             weights = read_row(b, "b", None, "b_{}")

@@ -316,13 +316,9 @@ class Spanned:
     """
 
     def __init__(
-        self,
-        pairing: Pairing,
-        places: list[int],
-        contexts: list[int],
-        columns: list[int],
+        self, pairing: Pairing, places: list[int], contexts: list[int], columns: list[int],
         second: list[int],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.pairing, self.places = pairing, places
         self.contexts, self.columns, self.second = contexts, columns, second
         self.vs = [j for j in columns if j not in second]
