@@ -18,7 +18,7 @@ def test_programs(part):
     outcomes = run(0, range(COUNT * part, COUNT * (part + 1)), shrink=False)
     assert not outcomes["failed"], "printed above"
     # others have no definite answer; were these most of a test, it would compare little
-    assert outcomes["compared"] >= 0.7 * COUNT, outcomes
+    assert outcomes["compared"] >= 0.5 * COUNT, outcomes
 
 
 @pytest.mark.parametrize("program", [
