@@ -136,7 +136,7 @@ def test_failures_are_those_of_qutip():
     from qutip.solver.integrator import IntegratorException
 
     options = {**TIGHT, "method": "cg", "nsteps": 1}
-    with pytest.raises(IntegratorException, match="1 steps .nsteps."):
+    with pytest.raises(IntegratorException, match=r"1 steps .nsteps."):
         qutip.sesolve(SYSTEMS["driven"], qutip.basis(2, 0), TIMES, options=options)
     with pytest.raises(ValueError, match=r"^nsteps must be"):
         qutip.sesolve(SYSTEMS["driven"], qutip.basis(2, 0), TIMES, options=options | {"nsteps": 0})
