@@ -22,7 +22,7 @@ PATH="$tools:$PATH" "$tools/auditwheel" repair --wheel-dir "$work/repaired" "$wo
 # an environment of its own, away from the source, that sees no Fortran library of the system
 python3 -m venv "$work/fresh"
 fresh=$work/fresh/bin/python
-"$fresh" -m pip install --quiet "$work"/repaired/*.whl pytest hypothesis mypy
+"$fresh" -m pip install --quiet "$(ls "$work"/repaired/*.whl)[proofs]" pytest hypothesis mypy
 cp -r tests tools research pyproject.toml "$work/" # some tests run scripts of these folders
 sh tools/without_fortran.sh "$fresh" tools/try_wheel.py "$work/tests"
 cp "$work"/sdist/*.tar.gz "$work"/repaired/*.whl "$dist/"

@@ -1,8 +1,8 @@
 """The types of python-flint, which is imported when one of them is first used.
 
-Without python-flint proofs, digits, order conditions in balls, limits of stability and reference
-solutions raise an ImportError that says what to install. Rationals are then Fractions, which are
-slower; see `cg.support.quads.to_flint`.
+Without python-flint searches, proofs, digits, order conditions in balls, limits of stability and
+reference solutions raise an ImportError that says what to install. Rationals are then Fractions,
+which are slower; see `cg.support.quads.to_flint`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def __getattr__(name: str) -> Any:
         import flint
     except ModuleNotFoundError as error:
         raise MissingFlintError(
-            "proofs, digits, order conditions in balls, limits of stability and reference "
-            "solutions need the extra [proofs]: python -m pip install python-flint",
+            "searches, proofs, digits, order conditions in balls, limits of stability and "
+            "reference solutions need the extra [proofs]: python -m pip install python-flint",
             name="flint",
         ) from error
     value = globals()[name] = getattr(flint, name)

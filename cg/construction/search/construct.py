@@ -22,7 +22,7 @@ from cg.construction.search.shapes import (
     start_generator,
 )
 from cg.construction.solvers.system import Structure
-from cg.support import quads
+from cg.support import flint, quads
 from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.parallel import ExecutorLike, single_threads
 
@@ -188,6 +188,7 @@ def construct(
         embedded=embedded, first_same_as_last=first_same_as_last,
     )  # fmt: skip
     quads.core("cg.construct")
+    _ = flint.ctx  # an error if it is missing, by which results are refined
     tries = check_integer("tries", tries, 1, MAX_COUNT)
     bound = None if abscissae is None and minimise is None else settings.max_coefficient
     requirements = Requirements.checked(order, abscissae, bound, minimise)

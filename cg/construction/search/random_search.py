@@ -25,7 +25,7 @@ from cg.construction.search.candidate import Candidate, default_name
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import Settings
 from cg.construction.search.start import RandomStart, draw_start, run_start
-from cg.support import quads
+from cg.support import flint, quads
 from cg.support.checks import MAX_COUNT, check_integer
 from cg.support.parallel import ExecutorLike, single_threads
 
@@ -251,6 +251,7 @@ def search(
         first_same_as_last=first_same_as_last,
     )  # fmt: skip
     quads.core("cg.search")
+    _ = flint.ctx  # an error if it is missing, by which results are refined
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     requirements = Requirements.checked(order, abscissae, bound, minimise, nonnegative)
     requirements.check(settings.order, settings.layout, force)
