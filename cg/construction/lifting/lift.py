@@ -30,6 +30,7 @@ from cg.construction.search.candidate import Candidate, correct, solved
 from cg.construction.search.optimise import Limits, optimise
 from cg.construction.search.shapes import merge_point, start_generator
 from cg.construction.solvers.refine import polish
+from cg.support import flint
 from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.parallel import raise_if_stopped
 
@@ -203,6 +204,7 @@ def lift(
             f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
         )
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
+    _ = flint.ctx  # an error if it is missing, by which results are refined
     solutions: list[_Solution] = []  # the one with the smallest key is the best
     best, index = np.inf, 0
     for index in range(tries):
