@@ -73,8 +73,8 @@ def check_times(name: str, value: Any, where: str, start: float, stop: float) ->
 
 def check_args(args: Any) -> tuple[Any, ...]:
     """Return the further arguments of ``f``; TypeError unless they are a sequence."""
-    if args is None:
-        return ()
+    if args is None or type(args) is tuple:
+        return args or ()
     try:
         # a set has no order; a string or an array is probably a single argument
         if isinstance(args, str | bytes | bytearray | Set | Mapping | np.ndarray):

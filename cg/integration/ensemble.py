@@ -304,7 +304,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     shape = len(times), members
     points = plan.points(y, shape) if y is not None else None
     if points is not None:
-        refuse_friction(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
+        refuse_friction(plan, problem.rhs, times, points, run.counts[:, 0])
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(

@@ -33,17 +33,17 @@ _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be 
 
 
 def refuse_friction(
-    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: int = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK
+    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: Any = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK
 ) -> None:
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
     Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
-    took few calls, ``nfev``. Exceptions of ``f`` are left to the integration.
+    took few calls, ``nfev`` in sum. Exceptions of ``f`` are left to the integration.
     """
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     count = len(times) * points.shape[1]
-    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, nfev // (2 * _CALLS_PER_CHECK)))
+    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
     sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end

@@ -72,9 +72,9 @@ class Control(NamedTuple):
         return None if self.h is not None else float(self.rtol.min())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # frozen ones take seven times as long to make
 class Problem:
-    """An integration of one point or of the members of an ensemble."""
+    """An integration of one point or of the members of an ensemble, which nobody changes."""
 
     plan: Plan
     in_coordinates: bool  # whether differences of points are in coordinates, not in entries
@@ -265,9 +265,9 @@ def _check_rhs(
 
     Points are those at the start, and serve at the end as well.
     """
-    refuse_friction(plan, rhs, [start], points[None])
-    if stop != start and np.isfinite(stop):  # a friction may vanish at the start
-        refuse_friction(plan, rhs, [stop], points[None])
+    for time in {start, stop}:  # a friction may vanish at the start
+        if math.isfinite(time):
+            refuse_friction(plan, rhs, [time], points[None])
     if not of_time or isinstance(rhs, PythonRhs):
         return
     point, nowhere = points[0], np.full_like(points[0], np.nan)

@@ -53,6 +53,7 @@ from cg.tables import source_method
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _STEPS = list(COUNTERS).index("steps")
 _TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
+_GOES_ON = np.zeros(1, dtype=np.bool_)
 
 
 class Stepper:
@@ -230,8 +231,8 @@ class Stepper:
     @property
     def _stopped(self) -> NDArray[np.bool_]:
         """Which members a terminal event has ended, none of a single point, which may go on."""
-        stopped: NDArray[np.bool_] = np.logical_and(self._run.status == _TERMINAL, self._many)
-        return stopped
+        stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
+        return stopped if self._many else _GOES_ON
 
     def _events(self, select: Any) -> list[Any] | None:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
@@ -373,17 +374,18 @@ class Stepper:
                 raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
             rows = run.plan.doubles(points)
         first = self._first_step if first_step is None else check_step("first_step", first_step)
-        replaced = any(each is not None for each in (y, args, parameters, inputs))
+        same_f = args is None and parameters is None and inputs is None
+        replaced = y is not None or not same_f
         if first_step is None and t is None and replaced and self.status != "failed":
-            same_f = args is None and parameters is None and inputs is None
             first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
             self._find_corners(run.rhs.extra.inputs, time)
-        self._begin(time, rows, first, self._stopped & (t is None and y is None))
+        goes_on = t is not None or y is not None
+        self._begin(time, rows, first, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
-        if self._stopped.all():
+        if self._many and self._stopped.all():
             self.status = "event"
 
     def dense_output(self) -> DenseOutput:

@@ -177,15 +177,15 @@ contains
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, members
     real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
-    integer, intent(in) :: stopped(members)            ! 1 for those that a terminal event has ended
+    integer(int8), intent(in) :: stopped(members)      ! 1 for those that a terminal event has ended
     type(run_t), pointer :: run
     integer :: i
 
     run => run_at(address)
     call set_inputs(run)
     do i = 1, members
-      if (stopped(i) == 0) call set_start(t, y(:, i), first_step, run%lanes(i))
-      if (stopped(i) /= 0) run%lanes(i)%status = terminal_event
+      if (stopped(i) == 0_int8) call set_start(t, y(:, i), first_step, run%lanes(i))
+      if (stopped(i) /= 0_int8) run%lanes(i)%status = terminal_event
       call store_lane(run, i)
     end do
     call wake(run)

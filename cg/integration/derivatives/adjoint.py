@@ -319,7 +319,8 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = call_context(function, arguments, frame, shape, df_dp.check)
+        context = call_context(function, frame, shape, df_dp.check)
+        context = context.with_arguments(arguments)
         address, data = core.function_addresses()[0], np.array(id(context))
         return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)

@@ -391,7 +391,8 @@ def _add_contexts(
         for name, function, shape, check in in_python:
             frame = variational.product if name == "along" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            context = call_context(function, rest, frame, shape, check, dtype, changing)
+            context = call_context(function, frame, shape, check, dtype, changing)
+            context = context.with_arguments(rest)
             contexts.append((context, np.array(id(context))))
             setattr(record, f"{name}_data", contexts[-1][1].ctypes.data)
     return contexts

@@ -14,8 +14,9 @@ from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput, address
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
+from cg.support.caches import filled
 from cg.support.checks import short
 
 
@@ -76,12 +77,17 @@ class Check:
         self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
-        # functions of time, and on phase spaces, may not return derivatives
-        may = not self.of_time and frame.rhs_dim == frame.dim
-        other = may and frame.rhs_shape != frame.point_shape
-        self.hint = '; rhs="derivative" takes derivatives of y' if other else ""
-        if self.of_time and hasattr(frame, "vee"):
-            self.hint = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
+
+    @property
+    def hint(self) -> str:
+        """The end of the message about a value of another shape."""
+        frame = self.frame
+        if self.of_time:
+            vee = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
+            return vee if hasattr(frame, "vee") else ""
+        # functions on phase spaces may not return derivatives
+        other = frame.rhs_dim == frame.dim and frame.rhs_shape != frame.point_shape
+        return '; rhs="derivative" takes derivatives of y' if other else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
@@ -102,15 +108,15 @@ class Contexts:
     """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
     def __init__(self, function: Any, extra: ExtraArguments, count: int | None, *rest: Any) -> None:
-        members = range(1 if count is None else count)
-        self.contexts = [call_context(function, extra.arguments(k), *rest) for k in members]
-        self.pointers = np.array(list(map(id, self.contexts)))
-        self._stride = 0 if count is None else 8
+        self._connect(call_context(function, *rest), extra, count)
 
-    @property
-    def data_address(self) -> int:
-        """Address of the pointers to the contexts."""
-        return int(self.pointers.ctypes.data)
+    def _connect(self, context: CallContext, extra: ExtraArguments, count: int | None) -> None:
+        """Make the contexts of members, which are like a given one but for the arguments."""
+        members = range(1 if count is None else count)
+        self.contexts = [context.with_arguments(extra.arguments(k)) for k in members]
+        self._pointers = np.array(list(map(id, self.contexts)))
+        self.data_address = address(self._pointers)
+        self._stride = 0 if count is None else 8
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
@@ -141,15 +147,16 @@ class PythonRhs(Contexts):
         self.f, self.frame, self.extra, self.vectorized = f, frame, extra, vectorized
         self.check = Check(f, frame, vectorized)
         members = None if vectorized else extra.members
-        rest = frame, frame.rhs_shape, self.check, frame.rhs_dtype
-        super().__init__(f, extra, members, *rest)
+        super().__init__(f, extra, members, frame, frame.rhs_shape, self.check, frame.rhs_dtype)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonRhs, (self.f, self.frame, self.extra, self.vectorized)
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return PythonRhs(self.f, self.frame, extra, self.vectorized)
+        changed = filled(PythonRhs, vars(self) | {"extra": extra})
+        changed._connect(self.contexts[0], extra, None if self.vectorized else extra.members)
+        return changed
 
     def on_frame(self, frame: Frame) -> PythonRhs:
         """Return the function on another frame of the same points."""
@@ -212,21 +219,30 @@ class CallContext(NamedTuple):
     with_input: bool  # whether it gets the value of its first argument, a function of time
     changing: bool  # whether numbers of the last argument change, so that it gets copies
 
+    def with_arguments(self, args: tuple[Any, ...]) -> CallContext:
+        """Return the context of the same function with other arguments."""
+        if self.with_input:
+            args = (args[0].function(), *args[1:])
+        function, _, point, result, check, _, *flags = self  # in less time than by _replace
+        return CallContext(function, args, point, result, check, [None, None], *flags)
+
 
 def call_context(
-    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    dtype: Any = np.float64, changing: bool = False,
+    function: Any, frame: Frame, shape: tuple[int, ...], check: Any, dtype: Any = np.float64,
+    changing: bool = False,
 ) -> CallContext:  # fmt: skip
-    """Return the context of a function whose results have a shape, without its wrappers."""
+    """Return the context of a function whose results have a shape, without its wrappers.
+
+    It has no arguments yet.
+    """
     with_input = isinstance(function, WithInput)
     if with_input:
-        function, args = function.function, (args[0].function(), *args[1:])
+        function = function.function
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
     like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
-    spare = [None, None]
-    return CallContext(function, args, *like, check, spare, of_time, with_input, changing)
+    return CallContext(function, (), *like, check, [], of_time, with_input, changing)
 
 
 @dataclass(frozen=True, eq=False)

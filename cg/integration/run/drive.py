@@ -50,10 +50,10 @@ class StepCheck:
         """Return the number of steps of a single trajectory until the next check."""
         return max(self._next - self._taken, 1) if self._run.members == 1 else 2**62
 
-    def update(self) -> None:
-        """Check the member that has taken most steps, if it is time."""
+    def update(self, taken: int) -> None:
+        """Count steps of all members, and check the one that has taken most if it is time."""
         run = self._run
-        self._taken = int(run.counts[:, _COUNTS].sum())
+        self._taken += taken
         if self._taken < self._next:
             return
         active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
@@ -123,9 +123,9 @@ def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str],
                 watch(float(np.abs(run.reached - run.t0).sum()))
         if record.ended == run.members:
             return
-        check = check or StepCheck(run, warn)
-        budget.stop(max(steps - record.budget, 1))
-        check.update()
+        check, taken = check or StepCheck(run, warn), max(steps - record.budget, 1)
+        budget.stop(taken)
+        check.update(taken)
 
 
 class StepBudget:

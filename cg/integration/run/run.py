@@ -289,7 +289,8 @@ class Run:
     ) -> None:
         """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
         self.record.data = self.rhs.data_address
-        self._core.run_restart(self.address, t, rows.T, first_step or 0.0, stopped)
+        marks = stopped.view(np.int8)
+        self._core.run_restart(self.address, t, rows.T, first_step or 0.0, marks)
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
@@ -335,5 +336,6 @@ class Run:
 
 
 def _joined(calls: list[Array], begin: int = 0, end: int | None = None) -> Array:
-    """Return columns of the rows of several calls."""
-    return np.concatenate([rows[:, begin:end] for rows in calls])
+    """Return columns of the rows of several calls as a new array."""
+    parts = [rows[:, begin:end] for rows in calls if len(rows)] or [calls[0][:, begin:end]]
+    return np.concatenate(parts) if len(parts) > 1 else parts[0].copy()
