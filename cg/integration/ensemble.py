@@ -245,11 +245,11 @@ def check_output_size(problem: Problem) -> None:
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
-    # Derivatives are added to the whole problem, or, where each member has its own frame, to each
-    # part, by `part_options`: then the problem with derivatives of all only collects results.
+    # Derivatives are added to the whole problem, or, where each member has a problem of its own, to
+    # each part, by `part_options`: then the problem with derivatives of all only collects results.
     whole, part_options = problem, None
     problem = add_derivatives(problem, options)
-    if whole.inertia is not None and whole.inertia.one_by_one and problem is not whole:
+    if whole.one_by_one and problem is not whole:
         problem, part_options = replace(problem, inertia=None), options.copy()
         part_options["P0"] = None
     else:

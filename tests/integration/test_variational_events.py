@@ -70,6 +70,40 @@ def test_event_times_have_derivatives_at_late_times_and_near_jumps_of_inputs(sta
     np.testing.assert_allclose(solution.dt_events[0][index], -1.0 / 5.4, rtol=1e-6)
 
 
+@pytest.mark.parametrize("steps", [{"h": 0.05, "method": "CF4"}, {"rtol": 1e-7, "atol": 1e-9}])
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic"])
+def test_members_with_times_of_their_own_have_derivatives_as_alone(kind, steps):
+    """An input turns just before an event, and differences by time don't reach over that corner."""
+
+    def samples(corner):
+        times, values = [0.0, 0.2, corner, 1.5], [1.0, 1.4, 0.7, 2.0]
+        if kind == "cubic":
+            times, values = np.linspace(0.0, 1.5, 7), np.sin(np.arange(7.0) * (1 + corner))
+        return cg.Samples(times, values, kind)
+
+    def f(t, y, u):
+        return [u, np.sin(t)]
+
+    inner = cg.Event(
+        lambda t, y, u: t + 1e-4 * y[0] - 0.6, direction=1, jump=lambda t, y, u: [y[0] + u**2, t]
+    )
+    options = {"frame": Euclidean(2), "events": inner, "derivatives": "forward", **steps}
+    points = np.array([[0.0, 0.1], [0.2, 0.3], [-0.1, 0.2]])
+    inputs = [samples(corner) for corner in (0.6, 0.4, 0.5995)]
+    together = cg.solve_ensemble(
+        f, (0, 1), points, inputs=inputs, t_eval=[0.0, 0.5, 1.0], P0=0.1 * np.eye(2), **options
+    )
+    for k, (y0, curve) in enumerate(zip(points, inputs, strict=True)):
+        alone = cg.solve_ivp(
+            f, (0, 1), y0, inputs=curve, t_eval=[0.0, 0.5, 1.0], P0=0.1 * np.eye(2), **options
+        )
+        assert alone.t_events[0].size == 1
+        np.testing.assert_array_equal(together[k].y, alone.y)
+        np.testing.assert_array_equal(together[k].transition, alone.transition)
+        np.testing.assert_array_equal(together[k].covariance, alone.covariance)
+        np.testing.assert_array_equal(together[k].dt_events[0], alone.dt_events[0])
+
+
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_members_that_fail_are_nan():
     f = lambda t, y, p: [p[0] * y[0] ** 2]

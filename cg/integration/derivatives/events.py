@@ -69,6 +69,10 @@ class VariationalEvents(EventTable):
         equation = replace(self.equation, frame=frame)
         return VariationalEvents(self.table.on_frame(frame), equation, self.edges)
 
+    def between(self, edges: Array) -> VariationalEvents:
+        """Return the events between other edges."""
+        return VariationalEvents(self.table, self.equation, edges)
+
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
         return self.table.value(index, t, self.equation.split(y)[0], arguments)

@@ -86,6 +86,9 @@ class Derivatives:
             if (inertia := problem.inertia) is not None:
                 frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
                 tables = [table.on_frame(frame) for frame in frames]
+            if problem.member_inputs:
+                edges = (_edges(problem.part(slice(k, k + 1))) for k in range(len(tables)))
+                tables = [each.between(own) for each, own in zip(tables, edges, strict=True)]
             assert solution.t_events is not None
             assert solution.y_events is not None
             fields["dt_events"] = [
@@ -146,17 +149,21 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
     covariance = check_covariance(options["P0"], plan.frame.dim, members)
-    edges = np.append(problem.t0, problem.stops)
-    edges = np.unique(edges[np.isfinite(edges)])
     return replace(
         problem,
         plan=plan_of(equation.product, plan.table),
         rhs=variational_rhs,
         points=equation.start(problem.points),
         control=control,
-        events=None if events is None else VariationalEvents(events, equation, edges),
+        events=None if events is None else VariationalEvents(events, equation, _edges(problem)),
         finish=partial(Derivatives(equation, covariance).finish, problem),
     )
+
+
+def _edges(problem: Problem) -> Array:
+    """Return the ends of the span and where inputs or the right-hand side may jump, in order."""
+    edges = np.append(problem.t0, problem.stops)
+    return np.unique(edges[np.isfinite(edges)])
 
 
 def _check_problem(problem: Problem, options: Options) -> None:
