@@ -265,9 +265,10 @@ def _check_rhs(
 
     Points are those at the start, and serve at the end as well.
     """
-    for time in {start, stop}:  # a friction may vanish at the start
-        if math.isfinite(time):
-            refuse_friction(plan, rhs, [time], points[None])
+    if plan.table.kind is Kind.SPLITTING:
+        for time in {start, stop}:  # a friction may vanish at the start
+            if math.isfinite(time):
+                refuse_friction(plan, rhs, [time], points[None])
     if not of_time or isinstance(rhs, PythonRhs):
         return
     point, nowhere = points[0], np.full_like(points[0], np.nan)
@@ -291,7 +292,7 @@ def _checked_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if frame.jointed and not isinstance(frame, PhaseSpace):
+    if not isinstance(frame, PhaseSpace) and frame.jointed:
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
@@ -393,7 +394,7 @@ def _read_members(
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
-    if frame.jointed and options["inertia"] is not None:
+    if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
     points, numbers = arguments.check_points(plan, y0, options["parameters"], many)
     if isinstance(frame, PhaseSpace):
@@ -482,9 +483,10 @@ def _read_events(
 
 def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
     """Raise ValueError if an argument can't be sent to the processes that are asked for."""
-    executor, sent = options["executor"], {name: options[name] for name in _FUNCTIONS}
+    executor = options["executor"]
     if executor != "processes" and not isinstance(executor, ProcessPoolExecutor):
         return
+    sent = {name: options[name] for name in _FUNCTIONS}
     for name, value in {"f": f, "frame": rhs.frame, "args": rhs.extra.args, **sent}.items():
         try:
             pickle.dumps(value)

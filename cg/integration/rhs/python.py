@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput, address
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
 from cg.support.caches import filled
 from cg.support.checks import short
@@ -114,8 +115,8 @@ class Contexts:
         """Make the contexts of members, which are like a given one but for the arguments."""
         members = range(1 if count is None else count)
         self.contexts = [context.with_arguments(extra.arguments(k)) for k in members]
-        self._pointers = np.array(list(map(id, self.contexts)))
-        self.data_address = address(self._pointers)
+        self._pointers = (ctypes.c_void_p * len(members))(*map(id, self.contexts))
+        self.data_address = ctypes.addressof(self._pointers)
         self._stride = 0 if count is None else 8
 
     def addresses(self) -> tuple[int, int, int]:
