@@ -40,6 +40,9 @@ _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
 _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
 _TERMINAL = int(Stop.TERMINAL_EVENT)
+_DERIVATIVE_OPTIONS = (
+    "derivatives", "derivatives_by", "jac", "df_dp", "noise", "control_derivatives"
+)  # fmt: skip
 
 
 @expand_options()
@@ -247,11 +250,14 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     executor, workers, out = options["executor"], options["workers"], options["out"]
     # Derivatives are added to the whole problem, or, where each member has a problem of its own, to
     # each part, by `part_options`: then the problem with derivatives of all only collects results.
-    whole, part_options = problem, None
+    part_options: Any = None
+    whole = problem
     problem = add_derivatives(problem, options)
     if whole.one_by_one and problem is not whole:
-        problem, part_options = replace(problem, inertia=None), options.copy()
-        part_options["P0"] = None
+        problem = replace(problem, inertia=None)
+        # those that processes get with each part; the covariance comes from the derivatives of all
+        chosen = {name: value for name, value in options.items() if name in _DERIVATIVE_OPTIONS}
+        part_options = chosen | {"P0": None}
     else:
         whole = problem
     members = len(problem.points)

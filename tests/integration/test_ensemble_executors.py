@@ -113,6 +113,23 @@ def test_functions_that_cannot_be_pickled_are_named_before_any_call(name, option
             refuses(ValueError, f"{name} must be pickl", in_processes, field, executor, **options)
 
 
+def driven(t, y, u):
+    return u * field(t, y)
+
+
+def test_a_pool_takes_derivatives_of_members_with_inputs_of_their_own():
+    """Parts get the options of derivatives alone, not the pool, nor what reports progress."""
+    curves = [cg.Samples([0.0, 0.3 + 0.05 * k, 1.0], [1.0, 0.5, k], "linear") for k in range(10)]
+    options = {"inputs": curves, "derivatives": "forward", "P0": np.eye(3), "t_eval": TIMES}
+    done = []
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        apart = in_processes(driven, pool, progress=lambda *now: done.append(now), **options)
+    whole = in_processes(driven, None, **options)
+    assert done[-1] == (10.0, 10.0)
+    for name in ("y", "transition", "covariance"):
+        np.testing.assert_array_equal(getattr(apart, name), getattr(whole, name))
+
+
 LINE = Euclidean(1)
 
 
