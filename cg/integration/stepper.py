@@ -493,25 +493,22 @@ class Stepper:
 
     def _take_step(self) -> str | None:
         """Take a step; return a message if it failed."""
-        run, record = self._run, self._run.record
+        run = self._run
         # the counters of a member that still runs
         counters = run.counters[self._stopped.argmin() if self._many else 0]
         steps = counters.item(_STEPS)
         while counters.item(_STEPS) == steps:
-            record.budget = run.members
-            run.call()
-            if record.failed:
+            run.call(run.members)
+            if run.record.failed:
                 return self._fail()
         return None
 
     def _take_steps(self) -> str | None:
         """Take steps up to the end of the last segment; return a message if one failed."""
-        run, record, budget = self._run, self._run.record, self._budget
-        while record.ended < run.members:
-            record.budget = steps = budget.start()
-            run.call()
-            budget.stop(max(steps - record.budget, 1))
-            if record.failed:
+        run, budget = self._run, self._budget
+        while run.record.ended < run.members:
+            budget.stop(run.call(budget.start()))
+            if run.record.failed:
                 return self._fail()
         return None
 

@@ -110,20 +110,19 @@ _MAX_STEPS = 2**30  # fits into 32 bits
 
 def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
-    budget, record, check = StepBudget(), run.record, None
+    budget, check = StepBudget(), None
     while True:
         steps = budget.start()
         if check is not None:
             steps = min(steps, check.steps_left())
-        record.budget = steps
-        run.call()
+        taken = run.call(steps)
         raise_if_stopped()
         if watch is not None:
             with np.errstate(over="ignore"):  # members may have no end
                 watch(float(np.abs(run.reached - run.t0).sum()))
-        if record.ended == run.members:
+        if run.record.ended == run.members:
             return
-        check, taken = check or StepCheck(run, warn), max(steps - record.budget, 1)
+        check = check or StepCheck(run, warn)
         budget.stop(taken)
         check.update(taken)
 

@@ -209,8 +209,9 @@ class Run:
         """Share the limits of steps, which compiled code reads when a run opens or restarts."""
         self.record.limited = len(self._share("limits", limits))
 
-    def call(self) -> None:
-        """Call compiled code once and collect its output."""
+    def call(self, steps: int) -> int:
+        """Let compiled code try some steps, collect its output, and return how many were tried."""
+        self.record.budget = steps
         try:
             # bytes of what one step of each lane stores: points, times, slopes and events
             self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
@@ -230,6 +231,7 @@ class Run:
                 f"t = {self.failed_at[self.status == Stop.RAISED][0]:.17g}"
             )
         self._collect()
+        return max(steps - int(record.budget), 1)
 
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
@@ -277,9 +279,8 @@ class Run:
     def last_interpolants(self) -> Interpolants:
         """Return the interpolants of the last step, which ``keep_last`` keeps."""
         self._core.run_continue(self.address, True)
-        self.record.budget = 0
         try:
-            self.call()
+            self.call(0)
             return self.interpolants()
         finally:
             del self._dense[1:]
