@@ -19,8 +19,8 @@ module coordinates_m
   use vectors_m, only: cross, nan
   implicit none
   private
-  public :: difference, norm, point_sizes, quaternion_quotient, quotient, remove_isotropy, scales, &
-            sizes, tangent, tolerances_t
+  public :: coordinate_sizes, difference, error_norm, error_scales, point_sizes, &
+            quaternion_quotient, quotient, remove_isotropy, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
   real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))  ! whose square doesn't underflow
@@ -80,7 +80,7 @@ contains
 
   ! Computes the magnitude that the error in each coordinate is relative to: |y_i| on Euclidean
   ! space, the distance from the origin for the translations of a rigid motion, 1 for angles
-  subroutine sizes(frame, y, s)
+  subroutine coordinate_sizes(frame, y, s)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)     ! (point_size)
     real(wp), contiguous, intent(out) :: s(:)    ! (dimension)
@@ -101,7 +101,7 @@ contains
         end select
       end associate
     end do
-  end subroutine sizes
+  end subroutine coordinate_sizes
 
   ! X^T Y in body axes and Y X^T in space axes. With the difference of two rotations as Y it is the
   ! rotation between them less the identity, without cancellation for small angles.
@@ -246,7 +246,7 @@ contains
     integer :: counted
 
     if (tolerances%in_coordinates) then
-      call sizes(frame, y, magnitudes)
+      call coordinate_sizes(frame, y, magnitudes)
       return
     end if
     counted = count(tolerances%atol <= huge(1.0_wp))
@@ -255,7 +255,7 @@ contains
   end subroutine point_sizes
 
   ! Computes the tolerances at the larger of two points, all positive.
-  subroutine scales(frame, tolerances, x, y, spare, scale)
+  subroutine error_scales(frame, tolerances, x, y, spare, scale)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
@@ -265,18 +265,19 @@ contains
     call point_sizes(frame, tolerances, x, spare)
     call point_sizes(frame, tolerances, y, scale)
     scale = max(tolerances%rtols * max(scale, spare) + tolerances%atol, tiny(1.0_wp))
-  end subroutine scales
+  end subroutine error_scales
 
   ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left
   ! out.
-  pure real(wp) function norm(tolerances, v, scale)
+  pure real(wp) function error_norm(tolerances, v, scale)
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: v(:), scale(:)       ! (width)
     integer :: counted
 
     counted = max(count(scale <= huge(1.0_wp)), 1)
-    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%reals_per_entry, wp)))
-  end function norm
+    error_norm = sqrt(sum((v / scale)**2) &
+                      / (real(counted, wp) / real(tolerances%reals_per_entry, wp)))
+  end function error_norm
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
   subroutine remove_isotropy(frame, y, v)

@@ -11,7 +11,7 @@ module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
-  use coordinates_m, only: sizes
+  use coordinates_m, only: coordinate_sizes
   use derivatives_m, only: coefficients_of
   use frames_m, only: apply_flows
   use kinds, only: wp
@@ -170,7 +170,7 @@ contains
     real(wp), pointer, contiguous :: parameters(:), least(:)
 
     whole(:n) = 1.0_wp
-    if (.not. given(1)) call sizes(self%plan%frame, y, whole(:n))
+    if (.not. given(1)) call coordinate_sizes(self%plan%frame, y, whole(:n))
     whole(:n) = max(whole(:n), 1.0_wp)
     call c_f_pointer(self%parameters, parameters, [k])
     call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [k])

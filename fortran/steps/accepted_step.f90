@@ -72,7 +72,7 @@ contains
     x%needs_interpolant = .false.
     do k = 1, size(x%zeros)                  ! where one may end the step, it may be requested
       associate (i => x%zeros(k)%event)
-        if (x%zeros(k)%at < 1 .or. x%events(i)%after /= 0 .or. (x%problem%record%goes_on .and. &
+        if (x%zeros(k)%theta < 1 .or. x%events(i)%after /= 0 .or. (x%problem%record%goes_on .and. &
             ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
       end associate
     end do
@@ -239,7 +239,7 @@ contains
   subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until
+    real(wp) :: kept                         ! fraction of the step before the end
     logical :: ended
 
     if (x%interpolate_only) then
@@ -252,12 +252,12 @@ contains
     ended = .false.
     if (x%seeks_events) then
       ! the interpolant has all its nodes, so that their memory is free
-      call store_zeros(x, output, until, ended, x%interpolant%y)
+      call store_zeros(x, output, kept, ended, x%interpolant%y)
       if (x%status /= finished) return
       deallocate (x%zeros)
     end if
     if (ended) then
-      call store_until(x, time_at(x, until), x%interpolant%y, ended, output)
+      call store_until(x, time_at(x, kept), x%interpolant%y, ended, output)
     else
       call store_until(x, x%t_end, x%y(:, x%result), ended, output)
     end if

@@ -14,7 +14,7 @@ module collocation_m
   use kinds, only: wp
   use algebra_m, only: bracket, dexpinv
   use controller_m, only: max_iterations
-  use coordinates_m, only: norm, scales, sizes, tangent
+  use coordinates_m, only: coordinate_sizes, error_norm, error_scales, tangent
   use frames_m, only: apply_flows
   use requests_m, only: reject_stage, request
   use trajectory_m
@@ -22,8 +22,8 @@ module collocation_m
   use shared_numbers
   implicit none
   private
-  public :: converges_fast, filtered, keep_step, receive_collocation, receive_column, refactor, &
-            request_collocation
+  public :: converges_fast, damp_displacement, keep_step, receive_collocation, receive_column, &
+            refactor, request_collocation
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -95,7 +95,7 @@ contains
   ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
   subroutine predict(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: powers(3), back(size(x%work))
+    real(wp) :: powers(3), back(size(x%slope))
     logical :: exists
     integer :: d, i
 
@@ -148,12 +148,12 @@ contains
   subroutine solve(x, count, b)
     type(trajectory_t), intent(in) :: x
     integer, intent(in) :: count
-    real(wp), intent(inout) :: b(size(x%work), count)
-    complex(wp) :: solution(size(x%work))
+    real(wp), intent(inout) :: b(size(x%slope), count)
+    complex(wp) :: solution(size(x%slope))
     real(wp) :: numbers(size(b))
     integer :: info
 
-    associate (newton => x%collocation, n => size(x%work))
+    associate (newton => x%collocation, n => size(x%slope))
       if (x%problem%record%jacobian == outside_jacobian) then
         numbers = [b]
         call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
@@ -172,26 +172,26 @@ contains
   ! A^-1 z / h, the derivatives at the stages
   pure function slopes(x)
     type(trajectory_t), intent(in) :: x
-    real(wp) :: slopes(size(x%work), 3)
+    real(wp) :: slopes(size(x%slope), 3)
 
     slopes = matmul(x%collocation%z, transpose(x%method%transformation%inverse / x%h))
   end function slopes
 
-  ! Applies (1 - h J / gamma)^-1 to u, which damps fast components of error estimates.
-  subroutine filtered(x)
+  ! Applies (1 - h J / gamma)^-1 to the displacement by an error, whose fast components it damps.
+  subroutine damp_displacement(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: v(size(x%work))
+    real(wp) :: v(size(x%slope))
 
-    v = x%work * (x%method%transformation%gamma / x%collocation%factored_h)
+    v = x%norms%displacement * (x%method%transformation%gamma / x%collocation%factored_h)
     call solve(x, 1, v)
-    x%work = v
-  end subroutine filtered
+    x%norms%displacement = v
+  end subroutine damp_displacement
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), dimension(size(x%work), 3) :: d, dz         ! corrections of z, d by matrices apart
-    real(wp) :: size_of, tolerance
+    real(wp), dimension(size(x%slope), 3) :: d, dz        ! dz: corrections of z; d: T^-1 dz
+    real(wp) :: correction, tolerance
     integer :: remaining
     logical :: slow, solved
 
@@ -206,20 +206,20 @@ contains
       tolerance = rounding
       if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
                                               min(0.03_wp, sqrt(rtol)))
-      size_of = correction_norm(x, dz)
-      slow = .not. size_of <= huge(1.0_wp)
-      solved = size_of <= 0
+      correction = correction_norm(x, dz)
+      slow = .not. correction <= huge(1.0_wp)
+      solved = correction <= 0
       if (newton%iteration > 1) then
-        newton%rate = size_of / newton%norm
+        newton%rate = correction / newton%norm
         slow = slow .or. newton%rate >= 1
         if (.not. slow) then
           newton%rate_factor = newton%rate / (1 - newton%rate)
-          slow = newton%rate**remaining * size_of / (1 - newton%rate) > tolerance
+          slow = newton%rate**remaining * correction / (1 - newton%rate) > tolerance
         end if
-        if (.not. x%problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
+        if (.not. x%problem%adaptive .and. slow .and. correction <= noise) solved = .true.
       end if
-      solved = solved .or. newton%rate_factor * size_of <= tolerance .and. .not. slow
-      newton%norm = size_of
+      solved = solved .or. newton%rate_factor * correction <= tolerance .and. .not. slow
+      newton%norm = correction
       if (solved) then
         newton%z = newton%z + dz
         x%f(:, 2:) = slopes(x)
@@ -238,20 +238,23 @@ contains
   real(wp) function correction_norm(x, dz)
     type(trajectory_t), intent(inout) :: x
     real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
+    real(wp), allocatable :: magnitudes(:)             ! (dimension)
     integer :: i
 
     if (.not. x%problem%adaptive) then
-      call sizes(x%frame, x%y(:, 0), x%work)
+      allocate (magnitudes(size(dz, 1)))
+      call coordinate_sizes(x%frame, x%y(:, 0), magnitudes)
       correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
       if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
-        / max(maxval(x%work), maxval(abs(x%collocation%z + dz)), tiny(1.0_wp))
+        / max(maxval(magnitudes), maxval(abs(x%collocation%z + dz)), tiny(1.0_wp))
       return
     end if
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%work, x%norms%scale)
+    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%change, x%norms%scale)
     correction_norm = 0.0_wp
     do i = 1, size(dz, 2)
-      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%norms%v)
-      correction_norm = hypot(correction_norm, norm(x%tolerances, x%norms%v, x%norms%scale))
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%norms%vector)
+      correction_norm = hypot(correction_norm, &
+                              error_norm(x%tolerances, x%norms%vector, x%norms%scale))
     end do
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
@@ -305,7 +308,7 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
-    call sizes(x%frame, x%y(:, 0), d)
+    call coordinate_sizes(x%frame, x%y(:, 0), d)
     if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
       d = max(d, merge(maxval(d, without_control(x)), x%tolerances%atol, without_control(x)))
     where (.not. d > 0) d = abs(x%h * x%slope)
@@ -328,10 +331,10 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (column => x%collocation%column)
-      x%work = 0.0_wp
-      x%work(column) = x%collocation%z(column, 1)
+      x%v(:, 1) = 0.0_wp
+      x%v(column, 1) = x%collocation%z(column, 1)
       call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%frame, 1, x%work, x%y(:, x%result))
+      call apply_flows(x%frame, 1, x%v, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t, x%y(:, x%result), phase_column_received)
     end associate
@@ -341,11 +344,11 @@ contains
   ! for derivatives of a solution it would be second differences, which have no digits.
   subroutine receive_column(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: exists, uncontrolled(size(x%work))
+    logical :: exists, uncontrolled(size(x%slope))
 
     associate (newton => x%collocation, column => x%collocation%column, series => x%method%series)
       newton%jacobian(:, column) = x%request%answer
-      call dexpinv(x%frame, series, x%work, newton%jacobian(:, column), exists)
+      call dexpinv(x%frame, series, x%v(:, 1), newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
       uncontrolled = without_control(x)
       if (.not. uncontrolled(column)) &
@@ -362,13 +365,13 @@ contains
   ! Adds the derivative of dexp^-1_u f at u = 0, -[u, f] / 2.
   subroutine add_brackets(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: change(size(x%work))
+    real(wp), dimension(size(x%slope)) :: u, change
     integer :: j
 
-    do j = 1, size(x%work)
-      x%work = 0.0_wp
-      x%work(j) = -0.5_wp
-      call bracket(x%frame, x%work, x%slope, change)
+    do j = 1, size(u)
+      u = 0.0_wp
+      u(j) = -0.5_wp
+      call bracket(x%frame, u, x%slope, change)
       x%collocation%jacobian(:, j) = x%collocation%jacobian(:, j) + change
     end do
   end subroutine add_brackets

@@ -31,8 +31,8 @@
 ! else e2, unless they are small compared with their variation.
 module error_estimate_m
   use kinds, only: wp
-  use collocation_m, only: filtered
-  use coordinates_m, only: difference, norm, remove_isotropy, scales, tangent
+  use collocation_m, only: damp_displacement
+  use coordinates_m, only: difference, error_norm, error_scales, remove_isotropy, tangent
   use frames_m, only: turning
   use method_m, only: method_t
   use shared_numbers
@@ -49,16 +49,18 @@ module error_estimate_m
 
 contains
 
+  ! Estimates the error of a step from differences, and from how its coefficients change.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
     real(wp) :: parts(2), change
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%work, x%norms%scale)
+    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%vector, &
+                      x%norms%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
-    call find_differences(x, errors)
+    call difference_norms(x, errors)
     x%error = combined(x%method, errors(1, 1), errors(1, 2))
     if (x%method%in_parts) then
       parts = [x%error, combined(x%method, errors(2, 1), errors(2, 2))]
@@ -72,10 +74,10 @@ contains
     call limit_angle(x)
     if (.not. x%method%uses_last_nodes) return
     if (x%h_before /= 0) then
-      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%work)
-      x%work = x%h * x%work
-      call remove_isotropy(x%frame, x%y(:, x%result), x%work)
-      x%error = max(x%error, norm_of_work(x))
+      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%norms%displacement)
+      x%norms%displacement = x%h * x%norms%displacement
+      call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
+      x%error = max(x%error, displacement_norm(x))
     else if (x%counts%steps == 0) then
       ! without parts the second one is no estimate of its own
       change = variation(x)
@@ -94,25 +96,25 @@ contains
 
     variation = 0.0_wp
     do k = 2, size(x%method%c)
-      x%work = x%h * (x%f(:, k) - x%f(:, 1))
-      call raise(variation, norm_of_work(x))
+      x%norms%displacement = x%h * (x%f(:, k) - x%f(:, 1))
+      call raise(variation, displacement_norm(x))
     end do
   end function variation
 
-  ! Finds the differences of results and the sums of stages. Each half of the sums belongs to one
-  ! difference, but sums at the end of the step belong to e2 and e3. Parts are sums of stages, and
-  ! the rest. With a third result the rest is that of the differences of results; where exponents of
-  ! Magnus methods are compared, it has sums of its own; on the algebra it is what dexp^-1 adds to
-  ! coefficients.
-  subroutine find_differences(x, errors)
-    type(trajectory_t), intent(inout) :: x
+  ! Computes the norms e_i of differences of results and of sums of stages. Each half of the sums
+  ! belongs to one difference, but sums at the end of the step belong to e2 and e3. Parts are sums
+  ! of stages, and the rest. With a third result the rest is that of the differences of results;
+  ! where exponents of Magnus methods are compared, it has sums of its own; on the algebra it is
+  ! what dexp^-1 adds to coefficients.
+  subroutine difference_norms(x, errors)
+    type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)
     real(wp), allocatable :: weight(:)       ! (summands)
     real(wp) :: error
     integer :: i, part, place
 
     errors = 0.0_wp
-    associate (method => x%method, last => size(x%method%error, 2))
+    associate (method => x%method, last => size(x%method%error, 2), u => x%norms%displacement)
       if (method%embedded > 0 .and. .not. method%in_parts) &
         errors(1, 1) = distance(x, method%embedded)
       do i = 1, last
@@ -123,25 +125,24 @@ contains
           part = 2 - mod(i, 2)
         weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
-          call combine(size(x%work), size(x%f, 2), weight, x%added, x%work)
-          call remove_isotropy(x%frame, x%y(:, x%result), x%work)
-          call raise(errors(2, place), norm_of_work(x))
-          x%v(:, 1) = x%work                    ! the rest; all paths have been followed
+          call combine(size(u), size(x%f, 2), weight, x%added, u)
+          call remove_isotropy(x%frame, x%y(:, x%result), u)
+          call raise(errors(2, place), displacement_norm(x))
+          x%v(:, 1) = u                      ! the rest; all flows have been followed
         end if
-        ! request_error needs what the last pass of a collocation method leaves in x%work
-        call combine(size(x%work), size(x%f, 2), weight, x%f, x%work)
-        if (method%kind == collocation_kind) call filtered(x)
-        call remove_isotropy(x%frame, x%y(:, x%result), x%work)
-        if (size(x%added) > 0) x%work = x%work - x%v(:, 1)
-        error = norm_of_work(x)
+        call combine(size(u), size(x%f, 2), weight, x%f, u)
+        if (method%kind == collocation_kind) call damp_displacement(x)
+        call remove_isotropy(x%frame, x%y(:, x%result), u)
+        if (size(x%added) > 0) u = u - x%v(:, 1)
+        error = displacement_norm(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
         if (.not. method%in_parts .or. method%third == 0) cycle
-        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%norms%work))
-        if (i == last) call raise(errors(2, place), distance(x, method%third, x%norms%work))
+        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%norms%change))
+        if (i == last) call raise(errors(2, place), distance(x, method%third, x%norms%change))
       end do
     end associate
-  end subroutine find_differences
+  end subroutine difference_norms
 
   ! Raises an error to another one, unless that is smaller; NaN counts as larger.
   pure subroutine raise(error, other)
@@ -160,8 +161,8 @@ contains
 
     change = 0.0_wp
     do i = 2, size(x%method%c)
-      x%work = x%f(:, i) - x%f(:, 1)
-      change = max(change, abs(x%h) * turning(x%frame, x%work, .true.))
+      x%norms%displacement = x%f(:, i) - x%f(:, 1)
+      change = max(change, abs(x%h) * turning(x%frame, x%norms%displacement, .true.))
     end do
     associate (power => 1 / x%tolerances%exponent)
       ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
@@ -226,27 +227,27 @@ contains
     v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
   end subroutine node_difference
 
-  ! The norm of the difference of the result from another one, without a part that is known
-  real(wp) function distance(x, path, known)
+  ! The norm of the difference of the result from another one, without a part of it
+  real(wp) function distance(x, path, part)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
-    real(wp), intent(in), optional :: known(:)
+    real(wp), intent(in), optional :: part(:)          ! (width)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%v)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%vector)
     else
-      x%norms%v(:) = x%y(:, x%result) - x%y(:, path)
+      x%norms%vector(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(known)) x%norms%v(:) = x%norms%v - known(:size(x%norms%v))
-    distance = norm(x%tolerances, x%norms%v, x%norms%scale)
+    if (present(part)) x%norms%vector(:) = x%norms%vector - part(:size(x%norms%vector))
+    distance = error_norm(x%tolerances, x%norms%vector, x%norms%scale)
   end function distance
 
-  ! The norm of the displacement u at the end of the step
-  real(wp) function norm_of_work(x)
+  ! The norm of norms%displacement at the end of the step; norms%change is set on the way.
+  real(wp) function displacement_norm(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(x%frame, x%tolerances, x%work, x%y(:, x%result), x%norms%work)
-    norm_of_work = norm(x%tolerances, x%norms%work, x%norms%scale)
-  end function norm_of_work
+    call tangent(x%frame, x%tolerances, x%norms%displacement, x%y(:, x%result), x%norms%change)
+    displacement_norm = error_norm(x%tolerances, x%norms%change, x%norms%scale)
+  end function displacement_norm
 
 end module error_estimate_m

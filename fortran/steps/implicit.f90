@@ -13,7 +13,7 @@
 ! solved.
 module implicit_m
   use kinds, only: wp
-  use coordinates_m, only: sizes
+  use coordinates_m, only: coordinate_sizes
   use vectors_m, only: dgetrf, dgetrs
   use paths_m, only: request_on_path
   use requests_m, only: reject_stage
@@ -158,7 +158,7 @@ contains
     real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
     real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
 
-    call sizes(x%frame, x%y(:, 0), scale)
+    call coordinate_sizes(x%frame, x%y(:, 0), scale)
     scale = max(abs(k), scale / abs(x%h))
     where (.not. scale > 0) scale = merge(maxval(scale), 1.0_wp, maxval(scale) > 0)
   end subroutine scale_of

@@ -294,8 +294,8 @@ contains
   subroutine move_along_register(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%work = (x%h * x%method%b(x%stage)) * x%f(:, 1)
-    call apply_flows(x%frame, 1, x%work, x%y(:, 1))
+    x%v(:, 1) = (x%h * x%method%b(x%stage)) * x%f(:, 1)
+    call apply_flows(x%frame, 1, x%v, x%y(:, 1))
     call restore(x%frame, x%y(:, 1))
     x%counts%nexp = x%counts%nexp + 1
   end subroutine move_along_register

@@ -14,7 +14,8 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_accepted_step, &
-            reject_stage, request, retry_step, share, share_error, within_segment
+            reject_stage, request, retry_step, share, share_error, share_size, &
+            shared_size, within_segment
 
 contains
 
@@ -58,8 +59,8 @@ contains
       call evaluate(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
                     x%request%detail)
     else
-      call evaluate(x%problem%rhs, size(y), size(x%work), x%request%t, y, x%request%answer, &
-                    x%request%detail)
+      call evaluate(x%problem%rhs, size(y), x%frame%dimension, x%request%t, y, &
+                    x%request%answer, x%request%detail)
     end if
     if (count(y /= x%request%y) > 0) call copy(size(y), x%request%y, y)
     if (x%frame%derivatives) &
@@ -156,6 +157,23 @@ contains
     x%phase = phase_choose_step
     if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
+
+  ! Goes to the phase `next` with a step size, of trajectories with common steps the smallest of
+  ! theirs, which `shared_size` is then. Runs know only maxima, and so they get the negative size.
+  subroutine share_size(x, step_size, next)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: step_size
+    integer, intent(in) :: next                        ! phase
+
+    call share(x, -step_size, next)
+  end subroutine share_size
+
+  ! The step size that share_size has found
+  pure real(wp) function shared_size(x)
+    type(trajectory_t), intent(in) :: x
+
+    shared_size = -x%request%shared
+  end function shared_size
 
   ! Goes to the phase `next` with a number, of trajectories with common steps the maximum of theirs.
   subroutine share(x, number, next)

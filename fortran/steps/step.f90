@@ -133,14 +133,14 @@ contains
 
   ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
   ! is damped once more: with one solution only, stiff components are far too large where they
-  ! aren't in equilibrium. The estimate has left the error in x%work.
+  ! aren't in equilibrium.
   subroutine request_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: y(x%frame%point_size)
 
     y = x%y(:, 0)
-    x%work = -x%work
-    call apply_flows(x%frame, 1, x%work, y)
+    x%v(:, 1) = -x%norms%displacement
+    call apply_flows(x%frame, 1, x%v, y)
     x%counts%nexp = x%counts%nexp + 1
     call request(x, x%t, y, phase_error_received)
   end subroutine request_error

@@ -35,14 +35,14 @@ module step_events_m
   ! Frames in Python give only a bound of the angle; larger ones count as two turns.
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
 
-  ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
-  ! where rounding of the function decides its sign
+  ! Events happen together if their zeros differ by at most these fractions of a step: by the
+  ! accuracy of zeros; if rounding of the function has changed its sign before its zero
   real(wp), parameter :: same_time_tolerance = 32 * epsilon(1.0_wp)
   real(wp), parameter :: decided_by_rounding = sqrt(epsilon(1.0_wp))
 
   ! The value of an event's function at a fraction of the step
   type :: sample_t
-    real(wp) :: at = 0.0_wp, value = 0.0_wp
+    real(wp) :: theta = 0.0_wp, value = 0.0_wp
     real(wp) :: rounding = 0.0_wp            ! rounding of the value, where it is needed
   end type sample_t
 
@@ -56,7 +56,7 @@ contains
     real(wp) :: values(1)
 
     values = sample%value
-    call evaluate_events(x, event, sample%at, values)
+    call evaluate_events(x, event, sample%theta, values)
     sample%value = values(1)
   end subroutine evaluate
 
@@ -73,10 +73,10 @@ contains
 
     a = high
     b = low
-    zero = high%at
+    zero = high%theta
     part = 0.5_wp
     do i = 1, max_root_iterations
-      new%at = a%at + part * (b%at - a%at)
+      new%theta = a%theta + part * (b%theta - a%theta)
       call evaluate(x, event, new)
       if (x%status /= finished) exit
       c = b
@@ -86,16 +86,16 @@ contains
         b = a
       end if
       a = new
-      zero = merge(a%at, b%at, abs(a%value) < abs(b%value))
-      min_part = tolerance * (abs(zero) + 1) / abs(b%at - a%at) / 2
+      zero = merge(a%theta, b%theta, abs(a%value) < abs(b%value))
+      min_part = tolerance * (abs(zero) + 1) / abs(b%theta - a%theta) / 2
       if (min_part > 0.5_wp .or. a%value == 0) exit
       ! where the inverse of a parabola through three points increases between them, its zero
-      xi = (a%at - b%at) / (c%at - b%at)
+      xi = (a%theta - b%theta) / (c%theta - b%theta)
       phi = (a%value - b%value) / (c%value - b%value)
       part = 0.5_wp
       if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
         part = a%value / (b%value - a%value) * c%value / (b%value - c%value) &
-               + (c%at - a%at) / (b%at - a%at) * a%value / (c%value - a%value) &
+               + (c%theta - a%theta) / (b%theta - a%theta) * a%value / (c%value - a%value) &
                  * b%value / (c%value - b%value)
       part = min(1 - min_part, max(min_part, part))
     end do
@@ -136,7 +136,8 @@ contains
     end if
   end subroutine find_zeros
 
-  ! Finds the zeros of all events in a step, as far as values are known.
+  ! Finds the zeros of all events in a step, as far as values are known. Those at the ends of parts
+  ! are requested together, then for each event those that its zeros need.
   subroutine try_to_find_zeros(x)
     type(trajectory_t), intent(inout) :: x
     logical :: waits
@@ -193,8 +194,8 @@ contains
     if (waits) x%status = needs_events
   end subroutine try_to_find_zeros
 
-  ! Whether a function can't reach zero by the differences of its values at the ends of a step and
-  ! in the middle, so that the other points aren't evaluated
+  ! Whether the values of a function at the ends of a step and in the middle differ by less than
+  ! their distance from zero, so that no other point is evaluated
   pure elemental logical function keeps_sign(event, middle)
     type(event_state_t), intent(in) :: event
     real(wp), intent(in) :: middle
@@ -207,18 +208,18 @@ contains
 
   ! The number of parts whose ends are compared
   integer function parts(x)
-    type(trajectory_t), intent(inout) :: x   ! x%work is free
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: angle
     integer :: column
 
     angle = 0.0_wp
     do column = 0, x%result, x%result        ! both ends of the step
-      x%work = x%slope
-      if (column > 0) x%work = x%end_slope
+      x%v(:, 1) = x%slope
+      if (column > 0) x%v(:, 1) = x%end_slope
       ! coefficients of splitting methods are forces alone
-      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%work)
-      x%work = x%h * x%work
-      angle = max(angle, turning(x%frame, x%work, .false.))
+      if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%v)
+      x%v(:, 1) = x%h * x%v(:, 1)
+      angle = max(angle, turning(x%frame, x%v(:, 1), .false.))
     end do
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
@@ -239,8 +240,8 @@ contains
       if (x%status /= finished .or. k == ubound(theta, 1)) return
       call find_turning_point(x, event, theta(k - 1:k + 1), values(k - 1:k + 1), extremum, exists)
       if (x%status /= finished) return
-      if (.not. exists .or. (extremum%at < theta(k) .and. last == k)) cycle
-      last = merge(k, k + 1, extremum%at < theta(k))
+      if (.not. exists .or. (extremum%theta < theta(k) .and. last == k)) cycle
+      last = merge(k, k + 1, extremum%theta < theta(k))
       call add_zero(x, event, sample_t(theta(last - 1), values(last - 1)), extremum)
       if (x%status == finished) &
         call add_zero(x, event, extremum, sample_t(theta(last), values(last)))
@@ -271,17 +272,18 @@ contains
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
-      call minimise_parabola(theta, v, extremum%at, nearest, bends)
+      call minimise_parabola(theta, v, extremum%theta, nearest, bends)
       if (.not. bends) return
-      associate (at => extremum%at)
+      associate (vertex => extremum%theta)
         near = margin * (maxval(v) - minval(v))
-        lies_within = at > theta(1) .and. at < theta(3)
+        lies_within = vertex > theta(1) .and. vertex < theta(3)
         if (.not. (lies_within .and. (detects .or. nearest <= minval(v) / 2))) then
-          if (at > ends(2) .and. ends(3) < 1) return   ! the next three values are nearer
-          edge = merge(3, 1, at > theta(2))
+          if (vertex > ends(2) .and. ends(3) < 1) return       ! the next three values are nearer
+          edge = merge(3, 1, vertex > theta(2))
           if (.not. lies_within .or. nearest > near) then
-            if (v(edge) > near .or. abs(at - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
-            at = (theta(2) + theta(edge)) / 2
+            if (v(edge) > near &
+                .or. abs(vertex - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
+            vertex = (theta(2) + theta(edge)) / 2
           end if
         end if
         ! in detection the sign alone counts: any value of the other sign, without a call
@@ -292,40 +294,41 @@ contains
         if (x%status /= finished) return
         exists = extremum%value * sign(1.0_wp, values(1)) <= 0
         if (exists) return
-        call narrow(theta, v, at, abs(extremum%value))
+        call narrow(theta, v, vertex, abs(extremum%value))
       end associate
     end do
   end subroutine find_turning_point
 
-  pure subroutine minimise_parabola(theta, v, at, minimum, bends)
+  ! Finds the minimum of the parabola through three points.
+  pure subroutine minimise_parabola(theta, v, vertex, minimum, bends)
     real(wp), intent(in) :: theta(3), v(3)
-    real(wp), intent(out) :: at, minimum               ! place of the minimum, and the value there
+    real(wp), intent(out) :: vertex, minimum           ! where the minimum is, and the value there
     logical, intent(out) :: bends                      ! whether there is one
     real(wp) :: first, second
 
     first = (v(2) - v(1)) / (theta(2) - theta(1))
     second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
     bends = second > 0
-    at = 0.0_wp
+    vertex = 0.0_wp
     minimum = 0.0_wp
     if (.not. bends) return
-    at = (theta(1) + theta(2) - first / second) / 2
-    minimum = v(1) + (at - theta(1)) * (first + second * (at - theta(2)))
+    vertex = (theta(1) + theta(2) - first / second) / 2
+    minimum = v(1) + (vertex - theta(1)) * (first + second * (vertex - theta(2)))
   end subroutine minimise_parabola
 
   ! Puts a point between three and leaves out the end that is farther from the smaller inner value.
-  pure subroutine narrow(theta, v, at, value)
+  pure subroutine narrow(theta, v, new_theta, value)
     real(wp), intent(inout) :: theta(3), v(3)
-    real(wp), intent(in) :: at, value
+    real(wp), intent(in) :: new_theta, value
     type(sample_t) :: inner(2)
 
-    inner = [sample_t(theta(2), v(2)), sample_t(at, value)]
-    if (at < theta(2)) inner = inner(2:1:-1)
+    inner = [sample_t(theta(2), v(2)), sample_t(new_theta, value)]
+    if (new_theta < theta(2)) inner = inner(2:1:-1)
     if (inner(1)%value < inner(2)%value) then
-      theta(2:) = inner%at
+      theta(2:) = inner%theta
       v(2:) = inner%value
     else
-      theta(:2) = inner%at
+      theta(:2) = inner%theta
       v(:2) = inner%value
     end if
   end subroutine narrow
@@ -339,26 +342,27 @@ contains
     real(wp) :: zero
 
     if (.not. crosses(low%value, high%value, x%problem%events%table(event))) return
-    zero = high%at
+    zero = high%theta
     if (high%value /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
     x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, merge(-1, 1, low%value < 0))]
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
   ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
-  ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
-  ! ball stays on the floor, through which the solution would fall. Where the function is on the
-  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
-  ! start. The first values that are larger than rounding tell a line through zero, which passes,
-  ! from a higher power of time. If the step is too small to tell, the next one decides.
+  ! zero within the first part of the step; or it passes to the other side; or a jump has left it at
+  ! rest, as where a ball stays on the floor, through which the solution would fall. Where the
+  ! function is on the other side at the end of the first part or of the step, it is evaluated at
+  ! points that halve the distance to the start. The values nearest to it that are larger than
+  ! rounding show the power of time by which the function grows: one where it passes, two at rest.
+  ! If the step is too small for this, the next step decides.
   subroutine find_after_event(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     real(wp), contiguous, intent(in) :: theta(0:)
-    real(wp), contiguous, intent(inout) :: values(0:)  ! there; first ones of rounding become zero
+    real(wp), contiguous, intent(inout) :: values(0:)  ! the first ones, if rounding, become zero
     integer, parameter :: halvings = 60
-    ! A line has the power 1, a body that lies on the floor falls by the power 2. `passes` ends the
-    ! search early, `rests` is halfway between them.
+    ! Powers: up to `passes` the search ends early; from `rests` on, halfway from one to two, the
+    ! solution is at rest.
     real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
     type(sample_t), allocatable :: near(:)   ! at points ever nearer to the start
     type(sample_t) :: point
@@ -382,12 +386,12 @@ contains
                k=last, first, -1)]
       elapsed = abs((x%t - state%time) / x%h)
       do k = 1, halvings
-        point%at = theta(first) * 0.5_wp**k
+        point%theta = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
-        if (point%at < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
+        if (point%theta < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
         call evaluate(x, event, point)
         if (x%status /= finished) return
-        point%rounding = rounding_at(x, event, point%at, values(n))
+        point%rounding = rounding_at(x, event, point%theta, values(n))
         if (abs(point%value) <= point%rounding) exit
         if (point%value * side > 0) then
           if (first == 1) call add_zero(x, event, point, sample_t(theta(1), values(1)))
@@ -417,7 +421,7 @@ contains
     real(wp) :: times(size(near)), ratio
     integer :: j, k
 
-    times = elapsed + near%at
+    times = elapsed + near%theta
     power_of = -1.0_wp
     do k = size(times), size(times) - powers + 1, -1
       ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
@@ -432,74 +436,75 @@ contains
   end function power_of
 
   ! The rounding of a function at a fraction of the step, relative to the point and to the function
-  pure real(wp) function rounding_at(x, event, at, last)
+  pure real(wp) function rounding_at(x, event, theta, last)
     type(trajectory_t), intent(in) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: at, last                   ! fraction, and the function at the end
+    real(wp), intent(in) :: theta, last      ! fraction, and the function at the end
     real(wp) :: sizes(3)
 
     associate (n => x%problem%events%width)
-      sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
+      sizes = [maxval(abs(x%y(:n, 0))), theta * maxval(abs(x%y(:n, x%result))), theta * abs(last)]
       rounding_at = max(8 * abs(x%events(event)%residual), 32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 
   ! Stores zeros in the order of their times, up to the first one that ends the step. The status
   ! tells whether a function has failed.
-  subroutine store_zeros(x, output, until, ended, after)
-    type(trajectory_t), intent(inout) :: x    ! places of x%zeros become 2
+  subroutine store_zeros(x, output, kept, ended, after)
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp), intent(out) :: until                     ! fraction of the step that is kept
+    real(wp), intent(out) :: kept                      ! fraction of the step before the end
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical :: happen(size(x%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
-    until = 1.0_wp
+    kept = 1.0_wp
     ended = .false.
     associate (state => x%events, events => x%problem%events, zeros => x%zeros)
-      do while (any(zeros%at < 2))
-        k = minloc(zeros%at, 1)
-        ended = any(zeros%at <= zeros(k)%at + same_time_tolerance .and. &
-                    ends_step(state(zeros%event), events%table(zeros%event)))
-        call point_at(x, zeros(k)%at, y)
+      do while (.not. all(zeros%stored))
+        k = minloc(zeros%theta, 1, .not. zeros%stored)
+        ended = any(.not. zeros%stored &
+                    .and. zeros%theta <= zeros(k)%theta + same_time_tolerance &
+                    .and. ends_step(state(zeros%event), events%table(zeros%event)))
+        call point_at(x, zeros(k)%theta, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
-          until = zeros(k)%at
-          x%events(pack(zeros%event, zeros%at < 2))%residual = 0.0_wp
-          call find_together(x, until, happen)
+          kept = zeros(k)%theta
+          x%events(pack(zeros%event, .not. zeros%stored))%residual = 0.0_wp
+          call find_together(x, kept, happen)
           if (x%status /= finished) return
         end if
-        call store_together(x, zeros(k)%at, y, happen, output, after)
+        call store_together(x, zeros(k)%theta, y, happen, output, after)
         if (ended) state(pack(zeros%event, happen))%came_from = pack(zeros%from, happen)
         if (x%status /= finished .or. ended) return
-        zeros(k)%at = 2.0_wp
+        zeros(k)%stored = .true.
       end do
     end associate
   end subroutine store_zeros
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(x, until, happen)
+  subroutine find_together(x, theta, happen)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: until                      ! fraction of the step
+    real(wp), intent(in) :: theta                      ! fraction of the step, of the first zero
     logical, intent(inout) :: happen(:)                ! (zeros)
     type(sample_t) :: sample
     integer :: k
 
-    associate (zeros => x%zeros, t => time_at(x, until))
+    associate (zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
-        if (zeros(k)%at > until + decided_by_rounding) cycle
+        if (zeros(k)%stored .or. zeros(k)%theta > theta + decided_by_rounding) cycle
         if (any(happen .and. zeros%event == zeros(k)%event)) cycle
-        happen(k) = zeros(k)%at <= until + same_time_tolerance
+        happen(k) = zeros(k)%theta <= theta + same_time_tolerance
         if (happen(k)) cycle
-        sample%at = until
+        sample%theta = theta
         call evaluate(x, zeros(k)%event, sample)
         if (x%status /= finished) return
         happen(k) = sample%value * real(zeros(k)%from, wp) <= 0 &
-                    .or. abs(time_at(x, zeros(k)%at) - t) <= resolution(t)
+                    .or. abs(time_at(x, zeros(k)%theta) - t) <= resolution(t)
         ! its zero is yet to come, and isn't another event
         if (happen(k)) x%events(zeros(k)%event)%residual = sample%value
       end do

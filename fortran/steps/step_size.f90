@@ -12,11 +12,11 @@
 module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, resolution, tried_size
-  use coordinates_m, only: norm, point_sizes, scales, tangent
+  use coordinates_m, only: error_norm, error_scales, point_sizes, tangent
   use free_motion_m, only: add_free_motion
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: max_step_at, make_grid
-  use requests_m, only: evaluate_at_start, request, share
+  use requests_m, only: evaluate_at_start, request, share_size, shared_size
   use trajectory_m
   use vectors_m, only: copy
   use shared_numbers
@@ -66,16 +66,17 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%work, x%norms%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%norms%v)
-    x%control%norms(1) = norm(x%tolerances, x%norms%v, x%norms%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%v)
-    x%control%norms(2) = norm(x%tolerances, x%norms%v, x%norms%scale)
+    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%vector, x%norms%scale)
+    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%norms%vector)
+    x%control%norms(1) = error_norm(x%tolerances, x%norms%vector, x%norms%scale)
+    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%change)
+    x%control%norms(2) = error_norm(x%tolerances, x%norms%change, x%norms%scale)
     if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
       call fail(x, slope_not_finite, x%t)
       return
     end if
-    call share(x, -first_guess(x%control%norms(1), x%control%norms(2), span(x)), phase_guess_shared)
+    call share_size(x, first_guess(x%control%norms(1), x%control%norms(2), span(x)), &
+                    phase_guess_shared)
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -83,31 +84,32 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (ahead => x%y(:, x%result))
-      x%control%guessed_size = limited(x, -x%request%shared)
+      x%control%guessed_size = limited(x, shared_size(x))
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(ahead), x%y(:, 0), ahead)
-      x%work = x%h * x%slope
-      call apply_flows(x%frame, 1, x%work, ahead)
+      x%v(:, 1) = x%h * x%slope
+      call apply_flows(x%frame, 1, x%v, ahead)
       call restore(x%frame, ahead)
       x%counts%nexp = x%counts%nexp + 1
       call request(x, x%t + x%h, ahead, phase_curvature_received)
     end associate
   end subroutine request_curvature
 
+  ! Chooses the first size by the curvature, the change of the slope over the guessed size.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%norms%v)), curvature, first
+    real(wp) :: curvature, first
 
     first = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
-      call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), start_value)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%v)
-      curvature = norm(x%tolerances, x%norms%v - start_value, x%norms%scale) &
+      call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%change)
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%vector)
+      curvature = error_norm(x%tolerances, x%norms%vector - x%norms%change, x%norms%scale) &
                   / x%control%guessed_size
       first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
-    call share(x, -first, phase_size_shared)
+    call share_size(x, first, phase_size_shared)
   end subroutine choose_first_size
 
   ! The time to the end of the segment

@@ -17,24 +17,17 @@ module trajectory_m
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
             exchange_state, fail, forget_step, point_at, reserve_trajectory, set_start, time_at
-  public :: phase_begin_segment, phase_guess_size, phase_guess_shared, phase_curvature_received, &
-            phase_size_shared, phase_choose_step, phase_start_received, phase_next_stage, &
-            phase_stage_received, phase_finish_step, phase_decide_step, phase_accepted, &
-            phase_request_ends, phase_end_received, phase_next_node, phase_node_received, &
-            phase_store_output, phase_column_received, phase_error_received, phase_detect_events, &
-            phase_interpolant_start_received, phase_complete_step, phase_step_shared, phase_ended
 
   ! The phases of a trajectory. Each is named after what `resume` does next, or after the
   ! coefficients or the shared number that it has received.
-  enum, bind(c)
-    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
-      phase_curvature_received, phase_size_shared, phase_choose_step, phase_start_received, &
-      phase_next_stage, phase_stage_received, phase_finish_step, phase_decide_step, &
-      phase_accepted, phase_request_ends, phase_end_received, phase_next_node, &
-      phase_node_received, phase_store_output, phase_column_received, phase_error_received, &
-      phase_detect_events, phase_interpolant_start_received, phase_complete_step, &
-      phase_step_shared, phase_ended
-  end enum
+  integer, parameter, public :: phase_begin_segment = 1, phase_guess_size = 2, &
+    phase_guess_shared = 3, phase_curvature_received = 4, phase_size_shared = 5, &
+    phase_choose_step = 6, phase_start_received = 7, phase_next_stage = 8, &
+    phase_stage_received = 9, phase_finish_step = 10, phase_decide_step = 11, phase_accepted = 12, &
+    phase_request_ends = 13, phase_end_received = 14, phase_next_node = 15, &
+    phase_node_received = 16, phase_store_output = 17, phase_column_received = 18, &
+    phase_error_received = 19, phase_detect_events = 20, phase_interpolant_start_received = 21, &
+    phase_complete_step = 22, phase_step_shared = 23, phase_ended = 24
 
   ! Places of a query: its event, or 0 for all, the fraction of the step and the time
   integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
@@ -66,13 +59,13 @@ module trajectory_m
     real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
   end type newton_state_t
 
-  ! The state of collocation_m
+  ! The state of collocation_m. Derivatives are at the stages, coordinates z in the Lie algebra.
   type, extends(newton_state_t) :: collocation_t
     integer :: column = 0                    ! the column of the Jacobian that comes next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
     real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! of corrections of z
     real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
-    real(wp), allocatable :: z(:, :)         ! (dimension, 3)
+    real(wp), allocatable :: z(:, :)         ! (dimension, 3); before, displacements of differences
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
     real(wp), allocatable :: lu(:, :)
     complex(wp), allocatable :: complex_lu(:, :)
@@ -117,15 +110,20 @@ module trajectory_m
     real(wp) :: guessed_size = 0.0_wp
   end type control_t
 
-  ! Workspace for norms of errors
+  ! Errors as norms in tolerances. Only two values outlive a procedure: `scale` from guess_size to
+  ! choose_first_size, and `displacement` from estimate_error to request_error.
   type :: norms_t
-    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width)
+    real(wp), allocatable :: scale(:)        ! (width) the tolerances
+    real(wp), allocatable :: vector(:)       ! (width) what a norm is taken of
+    real(wp), allocatable :: change(:)       ! (width) of the point by the displacement
+    real(wp), allocatable :: displacement(:) ! (dimension) an error as coefficients of a field
   end type norms_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
-    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been stored
+    real(wp) :: theta = 0.0_wp               ! fraction of the step
     integer :: event = 0, from = 0           ! from: sign of the function before
+    logical :: stored = .false.
   end type zero_t
 
   ! An event of a trajectory
@@ -172,104 +170,128 @@ module trajectory_m
     type(last_step_t) :: last
   end type state_t
 
+  ! Members are grouped by the modules that write them; others only read them, but for set_start and
+  ! forget_step. Arrays that only some methods or callers need have no column for others.
   type, extends(state_t) :: trajectory_t
+    ! what doesn't change along a trajectory; parts of the problem, which are read most often
     type(problem_t), pointer :: problem => null()
-    type(frame_t), pointer :: frame => null()          ! the problem's, as those that follow
+    type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(tolerances_t), pointer :: tolerances => null()
-    integer :: member = 1, phase = phase_begin_segment
+    integer :: member = 1
+    integer :: result = 0                    ! column of y with the result of a step
+    ! all phases: what comes next, and what it waits for
+    integer :: phase = phase_begin_segment
     type(request_t) :: request
-    real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
-    real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
+    ! step_size_m, which starts a step
     integer :: segment = 1
-    type(norms_t) :: norms
-    ! the step
+    real(wp) :: t_end = 0.0_wp               ! the end of the step
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
+    ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
-    integer :: result = 0                    ! column of y with the result
-    real(wp) :: t_end = 0.0_wp
-    real(wp) :: error = 0.0_wp               ! in tolerances
-    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
-    ! Arrays that only some methods or callers need have no column for others.
+    real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
+    real(wp), allocatable :: v(:, :)         ! (dimension, flows) the flows followed last
     ! (dimension, summands) see method_t; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
     ! (dimension, summands) what dexp^-1 has added to f, of a method on the algebra
     real(wp), allocatable :: added(:, :)
+    type(joints_t) :: joints                 ! paths_m alone
+    type(implicit_t) :: implicit             ! implicit_m alone
+    type(collocation_t) :: collocation       ! collocation_m alone
+    ! error_estimate_m, and step_m, which accepts the step
+    real(wp) :: error = 0.0_wp               ! in tolerances
+    type(norms_t) :: norms
     real(wp), allocatable :: f_before(:, :)  ! f of the step before, of a Magnus method
-    real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
+    ! paths_m, if a stage is there, or accepted_step_m; loop_m for the start
+    real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
+    real(wp), allocatable :: end_slope(:)    ! (dimension) the coefficients at the end
     logical :: end_known = .false.
-    real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
-    real(wp), allocatable :: work(:)         ! (dimension) workspace; for request_error the error
-    type(collocation_t) :: collocation            ! for a collocation method
-    type(implicit_t) :: implicit         ! for another implicit method
-    type(joints_t) :: joints
-    ! output
+    ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! outputs_done when inner points were prepared
+    ! point and coefficients at the start of the last step, from which its interpolant is made again
+    real(wp), allocatable :: last_y(:), last_slope(:)
+    ! step_events_m, and requests_m, which evaluates functions of events
     type(event_state_t), allocatable :: events(:)
     type(zero_t), allocatable :: zeros(:)    ! zeros within the step, until it is stored
     integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
     ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
     real(wp), allocatable :: query(:, :)
-    ! point and coefficients at the start of the last step, from which its interpolant is made again
-    real(wp), allocatable :: last_y(:), last_slope(:)
   end type trajectory_t
 
 contains
 
+  ! Allocates the arrays of a trajectory: those of all methods, then those of some.
   subroutine reserve_trajectory(problem, x, memory)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: blocks, k, n, summands, unknowns
+    integer :: last, paths, summands, width
 
     x%problem => problem
     x%frame => problem%frame
     x%method => problem%method
     x%tolerances => problem%tolerances
     associate (frame => problem%frame, method => problem%method, record => problem%record, &
-               first => problem%method%path_first, paths => size(problem%method%origin), &
-               m => problem%frame%dimension, &
-               has_registers => problem%method%kind == registers_kind, &
-               outside => problem%record%jacobian == outside_jacobian)
-      x%result = merge(1, method%result, has_registers)
-      summands = merge(1, size(method%error, 1), has_registers)
-      k = problem%events%count
-      n = 0
-      if (problem%adaptive) n = size(problem%tolerances%atol)
-      allocate (x%y(frame%point_size, 0:merge(1, paths, has_registers)), x%f(m, summands), &
-        x%request%y(frame%point_size), x%request%slope(merge(frame%point_size, 0, &
-        frame%derivatives)), x%request%answer(m), x%slope(m), x%end_slope(m), x%work(m), &
-        x%v(m, maxval([1, first(2:) - first(:paths)])), &
-        x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
-        x%added(m, merge(summands, 0, method%kind == algebra_kind .and. method%in_parts)), &
-        x%joints%impulse(m, 2, merge(paths, 0, frame%jointed .and. &
-        method%kind == splitting_kind)), x%norms%v(n), x%norms%scale(n), x%norms%work(n), &
-        x%events(k), x%query(query_numbers + frame%point_size + k, 0), &
-        x%weight(size(method%flows%weight)), x%last_y(merge(frame%point_size, 0, &
-        record%keep_last)), x%last_slope(merge(m, 0, record%keep_last)), stat=memory)
+               n => problem%frame%point_size, m => problem%frame%dimension, &
+               first => problem%method%path_first, events => problem%events%count)
+      paths = size(method%origin)
+      summands = size(method%error, 1)
+      x%result = method%result
+      if (method%kind == registers_kind) then
+        paths = 1
+        summands = 1
+        x%result = 1
+      end if
+      width = 0
+      if (problem%adaptive) width = size(problem%tolerances%atol)
+      allocate (x%request%y(n), x%request%slope(merge(n, 0, frame%derivatives)), &
+                x%request%answer(m), x%weight(size(method%flows%weight)), x%y(n, 0:paths), &
+                x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
+                x%slope(m), x%end_slope(m), x%events(events), &
+                x%query(query_numbers + n + events, 0), x%norms%scale(width), &
+                x%norms%vector(width), x%norms%change(width), x%norms%displacement(m), stat=memory)
       if (memory /= 0) return
-      x%added = 0.0_wp
-      x%joints%impulse = 0.0_wp
-      k = merge(m, 0, method%kind == collocation_kind)
-      n = merge(0, k, outside)
-      blocks = merge(method%blocks, 0, method%kind == implicit_kind)
-      unknowns = merge(0, size(x%f) / max(1, blocks), outside .or. blocks == 0)
-      x%implicit%fixed_point = outside
-      allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
-                x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
-                x%collocation%complex_pivot(n), &
-                x%implicit%value(m, merge(0, summands, blocks == 0)), &
-                x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
-                x%implicit%factored_h(blocks), stat=memory)
-      if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. size(x%events) > 0 &
+      last = merge(1, 0, record%keep_last)
+      allocate (x%last_y(n * last), x%last_slope(m * last), &
+                x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
+                x%added(m, merge(summands, 0, method%kind == algebra_kind .and. method%in_parts)), &
+                x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
+                                             .and. method%kind == splitting_kind)), &
+                source=0.0_wp, stat=memory)
+      if (memory == 0) call reserve_implicit(x, memory)
+      if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. events > 0 &
                              .or. record%keep_last)) &
         call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
     end associate
   end subroutine reserve_trajectory
+
+  ! Allocates what the equations of implicit stages are solved with, empty for other methods.
+  subroutine reserve_implicit(x, memory)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(out) :: memory           ! nonzero if an allocation failed
+    integer :: blocks, k, n, summands, unknowns
+
+    blocks = merge(x%method%blocks, 0, x%method%kind == implicit_kind)
+    summands = merge(size(x%f, 2), 0, blocks > 0)
+    unknowns = size(x%f, 1) * summands / max(1, blocks)
+    k = merge(size(x%f, 1), 0, x%method%kind == collocation_kind)
+    n = k
+    if (x%problem%record%jacobian == outside_jacobian) then      ! no matrix is stored here
+      x%implicit%fixed_point = .true.
+      unknowns = 0
+      n = 0
+    end if
+    allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
+              x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
+              x%collocation%complex_pivot(n), x%implicit%value(size(x%f, 1), summands), &
+              x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
+              x%implicit%factored_h(blocks), stat=memory)
+  end subroutine reserve_implicit
 
   ! Starts a trajectory at a point, without memory of earlier steps.
   pure subroutine set_start(t, y, first_step, x)
@@ -370,6 +392,7 @@ contains
 
   contains
 
+    ! Copies some bytes at an address to the next ones of `bytes`, or from there.
     subroutine move(address, count)
       type(c_ptr), intent(in) :: address
       integer, intent(in) :: count
@@ -409,9 +432,10 @@ contains
     if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
   end function time_at
 
+  ! Ends a trajectory, with the reason and the time that the message for the user has.
   subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: status
+    integer, intent(in) :: status                      ! a Stop
     real(wp), intent(in) :: t
     integer, optional, intent(in) :: detail            ! iterations, an event or a function
 
