@@ -7,7 +7,9 @@
 module levenberg_marquardt_m
   use kinds, only: wp
   use linalg_m, only: enorm, least_squares_t, lmpar, qrfac, reflect, stop_requested
-  use shared_numbers
+  use shared_numbers, only: ftol_too_small, gtol_too_small, improper_input, small_gradient, &
+                            small_reduction, small_reduction_and_step, small_step, &
+                            stopped_by_user, too_many_evaluations, xtol_too_small
   implicit none
   private
   public :: lmdif, lmdif_t

@@ -6,7 +6,8 @@ module algebra_m
   use kinds, only: wp
   use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius
   use frames_m, only: frame_t
-  use shared_numbers
+  use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
+                            isospectral_block, se3_block, so_block, su_block, u_block
   use orthogonal_m, only: orthogonal_bracket, orthogonal_dexpinv
   use unitary_m, only: unitary_bracket, unitary_dexpinv
   use vectors_m, only: cross

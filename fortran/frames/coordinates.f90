@@ -13,7 +13,10 @@ module coordinates_m
   use linear_action_m, only: linear_tangent
   use orthogonal_m, only: orthogonal_difference
   use rotations_m, only: get_quaternion
-  use shared_numbers
+  use shared_numbers, only: callback_block, coordinates_operation, euclidean_block, &
+                            linear_action_block, quaternion_block, se3_block, sizes_operation, &
+                            so3_block, so_block, sphere_block, stiefel_block, su2_block, su_block, &
+                            tangent_operation, u_block, without_isotropy_operation
   use stiefel_m, only: isospectral_tangent, stiefel_tangent
   use unitary_m, only: unitary_difference
   use vectors_m, only: cross, nan

@@ -8,7 +8,9 @@ module derivatives_m
   use stiefel_m, only: isospectral_coefficients, stiefel_coefficients
   use orthogonal_m, only: orthogonal_coefficients
   use rotations_m, only: get_quaternion, set_quaternion
-  use shared_numbers
+  use shared_numbers, only: coefficients_operation, euclidean_block, isospectral_block, &
+                            quaternion_block, se3_block, so3_block, so_block, sphere_block, &
+                            stiefel_block, su2_block
   use unitary_m, only: unitary_coefficients
   use vectors_m, only: cross
   implicit none

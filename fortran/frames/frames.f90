@@ -2,7 +2,10 @@
 ! each with its own manifold; points and coefficients of the blocks lie one after the other.
 module frames_m
   use kinds, only: wp
-  use shared_numbers
+  use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
+                            linear_action_block, polynomial, quaternion_block, scalar_first, &
+                            se3_block, so3_block, so_block, space_axes, sphere_block, &
+                            stiefel_block, su2_block, su_block, u_block
   use blocks_m, only: as_complex, block_t, body_t
   use callback_m, only: callback_t
   use joints_m, only: linkage_t

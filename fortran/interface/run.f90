@@ -20,7 +20,10 @@ module run_m
   use method_m, only: method_t, reals
   use output_m, only: output_t, store_point, store_step
   use requests_m, only: check_coefficients
-  use shared_numbers
+  use shared_numbers, only: counters_t, event_columns, events_operation, finished, &
+                            interpolant_columns, needs_events, needs_maximum, needs_rhs, &
+                            observer_failed, observer_record_t, out_of_memory, paused, raised, &
+                            raised_in_python, rhs_operation, state_columns, terminal_event
   use step_m, only: get_times, receive_answers, times_asked
   use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
                           reserve_trajectory, set_start, trajectory_t

@@ -12,7 +12,9 @@ module accepted_step_m
   use requests_m, only: evaluate_events, reject_accepted_step, request, share, within_segment
   use trajectory_m
   use iso_fortran_env, only: int64
-  use shared_numbers
+  use shared_numbers, only: callback_block, finished, jumps_without_progress, observer_failed, &
+                            paused, polynomial_kind, registers_kind, splitting_kind, &
+                            step_too_long, terminal_event
   use vectors_m, only: finite, nan
   implicit none
   private

@@ -19,7 +19,9 @@ module collocation_m
   use requests_m, only: reject_stage, request
   use trajectory_m
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
-  use shared_numbers
+  use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, &
+                            outside_jacobian, raised, solve_operation, stages_not_solved, &
+                            step_too_long
   implicit none
   private
   public :: converges_fast, damp_displacement, keep_step, receive_collocation, receive_column, &

@@ -9,7 +9,9 @@
 ! Differential Equations II", sections IV.2 and IV.8. The first size is that of volume I, II.4.
 module controller_m
   use kinds, only: wp
-  use shared_numbers
+  use shared_numbers, only: before_last_power, blind_fraction, failure_factor, first_error, &
+                            guess_fraction, jump_factor, last_power, max_factor, min_factor, &
+                            min_last_error, min_step, min_suspicion, negligible, safety
   implicit none
   private
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &

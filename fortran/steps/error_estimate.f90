@@ -35,7 +35,8 @@ module error_estimate_m
   use coordinates_m, only: difference, error_norm, error_scales, remove_isotropy, tangent
   use frames_m, only: turning
   use method_m, only: method_t
-  use shared_numbers
+  use shared_numbers, only: collocation_kind, linear_kind, max_angle, polynomial_kind, &
+                            resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none

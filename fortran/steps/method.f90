@@ -4,7 +4,8 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers
+  use shared_numbers, only: algebra_kind, collocation_kind, linear_kind, method_record_t, &
+                            polynomial_kind, registers_kind, splitting_kind
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t

@@ -8,7 +8,8 @@ module output_m
   use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use linear_action_m, only: inner_points_t
   use method_m, only: scheme_t
-  use shared_numbers
+  use shared_numbers, only: finished, interpolant_columns, interpolant_on_algebra, &
+                            interpolant_size, out_of_memory, record_t
   implicit none
   private
   public :: evaluate_stored, output_t, store_interpolant, store_event, store_point, store_step

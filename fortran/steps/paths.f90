@@ -31,7 +31,8 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers
+  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
+                            registers_kind, splitting_kind, step_too_long
   use trajectory_m
   use vectors_m, only: copy
   implicit none

@@ -7,7 +7,9 @@ module requests_m
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
-  use shared_numbers
+  use shared_numbers, only: finished, needs_events, needs_maximum, needs_rhs, raised, &
+                            raised_in_python, rhs_not_finite, splitting_kind, stage_not_finite, &
+                            stopped_by_rhs
   use trajectory_m
   use inputs_m, only: evaluate
   use vectors_m, only: copy, finite

@@ -14,7 +14,8 @@ module step_m
   use requests_m, only: request, share_error, within_segment
   use trajectory_m
   use vectors_m, only: finite
-  use shared_numbers
+  use shared_numbers, only: collocation_kind, finished, implicit_kind, max_suspicion, needs_rhs, &
+                            raised_by_rejection, registers_kind, solution_not_finite
   implicit none
   private
   public :: receive_answers, receive_error, receive_stage, finish_step, accept_or_reject, &

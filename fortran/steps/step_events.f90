@@ -15,7 +15,9 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
-  use shared_numbers
+  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
+                            raised, resting_contact, splitting_kind, step_too_long, &
+                            step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private

@@ -19,7 +19,8 @@ module step_size_m
   use requests_m, only: evaluate_at_start, request, share_size, shared_size
   use trajectory_m
   use vectors_m, only: copy
-  use shared_numbers
+  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
+                            splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, max_step_by_turn, &

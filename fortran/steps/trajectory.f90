@@ -12,7 +12,9 @@ module trajectory_m
   use inputs_m, only: grid_t, rhs_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers
+  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
+                            outside_jacobian, paused, proposed_for_point, record_t, &
+                            registers_kind, splitting_kind, terminal_event
   implicit none
   private
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
