@@ -181,8 +181,7 @@ contains
     end associate
   end subroutine sweep
 
-  ! Computes Z(p, m), the derivatives by the letter at each place m of a word, for the first
-  ! `points` points.
+  ! Computes Z(p, m), the derivatives by the letter at place m of a word, at the first points.
   subroutine by_letter(e, left, right, t, points, z)
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
     integer, intent(in) :: t, points                     ! t: the word

@@ -9,8 +9,7 @@
 !
 ! and Phi_k is the weight at the point where stage k is. Vectors run over the points. Points that
 ! follow each other without a branch, a stage or a result between them make a segment; weights are
-! kept at the ends of segments. The rows of a Crouch-Grossman tableau are segments, with a weight
-! a point.
+! kept at the ends of segments. The rows of a Crouch-Grossman tableau are segments.
 module weights_m
   use kinds, only: wp
   use tree_tables, only: child_start, first, head, rest, split_start, tail, tree_start
@@ -52,9 +51,8 @@ module weights_m
 
 contains
 
-  ! Reads what cg.construction.layouts.Layout.code says: numbers of stages and points, both results,
-  ! then the points of stages, the parents, how many weights each point has, and the stages of the
-  ! weights.
+  ! Reads the code of a cg.construction.layouts.Layout: numbers of stages and points, both results,
+  ! the points of stages, the parents, the number of weights of each point, and their stages.
   pure subroutine read_layout(layout, pattern)
     integer, intent(in) :: layout(:)
     type(pattern_t), intent(inout) :: pattern

@@ -1,7 +1,6 @@
 ! Brackets [u, v] of a frame's fields, by their coefficients, and the inverse derivative of the
-! exponential, dexp^-1, in their Lie algebra. For y = exp(u) y0 with y' = sum_i v_i E_i(y) it is
-! u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., a series in Bernoulli numbers. On most
-! blocks it has a closed form.
+! exponential, dexp^-1, in their Lie algebra. For y = exp(u) y0 with y' = sum_i v_i E_i(y) it is u'
+! = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., on most blocks in closed form.
 module algebra_m
   use kinds, only: wp
   use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius
@@ -35,9 +34,8 @@ contains
         else if (block%kind == callback_block) then
           call frame%callback%apply(bracket_operation, u, v, w)
         else if (block%kind == se3_block) then
-          w(first:last) = sign * reshape(motion_bracket( &
-            reshape(u(first:last), [3, 1 + block%k]), reshape(v(first:last), [3, 1 + block%k])), &
-            [block%dimension])
+          w(first:last) = sign * reshape(motion_bracket(reshape(u(first:last), [3, 1 + block%k]), &
+            reshape(v(first:last), [3, 1 + block%k])), [block%dimension])
         else if (is_rotation(block)) then
           w(first:last) = sign * cross(u(first:last), v(first:last))
         else if (any(block%kind == [su_block, u_block])) then

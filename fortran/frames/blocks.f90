@@ -18,8 +18,7 @@ module blocks_m
     691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
     43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
     77683 / 1.4101100039391805e22_wp]
-  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
-  ! precision, which no frame exceeds.
+  ! Terms decrease by a factor 4 pi^2: those left out are below rounding in double precision.
   integer, parameter, public :: last_term = 11
   ! its radius, at a full turn of rotations, towards which dexp^-1 amplifies the rounding of
   ! brackets that should vanish, from half of it on by more than one
@@ -53,8 +52,7 @@ module blocks_m
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
     real(wp), allocatable :: root(:, :)      ! R of the inertia, with J = R R', (n, n) or (n, 1)
-    ! the matrix of a force that is linear in the velocity, if there is one, and whether its flow
-    ! commutes with free motion
+    ! of a force linear in the velocity, if there is one; whether its flow commutes with free motion
     real(wp), allocatable :: gyroscopic(:, :)
     logical :: commutes = .true.
     logical :: turns = .false.               ! whether it is a rigid body that turns about any axis

@@ -31,8 +31,7 @@ module coordinates_m
   ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
   real(wp), parameter :: opposite = 1.0e-4_wp
 
-  ! The tolerances of a pair and the limits of its steps. The width is the number of entries of a
-  ! difference.
+  ! The tolerances of a pair and its longest step. A difference has `width` entries.
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp), allocatable :: rtols(:)      ! (width)
@@ -59,9 +58,8 @@ contains
         case (euclidean_block)
           v(block%v1:block%v2) = y(p:last) - x(p:last)
         case (quaternion_block, su2_block)
-          v(block%v1:block%v2) = logarithm(quaternion_quotient( &
-            get_quaternion(block, x(p:last)), get_quaternion(block, y(p:last) - x(p:last)), &
-            block%space))
+          v(block%v1:block%v2) = logarithm(quaternion_quotient(get_quaternion(block, x(p:last)), &
+            get_quaternion(block, y(p:last) - x(p:last)), block%space))
         case (so3_block, se3_block)
           call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
         case (sphere_block)
@@ -239,8 +237,7 @@ contains
     end do
   end subroutine tangent
 
-  ! Computes the magnitudes that relative errors refer to; for entries, the root mean square of all
-  ! entries whose tolerance is finite.
+  ! Computes the magnitudes that errors are relative to, of entries their root mean square.
   subroutine point_sizes(frame, tolerances, y, magnitudes)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -270,8 +267,7 @@ contains
     scale = max(tolerances%rtols * max(scale, spare) + tolerances%atol, tiny(1.0_wp))
   end subroutine error_scales
 
-  ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left
-  ! out.
+  ! The root mean square of a difference in tolerances, without entries of infinite tolerance
   pure real(wp) function error_norm(tolerances, v, scale)
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: v(:), scale(:)       ! (width)

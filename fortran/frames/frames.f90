@@ -189,9 +189,8 @@ contains
   end subroutine apply_flows
 
   ! Removes rounding off the manifold from a point: one Newton-Schulz step, y -> (3 y - y y^T y) /
-  ! 2, towards the nearest rotation or unit vector. It is the identity on the manifold and squares
-  ! the distance; without it rounding errors accumulate. Eigenvalues of isospectral points are
-  ! replaced.
+  ! 2, towards the nearest rotation or unit vector. It squares the distance; without it rounding
+  ! errors accumulate. Eigenvalues of isospectral points are replaced.
   subroutine restore(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, target, intent(inout) :: y(:)    ! (point_size)
@@ -225,8 +224,7 @@ contains
     end do
   end subroutine restore
 
-  ! Changes a unitary matrix to determinant 1, whose phase has no digits after flows by large
-  ! angles.
+  ! Changes a unitary matrix to determinant 1. Flows by large angles leave its phase no digits.
   pure subroutine remove_phase(n, y)
     integer, intent(in) :: n
     complex(wp), intent(inout) :: y(n, n)

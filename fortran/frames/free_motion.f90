@@ -2,8 +2,7 @@
 ! derivatives of momenta. Right-hand sides give the forces alone; what the inertia determines is
 ! added here, and moves points along drifts.
 !
-! Motion with joints: the forces that keep them closed, and points and momenta without what opens
-! them.
+! With joints: the forces that keep them closed; points and momenta made to agree with them.
 module free_motion_m
   use blocks_m, only: body_t, find_velocities
   use frames_m, only: apply_flows, frame_t
@@ -55,8 +54,7 @@ contains
     end do
   end subroutine make_bodies
 
-  ! Makes coefficients of forces alone from an answer of a right-hand side. Forces on a sphere have
-  ! no component along the point.
+  ! Moves the forces that a right-hand side has returned to their places among the coefficients.
   pure subroutine take_forces(frame, y, f)
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
@@ -238,8 +236,7 @@ contains
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the
-  ! momenta that would open them. Points that have moved by far more than the size of the system
-  ! have diverged.
+  ! momenta that would open them. Points that move by far more than the size of the system diverge.
   subroutine close_joints(frame, y, status)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
@@ -271,8 +268,7 @@ contains
     status = joints_not_solved
   end subroutine close_joints
 
-  ! Removes the momenta that would open joints; the second time what is left by rounding, which may
-  ! be more than what moves.
+  ! Removes the momenta that would open joints; the second time what rounding has left.
   pure subroutine remove_opening(frame, c, momenta)
     type(frame_t), intent(in) :: frame
     type(constraints_t), intent(in) :: c

@@ -4,9 +4,8 @@
 ! omega is that of a rotor with the constant momentum l. With the momentum M = mu + l of body and
 ! rotor the energy is that of a free body, M . J^-1 M / 2, and a linear part, -M . a, a = J^-1 l,
 ! whose flow turns M by the angle |a| t about a, and the body by the opposite one. Where the two
-! flows don't commute, nine leapfrog steps of W. Kahan and R.-C. Li, "Composition constants for
-! raising the orders of unconventional schemes", Math. Comp. 66 (1997), have order six, and are
-! symplectic.
+! flows don't commute, nine leapfrog steps have order six: W. Kahan, R.-C. Li, "Composition
+! constants for raising the orders of unconventional schemes", Math. Comp. 66 (1997).
 !
 ! Derivatives of free motion: what a drift does to tangents (xi, eta), coordinates of a change of
 ! the configuration and a change of the momentum,

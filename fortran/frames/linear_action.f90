@@ -5,8 +5,7 @@
 ! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
 !
-! Solutions of linear equations y' = X(t) y whose coefficients are polynomials in time, by Taylor
-! polynomials.
+! Equations y' = X(t) y whose coefficients are polynomials in time, by Taylor polynomials.
 module linear_action_m
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
@@ -48,8 +47,7 @@ module linear_action_m
   real(wp), parameter :: max_pieces = 1e7_wp
   integer, parameter :: max_terms = 200
 
-  ! Products of linear combinations of generators with points, for benchmarks; some are missing if
-  ! several threads count.
+  ! Number of products X y, for benchmarks; several threads that count at once miss some.
   integer(int64), public :: products = 0
 
   ! Norm of the pieces of flows along polynomials. At 1.5 times this norm Taylor polynomials
@@ -102,8 +100,7 @@ contains
 
   end subroutine make_linear_action
 
-  ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large, or a
-  ! coefficient isn't finite.
+  ! Moves y along flows, the first one first; y is NaN if an exponent is too large or isn't finite.
   subroutine move_linearly(action, v, y)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, flows)
@@ -146,8 +143,7 @@ contains
     call multiply(action, action%first, action%column, x, y, tangent)
   end subroutine linear_tangent
 
-  ! Computes the entries of X and a bound of its norm, the largest sum of moduli of parts in a row;
-  ! it is NaN if an entry is.
+  ! Computes the entries of X and a bound of its norm, the largest sum of moduli in a row.
   pure subroutine combine(action, v, x, norm)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:)             ! (generators)
@@ -172,8 +168,7 @@ contains
     end do
   end subroutine combine
 
-  ! A bound of the moduli of eigenvalues of X: of the largest sum in a row and Frobenius' norm, the
-  ! smaller one
+  ! A bound of the moduli of eigenvalues of X, by sums of rows or Frobenius' norm
   pure real(wp) function spectral_bound(action, v)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:)             ! (generators)

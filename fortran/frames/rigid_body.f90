@@ -16,8 +16,7 @@
 !   chi' = L (J3 +- a1^2 |J3 - J1| / (1 + n3)).
 !
 ! Its integral is an elliptic one of the third kind. Over a piece of at most `longest` in u, in
-! which the two halves are added, it is computed by Gauss's formula for an even function of sn;
-! whole periods are counted.
+! which the two halves are added, it is computed by Gauss's formula; whole periods are counted.
 module rigid_body_m
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
@@ -58,8 +57,8 @@ module rigid_body_m
 contains
 
   ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part) of
-  ! body axes, which depends continuously on the time. Both are NaN if the body turns so far that no
-  ! digit of its phase is known.
+  ! body axes, which depends continuously on the time. Both are NaN if the body turns so far that
+  ! its phase has no digits.
   pure subroutine turn_freely(top, time, momentum, q)
     type(top_t), intent(in) :: top
     real(wp), intent(in) :: time
@@ -100,8 +99,7 @@ contains
     momentum = length * after
   end subroutine turn_freely
 
-  ! Computes the direction of the momentum after a time, and the angle chi. The third component of n
-  ! isn't negative.
+  ! Computes the direction of the momentum after a time, and the angle chi; n3 isn't negative.
   pure subroutine advance(top, swapped, time, n, after, angle)
     type(top_t), intent(in) :: top
     logical, intent(in) :: swapped

@@ -23,8 +23,7 @@ module rotations_m
 
 contains
 
-  ! Rotates a point by the product of the rotations of all flows, a quaternion of length 1 up to
-  ! rounding.
+  ! Rotates a point by the product of the rotations of all flows.
   subroutine rotate(block, flows, m, v, y)
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows, m          ! m: coefficients of the frame
@@ -70,8 +69,8 @@ contains
   ! Moves a rigid motion (R, x), y -> R y + x, or one with several vectors x; the coefficients are a
   ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), where V is the
   ! mean of exp(s hat v) over s from 0 to 1: V u = a u + (1 - a) n (n . u) + b n x u with v = angle
-  ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Along the unit vector n nothing
-  ! cancels that isn't small beside u.
+  ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Nothing cancels that isn't small
+  ! beside u.
   subroutine move_rigid_body(block, flows, m, all_v, y)
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows, m          ! m: coefficients of the frame

@@ -19,9 +19,8 @@ module stiefel_m
 
 contains
 
-  ! Moves y along one flow, in parts of length at most 1: to x z^-1 with z = 1 + m d + s a,
-  ! x = y + v (s + d a), where a = v^T y, and s and d are series in m = v^T v. It is NaN if
-  ! coefficients are too large.
+  ! Moves y along one flow, in parts of length at most 1: to x z^-1 with z = 1 + m d + s a, x = y +
+  ! v (s + d a), where a = v^T y, and s and d are series in m = v^T v. Too large v make it NaN.
   subroutine move_stiefel(k, n, v, y)
     integer, intent(in) :: k, n
     real(wp), intent(in) :: v(k, n)

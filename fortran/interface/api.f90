@@ -1,6 +1,5 @@
 ! Interface for f2py of the order conditions, of lmdif on them, and of conversions between kinds.
-! In Python numbers of the wide kind are arrays of bytes, so that scalars are arrays of length one
-! here.
+! Numbers of the wide kind are arrays of bytes in Python, and so scalars have length one here.
 module api_m
   use, intrinsic :: iso_fortran_env, only: real64
   use conditions_m, only: order_conditions_t

@@ -1,6 +1,5 @@
 ! Interface for f2py of functions in C, of frames and their joints, of grids of times, of the
-! minimum-norm solver, and of lmdif on a function in Python. Each procedure converts its arguments
-! and calls the core.
+! minimum-norm solver, and of lmdif on a function in Python. They convert arguments and call.
 module api_external_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_funloc, c_intptr_t, &
                                          c_null_funptr, c_null_ptr
@@ -72,8 +71,8 @@ contains
 
   ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves
   ! points b along the time-1 flows of fields a, the first one first; finds the coefficients of the
-  ! flow from point a to point b; or the derivatives of coordinates a that go with coefficients b,
-  ! NaN where there are none.
+  ! flow from point a to b; or the derivatives of coordinates a that belong to coefficients b, or
+  ! NaN.
   subroutine frame_apply(operation, blocks, description, numbers, constants, option, count, na, a, &
                          nb, b, nc, c) bind(c)
     !f2py threadsafe
@@ -229,8 +228,7 @@ contains
     if (failed) flag = stopped_by_user
   end subroutine residual
 
-  ! MINPACK's lmdif on a function in Python. It is never `threadsafe`, since the function needs the
-  ! interpreter's lock.
+  ! MINPACK's lmdif on a function in Python. It isn't `threadsafe`: the function needs the lock.
   subroutine lmdif_of_python(context, n, m, x0, diag, ftol, xtol, gtol, maxfev, epsfcn, &
                              factor, x, fvec, info, nfev, fjac, ipvt, qtf) bind(c)
     integer(c_intptr_t), intent(in) :: context     ! the function

@@ -282,8 +282,7 @@ contains
   end subroutine drive
 
   ! Advances one lane, through several members if they end, until it needs something. The result is
-  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more
-  ! members.
+  ! its status, `raised` after an exception in Python, `finished` without more members.
   integer function advance_lane(run, i, budget) result(status)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -412,8 +411,7 @@ contains
     end do
   end subroutine evaluate
 
-  ! Evaluates the functions of events where lanes wait for values, vectorized ones at all points at
-  ! once.
+  ! Evaluates the functions of events that lanes wait for, vectorized ones at all points at once.
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks

@@ -359,8 +359,7 @@ contains
     end associate
   end subroutine store_outputs
 
-  ! Lets the next flow along a polynomial compute the points at the next output times in the step,
-  ! as many as have room in memory.
+  ! Lets the next flow along a polynomial compute the points at as many output times as have room.
   subroutine prepare_inner(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output

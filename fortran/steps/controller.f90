@@ -1,5 +1,4 @@
-! Step size control. With the error e of a step of size h in tolerances, and e_last, h_last of the
-! step before, the next size is
+! Step size control. With the error e of a step h in tolerances, and one before, the next size is
 !
 !   0.9 h (e^-0.7 e_last^0.4)^exponent                                            (PI controller),
 !   0.9 h (2 m + 1) / (2 m + n) e^-exponent min(1, h / h_last (e_last / e)^exponent)   (predictive),
@@ -17,8 +16,7 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, resolution, tried_size
 
-  ! Steps of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake
-  ! of the factored matrices.
+  ! Steps of collocation methods grow by `worthwhile` or not at all: factors serve one size.
   real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7             ! Newton iterations
@@ -71,8 +69,7 @@ contains
     last_error = max(error, min_last_error)
   end subroutine accepted_size
 
-  ! The size of the step after one of a collocation method, accepted or rejected, from its error and
-  ! that of the step before it.
+  ! The size of the step after an accepted or rejected one of a collocation method
   pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
@@ -97,8 +94,7 @@ contains
     predicted_size = taken * factor
   end function predicted_size
 
-  ! The size to try: at least the smallest one, unless a step was rejected; negative if it is below
-  ! that and doesn't lead to the end.
+  ! The size to try; negative if a rejection or max_step makes it less than min_size and to_end
   pure real(wp) function tried_size(proposed, min_size, to_end, max_step, after_rejection)
     real(wp), intent(in) :: proposed, min_size, to_end, max_step
     logical, intent(in) :: after_rejection

@@ -1,15 +1,13 @@
 ! The estimate of the error of a step, in tolerances.
 !
-! Estimates are norms e_i of differences of results and of sums of stages, h sum_k error(k, i) f_k.
-! Two of them are combined to
+! Norms e_i of differences of results and of sums of stages, h sum_k error(k, i) f_k, make up
 !
 !   e1 (e1 / hypot(e1, factor e2))^power,
 !
 ! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
 ! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. With a
 ! power of 0 (same file) e2, of a sum that sees the end of the step, which results don't, isn't a
-! divisor: the larger of e1 and factor e2 counts. With two such sums e2^2 / hypot(e2, e3) takes the
-! place of e2.
+! divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
 !
 ! Two such differences have two parts: that of the quadratures, where all values of f commute, and
 ! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
@@ -21,9 +19,8 @@
 ! of the error allows, is another estimate.
 !
 ! Results of a Magnus method share nodes, and sums of weights on them, so that their difference
-! doesn't see what the nodes of a step don't: a jump, a kink, an oscillation. The polynomial that
-! interpolates coefficients at the n nodes of this step and the one before has the leading
-! coefficient
+! doesn't see what lies between the nodes: a jump, a kink, an oscillation. The polynomial through
+! the coefficients at the n nodes of this step and the one before has the leading coefficient
 !     D = sum_k f_k / prod_(j /= k) (t_k - t_j),
 ! and D prod_j (t - t_j), which is O(h^(n - 1)) for smooth coefficients, estimates how much they
 ! differ from it within the step. In the first step of all there are none before, and quotients say
@@ -103,10 +100,9 @@ contains
   end function variation
 
   ! Computes the norms e_i of differences of results and of sums of stages. Each half of the sums
-  ! belongs to one difference, but sums at the end of the step belong to e2 and e3. Parts are sums
-  ! of stages, and the rest. With a third result the rest is that of the differences of results;
-  ! where exponents of Magnus methods are compared, it has sums of its own; on the algebra it is
-  ! what dexp^-1 adds to coefficients.
+  ! belongs to one difference, but sums at the end of the step belong to e2 and e3. The parts are
+  ! the sums, and the rest: with a third result, of the differences of results; where exponents of
+  ! Magnus methods are compared, sums of its own; on the algebra, sums of what dexp^-1 adds.
   subroutine difference_norms(x, errors)
     type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)

@@ -1,6 +1,5 @@
-! Functions along the solution: those whose zeros are events, in C where there is an address, in
-! Python elsewhere; and those that are evaluated at output times, one in Python, or some in C, one
-! number each.
+! Functions along the solution, in C or in Python: those whose zeros are events, and those that are
+! evaluated at output times, one in Python, or some in C with a number each.
 module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr

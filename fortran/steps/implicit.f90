@@ -9,8 +9,7 @@
 ! Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of
 ! the exponential inside the difference, and keeps its factors, also over several steps of the same
 ! size, as long as corrections decrease by a factor of ten. Both iterate down to the level of
-! rounding, since an implicit method preserves invariants only as accurately as its stages are
-! solved.
+! rounding, since invariants are preserved as accurately as stages are solved.
 module implicit_m
   use kinds, only: wp
   use coordinates_m, only: coordinate_sizes
@@ -151,8 +150,7 @@ contains
     end associate
   end subroutine displace_unknown
 
-  ! The scale of coefficients: their absolute values, but at least what moves the point by about the
-  ! size of its coordinates
+  ! The scale of coefficients: their moduli, at least what moves coordinates by their own size
   subroutine scale_of(x, k, scale)
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(in) :: k(:)           ! (dimension)

@@ -3,8 +3,7 @@
 !
 ! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P
 ! at nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve z' = h
-! sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f. One more
-! flow moves z(1) to y1:
+! sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method. One more flow moves z(1) to y1:
 !
 !   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
 !
@@ -101,8 +100,7 @@ contains
     if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
   end function next_count
 
-  ! Gives an interpolant by flows its number of nodes, and the last flow, which reaches the end of
-  ! the step.
+  ! Gives an interpolant by flows its number of nodes, and the last flow, from z(1) to y1.
   subroutine add_last_flow(nodes, self)
     integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
@@ -141,8 +139,7 @@ contains
     end if
   end subroutine difference_nearby
 
-  ! Moves the start of the step to the point at a fraction of it, by one flow along a polynomial to
-  ! others on the way.
+  ! Moves the start of the step to the point at a fraction, by one flow to others on the way.
   subroutine follow_flows(self, theta, y, inner)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta

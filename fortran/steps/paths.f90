@@ -1,6 +1,5 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
-! flows of the frame. On a path the flow of the lowest stage comes first. How a path is followed
-! depends on the kind of the method.
+! flows of the frame, that of the lowest stage first. Kinds of methods differ:
 !
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
@@ -8,7 +7,7 @@
 ! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
 !
 ! RATTLE: kicks and drifts of mechanical systems with joints. Before each drift, impulses along the
-! derivatives G of the constraints at its start are added to the kick, such that the joints are
+! derivatives G of the constraints at its start are added to momenta, such that the joints are
 ! closed at its end,
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
@@ -41,9 +40,8 @@ module paths_m
 
 contains
 
-  ! Follows a path of a splitting method: a kick, then a drift, or at the end of a step none. In the
-  ! middle of a step momenta exchange heat with a bath: in the middle of a drift, or of a kick if a
-  ! kick is there.
+  ! Follows a path of a splitting method: a kick, then a drift, or at the end of a step none. With a
+  ! bath momenta exchange heat in the middle of the step, which divides a drift or a kick.
   subroutine move_by_splitting(x, path, y)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
@@ -242,8 +240,7 @@ contains
     x%stage = 2
   end subroutine start_explicit
 
-  ! Moves to the point of a stage and requests the coefficients there. Functions of time need no
-  ! points.
+  ! Requests the coefficients at the point of a stage, of functions of time without moving there.
   subroutine request_on_path(x)
     type(trajectory_t), intent(inout) :: x
     integer :: path

@@ -64,8 +64,7 @@ contains
     if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
-  ! The number of times for which a vectorized function is asked together: a function of time is
-  ! for all stages that are left.
+  ! The number of times that a vectorized function is asked for: of a function of time, all left
   pure integer function times_asked(x)
     type(trajectory_t), intent(in) :: x
 
@@ -84,8 +83,7 @@ contains
     if (size(times) > 1) times = within_segment(x, x%t + x%method%c(x%stage:stages(x)) * x%h)
   end subroutine get_times
 
-  ! Stores the coefficients at stages up to the last one, or the first that isn't finite, which
-  ! becomes the answer to the request.
+  ! Stores coefficients at stages, but leaves the last, or the first not finite, as the answer.
   subroutine receive_answers(x, m, times, answers)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: m, times                    ! numbers of coefficients and times
@@ -132,9 +130,8 @@ contains
     end if
   end subroutine finish_step
 
-  ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
-  ! is damped once more: with one solution only, stiff components are far too large where they
-  ! aren't in equilibrium.
+  ! Requests the coefficients at the start displaced by the estimated error, to damp the estimate
+  ! once more: its stiff components are far too large outside equilibrium.
   subroutine request_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: y(x%frame%point_size)

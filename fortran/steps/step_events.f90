@@ -1,9 +1,8 @@
 ! Events within a step. An event is a zero of a function along the solution. The signs of the
 ! function are compared at the ends of parts of the step, and where a parabola through three of
 ! these values comes near to zero, since a function may change sign twice within a part. A step has
-! at least four parts, and more if it rotates by more than 120 degrees. With four parts only the
-! middle is evaluated if the values of each function there and at the ends differ by less than their
-! distance from zero.
+! at least four parts, and more if it rotates by more than 120 degrees. With four parts the middle
+! alone is evaluated if values there and at the ends differ by less than their distance from zero.
 !
 ! A zero between two points where the function has opposite signs is found by interpolation where a
 ! parabola tells where it is, else by bisection (T. R. Chandrupatla, Adv. Eng. Software 28 (1997)
@@ -103,9 +102,8 @@ contains
     end do
   end subroutine find_zero
 
-  ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
-  ! at the end of the interval before, or it is the initial point. A change by more than half a
-  ! period is a wrap.
+  ! Whether a function changes sign in an interval. A zero at the start doesn't count: it belongs to
+  ! the interval before, or is the initial point. A change by more than half a period is a wrap.
   pure elemental logical function crosses(before, after, row)
     real(wp), intent(in) :: before, after
     type(event_record_t), intent(in) :: row  ! the event's; the period is 0 without one
@@ -335,8 +333,7 @@ contains
     end if
   end subroutine narrow
 
-  ! Adds the zero of an event between two points if there is one, any number in between if it is
-  ! only detected.
+  ! Adds the zero of an event between two points if there is one; in detection, any number there.
   subroutine add_zero(x, event, low, high)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -363,8 +360,7 @@ contains
     real(wp), contiguous, intent(in) :: theta(0:)
     real(wp), contiguous, intent(inout) :: values(0:)  ! the first ones, if rounding, become zero
     integer, parameter :: halvings = 60
-    ! Powers: up to `passes` the search ends early; from `rests` on, halfway from one to two, the
-    ! solution is at rest.
+    ! Up to the power `passes` the search ends early; from `rests` on the solution is at rest.
     real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
     type(sample_t), allocatable :: near(:)   ! at points ever nearer to the start
     type(sample_t) :: point
@@ -413,9 +409,8 @@ contains
     call fail(x, resting_contact, x%t, event)
   end subroutine find_after_event
 
-  ! The power of time that a function grows with, by the last points and others so much later that
-  ! rounding hardly matters: negative if there are none; or the largest of several powers, huge if
-  ! there are too few.
+  ! The largest of some powers of time that a function grows with, each by a point and one so much
+  ! later that rounding hardly matters: huge if there are too few, or negative if one was asked for.
   pure real(wp) function power_of(elapsed, near, powers)
     real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
     type(sample_t), intent(in) :: near(:)
@@ -467,8 +462,7 @@ contains
     associate (state => x%events, events => x%problem%events, zeros => x%zeros)
       do while (.not. all(zeros%stored))
         k = minloc(zeros%theta, 1, .not. zeros%stored)
-        ended = any(.not. zeros%stored &
-                    .and. zeros%theta <= zeros(k)%theta + same_time_tolerance &
+        ended = any(.not. zeros%stored .and. zeros%theta <= zeros(k)%theta + same_time_tolerance &
                     .and. ends_step(state(zeros%event), events%table(zeros%event)))
         call point_at(x, zeros(k)%theta, y)
         happen = .false.

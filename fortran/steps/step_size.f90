@@ -7,8 +7,7 @@
 !
 !   rho_(n + 1/2) = rho_(n - 1/2) - h d/dt log s(q_n),     step h / rho_(n + 1/2),
 !
-! at first from 1 / s by half as much. Backward, the derivative changes its sign, and the steps are
-! the same ones.
+! at first from 1 / s by half as much. Backward, the derivative changes its sign.
 module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, resolution, tried_size
@@ -213,8 +212,8 @@ contains
     end associate
   end subroutine choose_adaptively
 
-  ! Chooses the size and the end of the next step. A step that a stop cuts leaves the size unchanged
-  ! with which the next one goes on.
+  ! Chooses the size and the end of the next step. A step that a stop cuts leaves the next size
+  ! unchanged.
   subroutine choose_reversibly(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop

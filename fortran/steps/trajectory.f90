@@ -133,8 +133,7 @@ module trajectory_m
     real(wp) :: before = 0.0_wp, after = 0.0_wp        ! values at both ends of the step
     integer(int64) :: count = 0              ! how often it happened
     real(wp) :: time = 0.0_wp                ! when it happened last
-    ! the sign that the function had before an event at the start of the step, or just before the
-    ! start; 0 if there was no event
+    ! sign of the function before an event at the start of the step, or just before; 0 if none
     integer :: came_from = 0
     real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
     real(wp) :: small = 0.0_wp               ! values that count as zero after events
@@ -329,8 +328,7 @@ contains
     x%events%came_from = 0
   end subroutine set_start
 
-  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or
-  ! the solution may jump.
+  ! Forgets what is kept of the step before, where the right-hand side or the solution may jump.
   pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in), optional :: near    ! whether polynomial and Jacobian may still serve

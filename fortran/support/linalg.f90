@@ -6,8 +6,7 @@
 ! LAPACK isn't called, because it has no real(16), and because sums run in MINPACK's order: in
 ! real(8) a solve repeats MINPACK's bit for bit.
 !
-! What takes long in real(16) reads a flag, by which another thread may end it; its results are then
-! of no use.
+! Another thread may end what takes long in real(16) by a flag; results are then of no use.
 module linalg_m
   use kinds, only: wp
   implicit none

@@ -1,6 +1,5 @@
 ! Vectors of real numbers, and the routines of BLAS and LAPACK that are called, by their addresses.
-! SciPy provides the library, so that nothing has to be linked and wheels stay small.
-! See cg/support/capsules.py.
+! SciPy provides them, so that nothing has to be linked: cg/support/capsules.py.
 module vectors_m
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
@@ -92,8 +91,7 @@ contains
     end do
   end subroutine combine
 
-  ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
-  ! overlap.
+  ! Copies a vector. In a procedure the compiler knows that columns of an array don't overlap.
   pure subroutine copy(n, from, to)
     integer, intent(in) :: n
     real(wp), intent(in) :: from(n)
