@@ -1,6 +1,5 @@
-! One step: its stages, its results and whether it is accepted. What a stage needs is in one file
-! for each kind of stages: implicit.f90, collocation.f90, and explicit ones with paths in paths.f90.
-! For the error see error_estimate.f90.
+! One step: its stages, its results and whether it is accepted. Stages are in implicit.f90,
+! collocation.f90 and, explicit ones with paths, in paths.f90, the error in error_estimate.f90.
 module step_m
   use kinds, only: wp
   use free_motion_m, only: without_opening
@@ -43,6 +42,7 @@ contains
     end select
   end subroutine request_stage
 
+  ! Stores the coefficients at a stage by the kind of method.
   subroutine receive_stage(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -152,54 +152,60 @@ contains
     call share_error(x, x%error)
   end subroutine receive_error
 
+  ! Accepts a step, or chooses a smaller one in its place.
   subroutine accept_or_reject(x)
     type(trajectory_t), intent(inout) :: x
+    logical :: rejected
+
+    rejected = .false.
+    if (x%problem%adaptive) call control_size(x, rejected)
+    x%phase = merge(phase_choose_step, phase_accepted, rejected)
+    if (rejected) return
+    if (x%problem%adaptive .and. x%method%uses_last_nodes) then
+      x%f_before(:, :) = x%f
+      x%h_before = x%h
+    end if
+    if (x%method%kind == collocation_kind) call keep_step(x)
+    ! other methods than RATTLE have moved along forces that keep joints closed up to their error
+    if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
+      call without_opening(x%frame, x%y(:, x%result))
+  end subroutine accept_or_reject
+
+  ! Decides by the error of a step whether it is rejected, and chooses the size of the next one. The
+  ! error, and all else that enters, is common to trajectories with common steps.
+  subroutine control_size(x, rejected)
+    type(trajectory_t), intent(inout) :: x
+    logical, intent(out) :: rejected
     real(wp) :: predicted, error
 
-    associate (exponent => x%tolerances%exponent, control => x%control, newton => x%collocation, &
+    associate (control => x%control, newton => x%collocation, exponent => x%tolerances%exponent, &
+               h => abs(x%h), common => x%problem%record%common, &
                collocation => x%method%kind == collocation_kind)
-      x%phase = phase_accepted
       predicted = 0.0_wp
-      if (x%problem%adaptive) then
-        ! trajectories with common steps must choose the same size
-        if (collocation) predicted = predicted_size( &
-          abs(x%h), x%request%shared, exponent, &
-          merge(1, newton%iteration, x%problem%record%common), &
-          x%problem%record%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
-        error = suspected_error(x%request%shared, abs(x%h), x%t, &
-                                merge(0, control%suspicion, collocation))
-        if (.not. error <= 1) then
-          x%counts%nrejected = x%counts%nrejected + 1
-          control%after_rejection = .true.
-          control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
-          control%step_size = rejected_size(abs(x%h), error, exponent)
-          if (collocation) control%step_size = predicted
-          x%phase = phase_choose_step
-          return
-        end if
+      if (collocation) predicted = predicted_size(h, x%request%shared, exponent, &
+        merge(1, newton%iteration, common), common .or. converges_fast(x), abs(newton%last_h), &
+        control%last_error)
+      error = suspected_error(x%request%shared, h, x%t, merge(0, control%suspicion, collocation))
+      rejected = .not. error <= 1
+      if (rejected) then
+        x%counts%nrejected = x%counts%nrejected + 1
+        control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
+        control%step_size = merge(predicted, rejected_size(h, error, exponent), collocation)
+      else
         if (collocation) then
-          control%step_size = merge(min(predicted, abs(x%h)), predicted, control%after_rejection)
+          control%step_size = merge(min(predicted, h), predicted, control%after_rejection)
           control%last_error = max(x%request%shared, min_last_predicted)
         else
-          call accepted_size(abs(x%h), error, exponent, control%after_rejection, &
-                             control%last_error, control%step_size)
+          call accepted_size(h, error, exponent, control%after_rejection, control%last_error, &
+                             control%step_size)
         end if
         ! a step that was shortened shortens the next one only as far as its error does
-        if (control%shortened .and. .not. control%after_rejection) &
-          control%step_size = max(control%step_size, resumed_size( &
-            control%unshortened_size, abs(x%h), error, exponent))
-        control%after_rejection = .false.
+        if (control%shortened .and. .not. control%after_rejection) control%step_size = &
+          max(control%step_size, resumed_size(control%unshortened_size, h, error, exponent))
         control%suspicion = max(control%suspicion - 1, 0)
-        if (x%method%uses_last_nodes) then
-          x%f_before(:, :) = x%f
-          x%h_before = x%h
-        end if
       end if
-      if (collocation) call keep_step(x)
-      ! other methods than RATTLE have moved along forces that keep joints closed up to their error
-      if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
-        call without_opening(x%frame, x%y(:, x%result))
+      control%after_rejection = rejected
     end associate
-  end subroutine accept_or_reject
+  end subroutine control_size
 
 end module step_m
