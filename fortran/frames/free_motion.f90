@@ -1,6 +1,5 @@
-! Mechanical systems: points are configurations with momenta, coefficients are velocities and the
-! derivatives of momenta. Right-hand sides give the forces alone; what the inertia determines is
-! added here, and moves points along drifts.
+! Mechanical systems: points are configurations and momenta, coefficients velocities and derivatives
+! of momenta. Right-hand sides give the forces alone; free motion is added here, or moves points.
 !
 ! With joints: the forces that keep them closed; points and momenta made to agree with them.
 module free_motion_m
@@ -22,36 +21,42 @@ module free_motion_m
 
 contains
 
-  ! Makes the bodies of the blocks of a frame but the last, the momenta.
-  pure subroutine make_bodies(columns, constants, frame, bodies)
-    ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
-    ! free to turn about any axis
-    integer, intent(in) :: columns(:)
-    real(wp), intent(in) :: constants(:)     ! each one's inverse inertia, its root, 0 or 1 or
-    ! 2 and a gyroscopic matrix that commutes with free motion or doesn't, top_t
+  ! Makes the bodies of the blocks of a frame but the last, the momenta. Constants of each are its
+  ! inverse inertia, the root of its inertia, and an option: 0; 1 before a gyroscopic matrix that
+  ! commutes with free motion, 2 before another one. Those of top_t end a body that turns.
+  subroutine make_bodies(columns, constants, frame, bodies)
+    integer, intent(in) :: columns(:)        ! (bodies) of its inertia, negative if it turns
+    real(wp), intent(in) :: constants(:)
     type(frame_t), intent(in) :: frame
     type(body_t), intent(out) :: bodies(:)
+    real(wp) :: option(1)
     integer :: i, used
 
     used = 0
     do i = 1, size(columns)
-      associate (body => bodies(i), n => frame%blocks(i)%dimension)
-        body%inverse = reshape(constants(used + 1:used + n * abs(columns(i))), [n, abs(columns(i))])
-        used = used + n * abs(columns(i))
-        body%root = reshape(constants(used + 1:used + n * abs(columns(i))), shape(body%inverse))
-        used = used + n * abs(columns(i))
-        if (constants(used + 1) > 0) then
-          body%commutes = constants(used + 1) < 2
-          body%gyroscopic = reshape(constants(used + 2:used + 1 + n**2), [n, n])
-          used = used + n**2
-        end if
-        used = used + 1
+      associate (body => bodies(i), n => frame%blocks(i)%dimension, width => abs(columns(i)))
+        body%inverse = reshape(next(n * width), [n, width])
+        body%root = reshape(next(n * width), [n, width])
+        option = next(1)
+        body%commutes = option(1) < 2
+        if (option(1) > 0) body%gyroscopic = reshape(next(n**2), [n, n])
         body%turns = columns(i) < 0
-        if (.not. body%turns) cycle
-        body%top = transfer(constants(used + 1:used + 24), body%top)
-        used = used + 24
+        if (body%turns) body%top = transfer(next(storage_size(body%top) / storage_size(option)), &
+                                            body%top)
       end associate
     end do
+
+  contains
+
+    ! The next constants
+    function next(count)
+      integer, intent(in) :: count
+      real(wp) :: next(count)
+
+      next = constants(used + 1:used + count)
+      used = used + count
+    end function next
+
   end subroutine make_bodies
 
   ! Moves the forces that a right-hand side has returned to their places among the coefficients.
@@ -150,6 +155,7 @@ contains
     y(frame%momenta_offset + 1:frame%momenta_offset + frame%forces) = momenta
   end subroutine drift
 
+  ! Moves one body along its free motion without gyroscopic forces.
   subroutine move_body(frame, i, time, momentum, y)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: i
@@ -194,8 +200,7 @@ contains
     status = merge(raised, merge(finished, joints_not_solved, c%known), failed)
   end subroutine constraints_at
 
-  ! Adds the forces of constraints to the coefficients at a point: those for which the second
-  ! derivatives of the constraints vanish.
+  ! Adds the forces of constraints: those for which their second derivatives vanish.
   subroutine add_constraint_forces(frame, y, forces_alone, f, status, multipliers)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
