@@ -6,9 +6,8 @@
 ! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
 ! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
 !
-! RATTLE: kicks and drifts of mechanical systems with joints. Before each drift, impulses along the
-! derivatives G of the constraints at its start are added to momenta, such that the joints are
-! closed at its end,
+! RATTLE: kicks and drifts of mechanical systems with joints. Impulses along the derivatives G of
+! constraints at the start of each drift close the joints at its end,
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
@@ -46,30 +45,31 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: kick_part                                 ! part before the middle
-    integer :: middle                                  ! path in whose flow that of the step is
+    real(wp) :: parts(2)                     ! of the kick and of the drift, before the middle
+    integer :: middle                        ! the path that has the middle of the step
 
     middle = size(x%method%origin) - size(x%method%c) / 2
     if (.not. x%problem%record%heated .or. path /= middle) then
-      call move_part(x, path, 1.0_wp, 1.0_wp, y)
+      call move_part(x, path, [1.0_wp, 1.0_wp], y)
       return
     end if
-    kick_part = merge(1.0_wp, 0.5_wp, modulo(size(x%method%c), 2) == 0)
-    call move_part(x, path, kick_part, kick_part - 0.5_wp, y)
+    parts = [1.0_wp, 0.5_wp]                 ! the middle is in a drift
+    if (modulo(size(x%method%c), 2) == 1) parts = [0.5_wp, 0.0_wp]           ! it is in a kick
+    call move_part(x, path, parts, y)
     if (x%status /= finished) return
     associate (momenta => y(x%frame%momenta_offset + 1:))
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
     end associate
-    call move_part(x, path, 1 - kick_part, 1.5_wp - kick_part, y)
+    call move_part(x, path, 1 - parts, y)
   end subroutine move_by_splitting
 
   ! Moves a point by parts of the kick and of the drift of a path.
-  subroutine move_part(x, path, kick_part, drift_part, y)
+  subroutine move_part(x, path, parts, y)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
-    real(wp), intent(in) :: kick_part, drift_part            ! the parts
+    real(wp), intent(in) :: parts(2)                   ! of the kick and of the drift
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer :: k
 
@@ -78,9 +78,9 @@ contains
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
                momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
-        momenta = momenta + (kick_part * x%weight(k)) * x%f(m + 1:, flows%stage(k))
+        momenta = momenta + (parts(1) * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
-      associate (time => drift_part * (x%h * x%method%scheme%drift(flow)))
+      associate (time => parts(2) * (x%h * x%method%scheme%drift(flow)))
         if (x%frame%jointed .and. time /= 0) then
           call drift_closed(x, time, path, y)
         else if (x%frame%jointed) then
@@ -178,8 +178,7 @@ contains
     end associate
   end subroutine correct_change
 
-  ! Computes the ends of all paths up to one. Rounding off the manifold is removed from results
-  ! only, since it doesn't accumulate in stages.
+  ! Computes the ends of all paths up to one. Results are restored to the manifold.
   subroutine follow_paths(x, last)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
@@ -255,6 +254,7 @@ contains
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
 
+  ! Stores the coefficients at a stage, on the Lie algebra as dexp^-1_u f.
   subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
