@@ -233,6 +233,7 @@ contains
     self%target = merge(1.0_wp / real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
+  ! Computes Phi(t) - 1/gamma(t) of all conditions, of assumptions what set_up says.
   subroutine residual(self, x, f, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)

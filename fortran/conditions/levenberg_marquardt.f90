@@ -1,7 +1,6 @@
 ! MINPACK's lmdif: minimises |f(x)| by steps p within an elliptic trust region |D p| <= delta, that
-! minimise |J p + f|**2 + par |D p|**2, with J by forward differences. delta grows where the linear
-! model foretells |f| well, and shrinks where it doesn't. J. J. More, The Levenberg-Marquardt
-! algorithm: implementation and theory, LNM 630 (1978).
+! minimise |J p + f|**2 + par |D p|**2, with J by forward differences. delta follows how well the
+! linear model foretells |f|: J. J. More, The Levenberg-Marquardt algorithm, LNM 630 (1978).
 !
 ! The paper's searches ran with it; in real(8) its steps repeat MINPACK's bit for bit.
 module levenberg_marquardt_m
@@ -105,8 +104,7 @@ contains
   end subroutine lmdif
 
   ! Factorises the Jacobian at x, by forward differences with steps sqrt(epsfcn) * |x_j|, applies
-  ! its reflections to f, of which the first n elements are kept, and puts R's diagonal into the
-  ! place that the reflections then no longer need.
+  ! its reflections to f, whose first n elements are kept, and then overwrites them by R's diagonal.
   subroutine linearise(problem, x, fvec, solver, work, acnorm)
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
@@ -213,6 +211,7 @@ contains
 
   contains
 
+    ! Whether the actual and the foretold reduction of |f|**2 are within a tolerance
     pure logical function reduction_within(tolerance)
       real(wp), intent(in) :: tolerance
       reduction_within = abs(actual) <= tolerance .and. predicted <= tolerance &

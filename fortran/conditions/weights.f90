@@ -108,6 +108,7 @@ contains
     end do
   end function path
 
+  ! Takes the shape of a method, and the weights of the empty word, which are 1.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: order, layout(:)              ! layout: see read_layout
@@ -151,6 +152,7 @@ contains
     end associate
   end subroutine evaluate
 
+  ! Computes the letters l_m(t) = sum_k alpha_mk Phi_k(t) of one tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
     type(pattern_t), intent(in) :: pattern
     real(wp), intent(in) :: x(:)                   ! (unknowns)

@@ -162,6 +162,7 @@ contains
     v = sum + b * power
   end subroutine dexpinv_motion
 
+  ! The bracket of se(3): (w1 x w2, w1 x u2 - w2 x u1), with any number of velocities u
   pure function motion_bracket(u, v)
     real(wp), intent(in) :: u(:, 0:), v(:, 0:)       ! a rotation and velocities
     real(wp) :: motion_bracket(3, 0:ubound(u, 2))

@@ -192,6 +192,7 @@ contains
     end if
   end subroutine find_velocities
 
+  ! Computes the velocities J^-1 mu of some bodies.
   pure subroutine velocities(blocks, bodies, span, momenta, omega)
     type(block_t), intent(in) :: blocks(:)
     type(body_t), intent(in) :: bodies(:)

@@ -26,8 +26,7 @@ module callback_m
 
 contains
 
-  ! Applies an operation in Python. If it raises an exception, the result is NaN, and the exception
-  ! remains set until the call from Python returns.
+  ! Applies an operation in Python. After an exception, raised on return, the result is NaN.
   subroutine apply(self, operation, a, b, c, failed)
     class(callback_t), intent(in) :: self
     integer, intent(in) :: operation

@@ -44,8 +44,7 @@ module coordinates_m
 
 contains
 
-  ! Computes the smallest v whose flow leads from x to y. It is NaN between opposite points of a
-  ! sphere and between matrices that are half a turn apart.
+  ! Computes the smallest v whose flow leads from x to y, NaN if they are half a turn apart.
   subroutine difference(frame, x, y, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
@@ -118,9 +117,8 @@ contains
     end if
   end function quotient
 
-  ! The quaternion (vector part, scalar part >= 0) of a rotation, by way of its component of largest
-  ! modulus: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978). The
-  ! rotation is given less the identity.
+  ! The quaternion (vector part, scalar part >= 0) of a rotation, given less the identity, by its
+  ! largest component (S. W. Shepperd, J. Guidance Control 1 (1978), 223).
   pure function quaternion_of(r) result(q)
     real(wp), intent(in) :: r(3, 3)
     real(wp) :: q(4), outer(4, 4), trace     ! outer: four times the outer product of q with itself
@@ -154,9 +152,8 @@ contains
     end if
   end function logarithm
 
-  ! Computes the coefficients (v, u, ...) of the rigid motion from x to y. A translation is
-  ! a u + (1 - a) n (n . u) + b n x u, as in frames; across the axis n that is a turn and a
-  ! stretch by the sinc of half the angle.
+  ! Computes the coefficients (v, u, ...) of the rigid motion from x to y. A translation becomes a u
+  ! + (1 - a) n (n . u) + b n x u, which turns u about the axis n and stretches it.
   pure subroutine find_twist(block, x, y, twist)
     type(block_t), intent(in) :: block
     real(wp), intent(in), dimension(3 + block%k, 3) :: x, y    ! rows

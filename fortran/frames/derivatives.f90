@@ -90,8 +90,7 @@ contains
     frame%dropped_at = t
   end subroutine report
 
-  ! The coefficients of a derivative of a rotation, or of a rigid motion, and the square of the
-  ! length of what is dropped. Matrices are stored by rows.
+  ! The coefficients of a derivative of a rotation or rigid motion, by rows; the square of the rest
   pure subroutine in_motion(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)

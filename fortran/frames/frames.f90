@@ -39,6 +39,7 @@ module frames_m
 
 contains
 
+  ! Makes a frame of its blocks, with the places of each in coefficients and points.
   subroutine make_frame(description, constants, frame)
     integer, intent(in) :: description(:, :)  ! (3, blocks): a BlockKind, n, a sum of BlockOptions
     real(wp), intent(in) :: constants(:)      ! numbers of all blocks, or more

@@ -7,8 +7,7 @@
 ! flows don't commute, nine leapfrog steps have order six: W. Kahan, R.-C. Li, "Composition
 ! constants for raising the orders of unconventional schemes", Math. Comp. 66 (1997).
 !
-! Derivatives of free motion: what a drift does to tangents (xi, eta), coordinates of a change of
-! the configuration and a change of the momentum,
+! Derivatives of free motion: tangents (xi, eta) of configuration and momentum move by
 !
 !   xi' = J^-1 eta + [omega, xi].
 !
@@ -37,6 +36,7 @@ module gyroscopic_m
 
 contains
 
+  ! The vector l of the matrix B = l x of a rotor
   pure function rotor_momentum(body) result(momentum)
     type(body_t), intent(in) :: body
     real(wp) :: momentum(3)

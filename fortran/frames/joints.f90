@@ -75,8 +75,7 @@ module joints_m
 
 contains
 
-  ! Makes the linkage of a frame with bodies. The columns of the table are rows: form and two bodies
-  ! as integers; two points, two axes and a length as numbers.
+  ! Makes the linkage of a frame with bodies.
   subroutine make_linkage(blocks, forces, places, integers, numbers, user_rows, linkage)
     type(block_t), intent(in) :: blocks(:)
     integer, intent(in) :: forces, user_rows
@@ -290,6 +289,7 @@ contains
                         + dot_product(product%left, right2)
   end function second_derivative
 
+  ! Evaluates the rows of the user in Python; for depth see evaluate_constraints.
   subroutine evaluate_user_rows(linkage, y, omega, depth, c, failed)
     type(linkage_t), intent(in) :: linkage
     real(wp), contiguous, intent(in) :: y(:), omega(:)

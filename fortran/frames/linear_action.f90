@@ -41,8 +41,7 @@ module linear_action_m
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp ! tolerances of the point, zero if steps are fixed
   end type linear_action_t
 
-  ! Bounds of norms of the pieces into which an exponent is divided. Taylor polynomials lose less
-  ! than a digit to cancellation, Chebyshev polynomials none.
+  ! Bounds of norms of pieces of exponents, for which polynomials lose less than a digit
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
   real(wp), parameter :: max_pieces = 1e7_wp
   integer, parameter :: max_terms = 200
@@ -50,8 +49,7 @@ module linear_action_m
   ! Number of products X y, for benchmarks; several threads that count at once miss some.
   integer(int64), public :: products = 0
 
-  ! Norm of the pieces of flows along polynomials. At 1.5 times this norm Taylor polynomials
-  ! lose up to three digits to cancellation.
+  ! The same along polynomials: at 1.5 times this norm up to three digits are lost
   real(wp), parameter :: polynomial_norm = 6.0_wp
   real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
@@ -90,6 +88,7 @@ contains
 
   contains
 
+    ! Takes the next numbers as integers.
     subroutine take(length, array)
       integer, intent(in) :: length
       integer, allocatable, intent(out) :: array(:)
@@ -211,6 +210,7 @@ contains
     end do
   end subroutine apply_chebyshev
 
+  ! Computes the product of a sparse matrix, stored by rows, and a point.
   pure subroutine multiply(action, first, column, x, y, product)
     type(linear_action_t), intent(in) :: action
     integer, intent(in) :: first(*)          ! (n + 1) or more, where rows begin
@@ -398,8 +398,7 @@ contains
 
   contains
 
-    ! Adds the terms up to y_k since the last call, which begin in the first column. Early times,
-    ! for which they are negligible, are left out.
+    ! Adds the terms since the last call, but not at early times, where they are negligible.
     subroutine add_to_inner(k)
       integer, intent(in) :: k
       real(wp), allocatable :: powers(:, :)            ! (terms, times)

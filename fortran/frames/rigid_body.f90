@@ -27,8 +27,7 @@ module rigid_body_m
 
   type :: top_t                              ! 24 numbers, which cg/frames/inertia.py computes
     sequence
-    ! principal axes as columns, a rotation, and their last digits, without which lengths would
-    ! change by the same factor in each step
+    ! principal axes as columns, and their last digits, without which lengths would drift
     real(wp) :: axes(3, 3) = 0.0_wp, digits(3, 3) = 0.0_wp
     ! inverse moments, the largest first, and their differences, 1 - 2, 2 - 3 and 1 - 3
     real(wp) :: inverse(3) = 0.0_wp, gap(3) = 0.0_wp
@@ -56,9 +55,8 @@ module rigid_body_m
 
 contains
 
-  ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part) of
-  ! body axes, which depends continuously on the time. Both are NaN if the body turns so far that
-  ! its phase has no digits.
+  ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part),
+  ! continuous in time. Both are NaN if the body turns so far that its phase has no digits.
   pure subroutine turn_freely(top, time, momentum, q)
     type(top_t), intent(in) :: top
     real(wp), intent(in) :: time
@@ -196,8 +194,7 @@ contains
     end do
   end subroutine follow_pieces
 
-  ! Moves the functions by a small argument with given functions. Changes are added, so that equal
-  ! steps don't repeat the rounding of functions near 1.
+  ! Moves the functions by a small argument. Changes are added, which round less near 1.
   pure subroutine add(motion, sn, cn, dn)
     type(motion_t), intent(inout) :: motion
     real(wp), intent(in) :: sn, cn, dn

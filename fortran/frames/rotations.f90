@@ -1,7 +1,6 @@
 ! Rotations of three dimensions: flows of matrices, unit quaternions, SU(2), spheres and rigid
 ! motions. All are by the quaternion q = (sin(half) v / (2 half), cos(half)) of the rotation vector
-! v, half = |v| / 2: quaternions of several flows are multiplied first, with fewer operations than
-! matrices, and one rotation then moves the point.
+! v, half = |v| / 2: those of several flows are multiplied, and one rotation moves the point.
 module rotations_m
   use kinds, only: wp
   use blocks_m, only: block_t
@@ -13,8 +12,7 @@ module rotations_m
             rotate_vector, rotation_bound, set_quaternion, turn_point
 
   real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))     ! whose square doesn't underflow
-  ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
-  ! ones don't count up to the largest square.
+  ! Taylor's coefficients of sin(x) / x and cos(x) for x**2, x**4, ..., enough up to max_square
   integer :: term
   real(wp), parameter :: sines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 2, wp)), term = 1, 8)]
   real(wp), parameter :: cosines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 1, wp)), &
@@ -41,6 +39,7 @@ contains
     call turn_point(block, q, y)
   end subroutine rotate
 
+  ! Rotates a point by a unit quaternion, from the side of the axes of the block.
   pure subroutine turn_point(block, q, y)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: q(4)
@@ -69,8 +68,7 @@ contains
   ! Moves a rigid motion (R, x), y -> R y + x, or one with several vectors x; the coefficients are a
   ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), where V is the
   ! mean of exp(s hat v) over s from 0 to 1: V u = a u + (1 - a) n (n . u) + b n x u with v = angle
-  ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Nothing cancels that isn't small
-  ! beside u.
+  ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Only what is small beside u cancels.
   subroutine move_rigid_body(block, flows, m, all_v, y)
     type(block_t), intent(in) :: block
     integer, intent(in) :: flows, m          ! m: coefficients of the frame
@@ -219,6 +217,7 @@ contains
     w = d
   end subroutine multiply
 
+  ! Replaces u by q u q^-1 = u + 2 w p x u + 2 p x (p x u), q = (p, w).
   pure subroutine rotate_vector(q, u)
     real(wp), intent(in) :: q(4)
     real(wp), intent(inout) :: u(3)

@@ -1,6 +1,5 @@
 ! Matrices y of k orthonormal columns, with the fields y' = v - y v^T y for matrices v of the same
-! shape. Points and coefficients are stored row by row, so that they are transposed here.
-! cg/frames/stiefel.py has the formulas.
+! shape. They are stored by rows, as transposes. Formulas are in cg/frames/stiefel.py.
 !
 ! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
 ! rotations g. A point is its own transpose, so that the order of storage doesn't matter. Rounding

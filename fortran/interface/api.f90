@@ -30,6 +30,7 @@ contains
     y = real(x, wp)
   end subroutine from_double
 
+  ! The highest order for which there are trees
   subroutine highest_order(order) bind(c)
     !f2py threadsafe
     integer, intent(out) :: order
@@ -53,6 +54,7 @@ contains
     call conditions%residual(x, r, flag)
   end subroutine residuals
 
+  ! The derivatives of the residuals by the unknowns
   subroutine jacobian(order, l, layout, n, x, m, trees, owner, jac) bind(c)
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
@@ -67,8 +69,7 @@ contains
     call conditions%jacobian(x, jac, flag)
   end subroutine jacobian
 
-  ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
-  ! solver wants at least as many rows as unknowns.
+  ! MINPACK's lmdif on order conditions. Zeros among the trees fill up rows to unknowns.
   subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
                              x, f, info, nfev) bind(c)
     !f2py threadsafe

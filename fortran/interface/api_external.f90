@@ -60,8 +60,7 @@ contains
     end do
   end subroutine call_rhs
 
-  ! The addresses of functions of the type rhs_i: that which calls a function of Python, and the
-  ! right-hand side of a solution with its derivatives
+  ! The addresses of rhs_i for functions of Python, and for solutions with their derivatives
   subroutine function_addresses(python_rhs, variational) bind(c)
     integer(c_intptr_t), intent(out) :: python_rhs, variational
 
@@ -71,8 +70,7 @@ contains
 
   ! Applies an operation of shared_numbers to vectors a and b of each of some trajectories: moves
   ! points b along the time-1 flows of fields a, the first one first; finds the coefficients of the
-  ! flow from point a to b; or the derivatives of coordinates a that belong to coefficients b, or
-  ! NaN.
+  ! flow from point a to b; or derivatives of coordinates a that belong to coefficients b, or NaN.
   subroutine frame_apply(operation, blocks, description, numbers, constants, option, count, na, a, &
                          nb, b, nc, c) bind(c)
     !f2py threadsafe
@@ -120,8 +118,7 @@ contains
     last = grid%last
   end subroutine equal_steps
 
-  ! The constraints g at points and their derivatives by time, infinite where axes that shall
-  ! coincide are others; and the sizes of the terms of both
+  ! Constraints at points, infinite for exchanged axes, their derivatives by time, sizes of terms
   subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_of_speed) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points, rows
@@ -148,6 +145,7 @@ contains
     end associate
   end subroutine joints_errors
 
+  ! Moves points to where the joints are closed; see close_joints.
   subroutine joints_close(address, n, points, y, status) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points
@@ -179,6 +177,7 @@ contains
     end do
   end subroutine joints_forces
 
+  ! Sets the addresses of the routines of BLAS and LAPACK.
   subroutine set_lapack(addresses) bind(c)
     integer(c_intptr_t), intent(in) :: addresses(10)
 
@@ -217,6 +216,7 @@ contains
                        status)
   end subroutine fit_minimum_norm
 
+  ! Evaluates the residuals of lmdif_of_python.
   subroutine residual(self, x, f, flag)
     class(python_function_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)   ! (n)

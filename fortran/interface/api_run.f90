@@ -103,6 +103,7 @@ contains
     bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
+  ! Frees a plan.
   subroutine plan_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -112,6 +113,7 @@ contains
     deallocate (plan)
   end subroutine plan_close
 
+  ! Opens a run of a plan from its record.
   subroutine run_open(plan_address, record_address, address) bind(c)
     integer(c_intptr_t), intent(in) :: plan_address, record_address
     integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -127,6 +129,7 @@ contains
     deallocate (run)
   end subroutine run_open
 
+  ! Frees a run.
   subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -135,6 +138,7 @@ contains
     deallocate (run)
   end subroutine run_close
 
+  ! Advances all members; see drive.
   subroutine run_drive(address) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address
@@ -156,8 +160,7 @@ contains
   end subroutine run_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants
-  ! of their last steps, which the next call of run_drive stores; not of members that a terminal
-  ! event has ended. There are as many lanes as members.
+  ! of their last steps, which run_drive stores; not of members ended by terminal events.
   subroutine run_continue(address, interpolating) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: interpolating
@@ -191,6 +194,7 @@ contains
     call wake(run)
   end subroutine run_restart
 
+  ! Copies the states of trajectories to bytes, or restores them.
   subroutine run_state(address, restores, count, members, bytes) bind(c)
     integer(c_intptr_t), intent(in) :: address
     logical(c_bool), intent(in) :: restores
@@ -209,6 +213,7 @@ contains
     if (restores) call wake(run)
   end subroutine run_state
 
+  ! Evaluates stored interpolants at fractions of their steps.
   subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context

@@ -51,6 +51,7 @@ module run_m
 
 contains
 
+  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -58,6 +59,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
+  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -65,6 +67,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
+  ! Makes a run from its record, for a plan.
   subroutine open_run(plan, run, memory)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -78,6 +81,7 @@ contains
     call set_lanes(run, memory)
   end subroutine open_run
 
+  ! Takes the problem that all trajectories solve from the plan and the record.
   subroutine set_problem(plan, run)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
@@ -154,6 +158,7 @@ contains
     run%events%data = run%rhs%data
   end subroutine set_inputs
 
+  ! Makes the bodies of members with inertia of their own.
   subroutine set_bodies(run)
     type(run_t), intent(inout) :: run
     integer(c_int), pointer, contiguous :: columns(:, :)
@@ -170,14 +175,6 @@ contains
       call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
     end do
   end subroutine set_bodies
-
-  ! Gives the frame, which all lanes share, the inertia of the member that is advanced next.
-  subroutine take_inertia(run, member)
-    type(run_t), target, intent(inout) :: run
-    integer, intent(in) :: member
-
-    if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, member)
-  end subroutine take_inertia
 
   ! Sets a function along the solution from the record at an address, if there is one.
   subroutine set_observer(run, address, observer)
@@ -295,7 +292,8 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_maximum) return
-        call take_inertia(run, lane%member)
+        ! the frame, which all lanes share, has the inertia of the member that is advanced
+        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
@@ -310,6 +308,7 @@ contains
     end associate
   end function advance_lane
 
+  ! Starts the next member in a lane, if there is one, and stores its initial point.
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -404,7 +403,7 @@ contains
         else
           call receive_answers(lane, m, asked(i), answer)
         end if
-        call take_inertia(run, lane%member)
+        if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (lane%status == needs_rhs) call check_coefficients(lane)
       end associate
       k = k + asked(i)

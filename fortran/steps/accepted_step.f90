@@ -51,6 +51,7 @@ contains
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
+  ! Whether there is output before the end of the step
   pure logical function has_output(x, output)
     type(trajectory_t), intent(in) :: x
     type(output_t), intent(in) :: output
@@ -84,8 +85,7 @@ contains
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Finds the events of a step, and decides whether it is stored. Trajectories with common steps do
-  ! so together, where output or events may have rejected it.
+  ! Finds the events of a step. Trajectories with common steps then accept it together.
   subroutine complete_step(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
@@ -100,8 +100,7 @@ contains
         output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
 
-  ! Requests the coefficients at the ends of a step, the present one or the one before, that aren't
-  ! known; then its interpolant starts.
+  ! Requests unknown coefficients at the ends of a step, then starts its interpolant.
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -139,9 +138,8 @@ contains
     end associate
   end subroutine receive_end
 
-  ! Starts the interpolant of the present step, or of the last one, whose end is the present point,
-  ! and whose stages may be in x%f still. If only events may need an interpolant, they are sought
-  ! first along what is known of it from the ends of the step.
+  ! Starts the interpolant of the present step, or of the last one, whose end is the present point.
+  ! If only events may need it, they are sought first along the cubic of the ends.
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -219,6 +217,7 @@ contains
     end if
   end subroutine advance_interpolant
 
+  ! Requests the coefficients at the next node of the interpolant.
   subroutine request_node(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
@@ -229,6 +228,7 @@ contains
                  x%interpolant%y, phase_node_received)
   end subroutine request_node
 
+  ! Adds the coefficients at the node to the interpolant.
   subroutine receive_node(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -290,6 +290,7 @@ contains
     call begin_next_step(x, t, y, ended)
   end subroutine store_until
 
+  ! Starts the next step at y, after a jump or at a breakpoint without memory, or ends.
   subroutine begin_next_step(x, t, y, ended)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t

@@ -43,8 +43,7 @@ contains
     if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) * taken
   end function rejected_size
 
-  ! The size after a shortened step: that proposed before it, as far as its error allows. An error
-  ! that is far smaller than the tolerance may be rounding.
+  ! The size after a shortened step: that proposed before it, as far as its error allows
   pure real(wp) function resumed_size(proposed, taken, error, exponent)
     real(wp), intent(in) :: proposed, taken, error, exponent
 
@@ -52,6 +51,7 @@ contains
     if (error > min_last_error) resumed_size = min(proposed, rejected_size(taken, error, exponent))
   end function resumed_size
 
+  ! The size after an accepted step, by the PI controller
   pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)
     real(wp), intent(in) :: taken, error, exponent
     logical, intent(in) :: after_rejection
@@ -130,8 +130,7 @@ contains
     end if
   end function first_size
 
-  ! The smallest step size that is larger than the rounding of the time. The intrinsic function
-  ! spacing has a larger value near zero.
+  ! The smallest step size, above the rounding of t, by less than `spacing` near zero
   pure real(wp) function resolution(t)
     real(wp), intent(in) :: t
 

@@ -14,9 +14,8 @@
 ! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
 ! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods.
 !
-! The rest of e1 of a Magnus method may also vanish by chance, and the power of the quotient makes
-! much of that. The rest of e2, which is O(h^3), times the change of the angle as often as the order
-! of the error allows, is another estimate.
+! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
+! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
 !
 ! Results of a Magnus method share nodes, and sums of weights on them, so that their difference
 ! doesn't see what lies between the nodes: a jump, a kink, an oscillation. The polynomial through
@@ -40,8 +39,7 @@ module error_estimate_m
   private
   public :: estimate_error
 
-  ! Change of the angle of a step by Magnus methods beyond which differences of results may vanish
-  ! by chance, unless all values of f commute
+  ! Change of the angle from which differences of results of Magnus methods may vanish by chance
   real(wp), parameter :: max_change = 3.0_wp
   real(wp), parameter :: min_excess = 0.1_wp           ! below which steps may grow freely
 

@@ -71,6 +71,7 @@ contains
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 
+  ! Evaluates the point after an event from the one before, in Python.
   subroutine event_jump(self, member, event, t, y, after, flag)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -84,6 +85,7 @@ contains
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
+  ! Evaluates what is observed at a point, in C or in Python.
   subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
     integer, intent(in) :: member            ! from 1

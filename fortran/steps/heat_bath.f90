@@ -27,6 +27,7 @@ module heat_bath_m
 
 contains
 
+  ! Replaces momenta by e^(-gamma t) p + (T (1 - e^(-2 gamma t)) J)^(1/2) xi, xi normal.
   subroutine exchange_heat(record, frame, member, t, time, y)
     type(record_t), intent(in) :: record     ! record of the run, with gamma and k_B T of the bath
     type(frame_t), intent(in) :: frame
@@ -37,8 +38,7 @@ contains
     integer(int64) :: tick
     integer :: i, k
 
-    ! The time in units of h / 2^20: times that differ by rounding are one, those of short steps
-    ! differ. By the modulus it is an integer of 64 bits.
+    ! the time in units of h / 2^20, by which times that differ by rounding are equal
     tick = nint(modulo(t / record%h * 2.0_wp**20, 2.0_wp**62), int64)
     do k = 1, frame%forces, 4
       call normal_variates([record%seed, record%first_member + int(member - 1, int64)], &

@@ -71,8 +71,8 @@ contains
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
-  ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
-  ! or the next column of the Jacobian is evaluated.
+  ! Stores the coefficients at a stage. After the last one of the block follows a correction or a
+  ! column of the Jacobian.
   subroutine receive_implicit(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, flow, info
@@ -215,6 +215,7 @@ contains
     end associate
   end subroutine correct
 
+  ! Rejects the step, and forgets the factors of the block that wasn't solved.
   subroutine give_up(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block

@@ -161,8 +161,7 @@ contains
     end associate
   end function max_step_at
 
-  ! Evaluates a right-hand side. Coefficients that it doesn't write are NaN. Shapes are explicit,
-  ! since array descriptors take as long as a short loop.
+  ! Evaluates a right-hand side. What it doesn't write is NaN. Shapes are explicit, for speed.
   subroutine evaluate(self, n, m, t, y, f, flag)
     type(rhs_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension

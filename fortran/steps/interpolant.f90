@@ -29,8 +29,7 @@
 !   phi_d = theta, theta (1 - theta), theta^2 (1 - theta), theta^2 (1 - theta)^2, ...,
 !
 ! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
-! the mean u(1) / h, then that at the end, and those at further nodes, each evaluated where the ones
-! before it lead. One flow reaches a point.
+! the mean u(1) / h, then that at the end, and those at further nodes, where the ones before lead.
 module interpolant_m
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
@@ -300,6 +299,7 @@ contains
     end do
   end subroutine sum_terms
 
+  ! Finds the next node, and the point there.
   subroutine next_node(self, theta)
     type(interpolant_t), intent(inout) :: self        ! self%y becomes the point
     real(wp), intent(out) :: theta
@@ -318,8 +318,7 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, the interpolant has more nodes when the
-  ! coefficients at all inner ones are known.
+  ! Stores the coefficients at the node. By flows, nodes count when all inner ones are known.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self
@@ -350,6 +349,7 @@ contains
     flows_of_evaluation = merge(1, size(self%v, 2), self%on_algebra .or. self%scheme%at_stages)
   end function flows_of_evaluation
 
+  ! Computes the point at a fraction of the step.
   subroutine evaluate_interpolant(self, theta, y)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta            ! 0 to 1

@@ -2,8 +2,7 @@
 ! Unless the right-hand side is vectorized, requests for coefficients are answered at once. Else
 ! `resume` sets a status (needs_rhs: coefficients at request%t and request%y; needs_events: values
 ! of events at `query`; needs_maximum: of a number over all trajectories with common steps; paused)
-! and is called again when the answer has been stored. The phase says where to continue.
-! Phases follow each other as
+! and is called again with the answer. The phase says where to continue. Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
@@ -45,6 +44,7 @@ contains
     end do
   end subroutine resume
 
+  ! Does what the phase says, which sets the next phase.
   subroutine advance(x, output, budget)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
@@ -106,6 +106,7 @@ contains
     end select
   end subroutine advance
 
+  ! Stores the coefficients at the start; the first size, or a turn, may be chosen by them.
   subroutine receive_slope(x)
     type(trajectory_t), intent(inout) :: x
 

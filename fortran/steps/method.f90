@@ -1,5 +1,4 @@
-! A method as paths of flows from one point to another. The points are stages, results, and points
-! from which more than one path starts.
+! A method as paths of flows from one point to another. Points: stages, results, forks.
 module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
@@ -70,6 +69,7 @@ module method_m
 
 contains
 
+  ! Makes a method from its table.
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method

@@ -50,6 +50,7 @@ contains
     used = used + 1
   end subroutine add_row
 
+  ! Stores a point at an output time, and what is observed there.
   subroutine store_point(output, member, number, y)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, number              ! from 1
@@ -60,6 +61,7 @@ contains
       member, output%times(number), y, output%observed(:, member, number), output%status)
   end subroutine store_point
 
+  ! Stores the end of a step in a row, of each so many or of the last one.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! the step's, from 1
@@ -110,6 +112,7 @@ contains
     end associate
   end subroutine read_interpolant
 
+  ! Evaluates stored interpolants, each at some fractions.
   subroutine evaluate_stored(frame, scheme, rows, which, theta, y)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
@@ -149,6 +152,7 @@ contains
     end do
   end subroutine evaluate_stored
 
+  ! Stores an event in a row.
   subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event

@@ -21,8 +21,7 @@ module requests_m
 
 contains
 
-  ! The time at which the right-hand side is evaluated in place of t. Times at breakpoints, where it
-  ! may change, are moved into the segment.
+  ! The time t, moved into the segment from a breakpoint, where the right-hand side may change
   pure elemental real(wp) function within_segment(x, t)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: t
@@ -114,8 +113,12 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    select case (merge(x%phase, phase_ended, x%problem%adaptive .or. &
-                       any(x%phase == [phase_node_received, phase_end_received])))
+    if (.not. x%problem%adaptive .and. &
+        all(x%phase /= [phase_node_received, phase_end_received])) then      ! equal steps
+      call fail(x, status, t)
+      return
+    end if
+    select case (x%phase)
     case (phase_curvature_received)
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished

@@ -121,9 +121,8 @@ contains
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
 
-  ! Finds the zeros of all events in a step, unless it is too long or a function fails. Where values
-  ! are requested, the trajectory is left as it was. While the interpolant isn't complete, zeros are
-  ! only detected: their times aren't computed.
+  ! Finds the zeros of all events in a step, unless it is too long or a function fails. While values
+  ! are requested, nothing changes. Before the interpolant is complete, times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! x%zeros are set
     type(event_state_t), allocatable :: events(:)
@@ -251,9 +250,8 @@ contains
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
   ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
-  ! values misses narrow dips: where no later three look, it is enough to come near to zero, and the
-  ! middle is tried of an outer part at whose end the function does. So it is for detection along
-  ! the cubic, which isn't accurate.
+  ! values misses narrow dips: at the last three values, and in detection along the cubic, which
+  ! isn't accurate, it is enough to come near to zero; an outer part is halved if its end is near.
   subroutine find_turning_point(x, event, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -352,8 +350,8 @@ contains
   ! rest, as where a ball stays on the floor, through which the solution would fall. Where the
   ! function is on the other side at the end of the first part or of the step, it is evaluated at
   ! points that halve the distance to the start. The values nearest to it that are larger than
-  ! rounding show the power of time by which the function grows: one where it passes, two at rest.
-  ! If the step is too small for this, the next step decides.
+  ! rounding show the power of time by which the function grows: one where it passes, two at rest. A
+  ! step too small for this leaves it to the next one.
   subroutine find_after_event(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -445,8 +443,7 @@ contains
     end associate
   end function rounding_at
 
-  ! Stores zeros in the order of their times, up to the first one that ends the step. The status
-  ! tells whether a function has failed.
+  ! Stores zeros in the order of their times, up to the first one that ends the step.
   subroutine store_zeros(x, output, kept, ended, after)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(inout) :: output

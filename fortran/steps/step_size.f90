@@ -143,8 +143,7 @@ contains
     if (rate * max_step_by_turn > turn) max_step_by_turn = turn / rate
   end function max_step_by_turn
 
-  ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
-  ! differences of rounded times, so that all are equal.
+  ! Chooses the size of a step and starts it. Full steps of a grid are exactly equal.
   subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -212,8 +211,7 @@ contains
     end associate
   end subroutine choose_adaptively
 
-  ! Chooses the size and the end of the next step. A step that a stop cuts leaves the next size
-  ! unchanged.
+  ! Chooses the size and the end of the next step. A stop doesn't change the size after it.
   subroutine choose_reversibly(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop

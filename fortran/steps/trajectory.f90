@@ -20,8 +20,7 @@ module trajectory_m
   public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
             exchange_state, fail, forget_step, point_at, reserve_trajectory, set_start, time_at
 
-  ! The phases of a trajectory. Each is named after what `resume` does next, or after the
-  ! coefficients or the shared number that it has received.
+  ! The phases of a trajectory. Names say what `resume` does next, or what it has received.
   integer, parameter, public :: phase_begin_segment = 1, phase_guess_size = 2, &
     phase_guess_shared = 3, phase_curvature_received = 4, phase_size_shared = 5, &
     phase_choose_step = 6, phase_start_received = 7, phase_next_stage = 8, &
@@ -47,8 +46,7 @@ module trajectory_m
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
     ! Points at output times within the step of one trajectory, its owner, by a method along
-    ! polynomials. All trajectories share this memory, which may be large, and compute their points
-    ! again after another one has used it.
+    ! polynomials. All trajectories share this memory, and compute lost points again.
     type(inner_points_t) :: inner
   end type problem_t
 

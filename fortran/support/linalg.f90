@@ -1,10 +1,8 @@
 ! Least-squares problems of m residuals of n unknowns, and the linear algebra of MINPACK's lmdif: a
 ! pivoted QR factorisation a P = Q R, and the damped steps x that minimise |a x - b|**2 + par |D
-! x|**2, by Givens rotations that eliminate the rows of sqrt(par) D from R. More, Garbow, Hillstrom,
-! User Guide for MINPACK-1, ANL-80-74 (1980).
+! x|**2, by Givens rotations: More, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74 (1980).
 !
-! LAPACK isn't called, because it has no real(16), and because sums run in MINPACK's order: in
-! real(8) a solve repeats MINPACK's bit for bit.
+! LAPACK has no real(16), and sums run in MINPACK's order: in real(8) all bits are MINPACK's.
 !
 ! Another thread may end what takes long in real(16) by a flag; results are then of no use.
 module linalg_m
@@ -144,8 +142,7 @@ contains
     y = y - factor * u
   end subroutine reflect
 
-  ! The norm of a column without the element just eliminated; computed afresh
-  ! once cancellation has used up half of the digits.
+  ! The norm of a column without its first element; computed afresh if half its digits cancel
   pure subroutine downdate(column, norm, reference)
     real(wp), intent(in), contiguous :: column(:)  ! (rows left, the eliminated one first)
     real(wp), intent(inout) :: norm, reference
@@ -161,8 +158,7 @@ contains
   end subroutine downdate
 
   ! Given a P = Q R, minimises |a x - b|**2 + |D x|**2. The upper triangle of `r` holds R and stays.
-  ! With P^T (a^T a + D**2) P = S^T S the strict lower triangle returns that of S^T, and `sdiag` the
-  ! diagonal of S.
+  ! With P^T (a^T a + D**2) P = S^T S the lower triangle returns S^T, `sdiag` its diagonal.
   subroutine qrsolv(r, ipvt, diag, qtb, x, sdiag, stop_flag)
     real(wp), intent(inout), contiguous :: r(:,:)  ! (>= n, n)
     integer, intent(in) :: ipvt(:)                 ! (n)

@@ -77,8 +77,7 @@ contains
     finite = count(.not. abs(x) <= huge(x)) == 0
   end function finite
 
-  ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
-  ! descriptors take as long as the sum.
+  ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, for speed.
   pure subroutine combine(m, n, weight, k, sum)
     integer, intent(in) :: m, n
     real(wp), intent(in) :: weight(n), k(m, n)
