@@ -72,38 +72,39 @@ contains
     end do
   end subroutine later_points
 
-  ! Adds the derivatives of the conditions on a result: those by x on the path to the result, and
-  ! the adjoints of the weights at the ends of segments.
-  subroutine seed(weights, path, trees, mine, jac, adjoint)
+  ! Adds derivatives of conditions on a result by x on its path, and adjoints at ends of segments.
+  subroutine seed(weights, path, trees, selected, jac, adjoint)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: path(:)                 ! points on the way to the result
     integer, intent(in) :: trees(:)                ! (conditions)
-    logical, intent(in) :: mine(:)                 ! (conditions)
+    logical, intent(in) :: selected(:)             ! (conditions)
     real(wp), intent(inout) :: jac(:, :)           ! (conditions, unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
     real(wp) :: whole(1, weights%stage_trees), z(size(path), weights%order)
-    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! numbers on the path, else 0
+    integer :: row, m, letter, i, k, n
+    integer :: on_path(weights%pattern%points)     ! number of a point on the path, or 0
 
     n = size(path)
-    if (n == 0 .or. .not. any(mine)) return
-    place = 0
-    place(path) = [(i, i=1, n)]
+    if (n == 0 .or. .not. any(selected)) return
+    on_path = 0
+    on_path(path) = [(i, i=1, n)]
     e = weights%e(path, :)
     left = weights%left(path, :)
     allocate (right(n, weights%stage_trees))
     call later_points(weights, [1, n + 1], e, right, whole)
-    do c = 1, size(trees)
-      if (trees(c) == 0 .or. .not. mine(c)) cycle
-      call by_letter(e, left, right, trees(c), n, z)
-      do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
-        u = child(child_start(trees(c)) + m - 1)
+    do row = 1, size(trees)
+      if (trees(row) == 0 .or. .not. selected(row)) cycle
+      call by_letter(e, left, right, trees(row), n, z)
+      do m = 1, child_start(trees(row) + 1) - child_start(trees(row))
+        letter = child(child_start(trees(row)) + m - 1)
         do k = 1, weights%pattern%unknowns
-          i = place(weights%pattern%point(k))
+          i = on_path(weights%pattern%point(k))
           if (i == 0) cycle
-          associate (at => weights%pattern%at(k))
-            jac(c, k) = jac(c, k) + weights%chi(at, u) * z(i, m)
-            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k) * z(i, m)
+          associate (source => weights%pattern%source(k))
+            jac(row, k) = jac(row, k) + weights%chi(source, letter) * z(i, m)
+            if (source > 0) &
+              adjoint(row, letter, source) = adjoint(row, letter, source) + weights%x(k) * z(i, m)
           end associate
         end do
       end do
@@ -116,21 +117,21 @@ contains
     integer, intent(in) :: trees(:), owner(:)      ! (conditions)
     real(wp), intent(inout) :: jac(:, :)           ! (conditions, unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: c, r, k, begin
+    integer :: row, segment, k, begin
 
-    do c = 1, size(trees)
-      if (owner(c) <= 0) cycle
-      r = weights%pattern%stage_segment(owner(c))
-      if (trees(c) == middle_abscissa) then
+    do row = 1, size(trees)
+      if (owner(row) <= 0) cycle
+      segment = weights%pattern%stage_segment(owner(row))
+      if (trees(row) == middle_abscissa) then
         begin = weights%pattern%weight_start(weights%result_path(1))
-        adjoint(c, abscissa, r) = 1.0_wp
-        jac(c, begin:begin + owner(c) - 2) = -1.0_wp
-        jac(c, begin + owner(c) - 1) = -0.5_wp
+        adjoint(row, abscissa, segment) = 1.0_wp
+        jac(row, begin:begin + owner(row) - 2) = -1.0_wp
+        jac(row, begin + owner(row) - 1) = -0.5_wp
       else
-        k = node_count(trees(c)) - 1
-        adjoint(c, trees(c), r) = 1.0_wp
-        adjoint(c, abscissa, r) = adjoint(c, abscissa, r) &
-          - real(k, wp) * weights%chi(r, abscissa)**(k - 1) / real(density(trees(c)), wp)
+        k = node_count(trees(row)) - 1
+        adjoint(row, trees(row), segment) = 1.0_wp
+        adjoint(row, abscissa, segment) = adjoint(row, abscissa, segment) &
+          - real(k, wp) * weights%chi(segment, abscissa)**(k - 1) / real(density(trees(row)), wp)
       end if
     end do
   end subroutine seed_assumptions
@@ -143,7 +144,7 @@ contains
     integer, intent(in) :: first_for(:)            ! (order)
     real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: t, m, u, c0, k, i, s, inner
+    integer :: t, m, letter, first, k, i, s, inner
     real(wp), allocatable :: z(:, :)               ! (inner points, order)
     real(wp), allocatable :: right(:, :)           ! (inner points, stage_trees)
     real(wp), allocatable :: whole(:, :)           ! (inner segments, stage_trees)
@@ -154,26 +155,28 @@ contains
       allocate (whole(pattern%inner, weights%stage_trees))
       call later_points(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
       do t = weights%stage_trees, 2, -1
-        c0 = first_for(node_count(t))
+        first = first_for(node_count(t))
         ! a segment that begins elsewhere multiplies the weights of the one before by its own
         do s = pattern%inner, 1, -1
           associate (origin => pattern%origin(s))
             if (origin == 0) cycle
-            adjoint(c0:, t, origin) = adjoint(c0:, t, origin) + adjoint(c0:, t, s)
+            adjoint(first:, t, origin) = adjoint(first:, t, origin) + adjoint(first:, t, s)
             do i = split_start(t) + 1, split_start(t + 1) - 2
-              adjoint(c0:, head(i), origin) = adjoint(c0:, head(i), origin) &
-                + whole(s, tail(i)) * adjoint(c0:, t, s)
+              adjoint(first:, head(i), origin) = adjoint(first:, head(i), origin) &
+                + whole(s, tail(i)) * adjoint(first:, t, s)
             end do
           end associate
         end do
         call by_letter(weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
-          u = child(child_start(t) + m - 1)
+          letter = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
-            associate (at => pattern%at(k), p => pattern%point(k), segment => pattern%segment(k))
-              direct(t, k) = direct(t, k) + weights%chi(at, u) * z(p, m)
-              if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                + (weights%x(k) * z(p, m)) * adjoint(c0:, t, segment)
+            associate (source => pattern%source(k), p => pattern%point(k), &
+                       segment => pattern%segment(k))
+              direct(t, k) = direct(t, k) + weights%chi(source, letter) * z(p, m)
+              if (letter > 1 .and. source > 0) &
+                adjoint(first:, letter, source) = adjoint(first:, letter, source) &
+                  + (weights%x(k) * z(p, m)) * adjoint(first:, t, segment)
             end associate
           end do
         end do
@@ -200,22 +203,22 @@ contains
         do q = 0, children - m
           after = head(split_start(tail(split + m)) + q)
           z(:, m) = z(:, m) &
-            + share(p, q) * earlier * e(1:n, after) * right(1:n, tail(split + m + q))
+            + beta(p, q) * earlier * e(1:n, after) * right(1:n, tail(split + m + q))
         end do
       end do
     end do
   end subroutine by_letter
 
-  ! p! q! / (p + q + 1)!: what a letter between p and q others has of their exponential.
-  pure real(wp) function share(p, q)
+  ! Euler's B(p + 1, q + 1) = p! q! / (p + q + 1)!, by which a letter between p and q others counts
+  pure real(wp) function beta(p, q)
     integer, intent(in) :: p, q
     integer :: i
 
-    share = 1.0_wp / real(p + 1, wp)
+    beta = 1.0_wp / real(p + 1, wp)
     do i = 1, q
-      share = share * real(i, wp) / real(p + 1 + i, wp)
+      beta = beta * real(i, wp) / real(p + 1 + i, wp)
     end do
-  end function share
+  end function beta
 
   ! The owner of a condition is a result, zero for the first and -1 for the second. A positive one,
   ! k, asks stage k to be right at its own abscissa, Phi_k(t) = c_k^(|t| - 1) / gamma(t), a
@@ -239,26 +242,28 @@ contains
     real(wp), intent(in) :: x(:)      ! (unknowns)
     real(wp), intent(out) :: f(:)     ! (conditions)
     integer, intent(inout) :: flag
-    integer :: i, b, k
+    integer :: i, begin, stage
     real(wp) :: c
 
     call self%weights%evaluate(x)
-    do i = 1, size(self%trees)
-      f(i) = 0.0_wp
-      if (self%owner(i) > 0) then
-        k = self%owner(i)
-        c = self%weights%chi(self%weights%pattern%stage_segment(k), abscissa)
-        if (self%trees(i) == middle_abscissa) then
-          b = self%weights%pattern%weight_start(self%weights%result_path(1))
-          f(i) = c - sum(x(b:b + k - 2)) - x(b + k - 1) / 2.0_wp
-        else
-          f(i) = self%weights%chi(self%weights%pattern%stage_segment(k), self%trees(i)) &
-            - self%target(i) * c**(node_count(self%trees(i)) - 1)
+    associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees)
+      f = 0.0_wp
+      do i = 1, size(trees)
+        stage = self%owner(i)
+        if (stage > 0) then
+          c = weights%chi(pattern%stage_segment(stage), abscissa)
+          if (trees(i) == middle_abscissa) then
+            begin = pattern%weight_start(weights%result_path(1))
+            f(i) = c - sum(x(begin:begin + stage - 2)) - x(begin + stage - 1) / 2.0_wp
+          else
+            f(i) = weights%chi(pattern%stage_segment(stage), trees(i)) &
+                   - self%target(i) * c**(node_count(trees(i)) - 1)
+          end if
+        else if (trees(i) > 0) then
+          f(i) = weights%weight(trees(i), stage == second_result) - self%target(i)
         end if
-      else if (self%trees(i) > 0) then
-        f(i) = self%weights%weight(self%trees(i), self%owner(i) == second_result) - self%target(i)
-      end if
-    end do
+      end do
+    end associate
     if (.not. all(abs(f) <= huge(f))) flag = -1
   end subroutine residual
 
@@ -270,9 +275,8 @@ contains
     integer, intent(inout) :: flag
     real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: s, k, t, c0, unknowns
-    ! first condition that weights with so many nodes enter: those of stages enter results with more
-    ! nodes, and assumptions with at least as many
+    integer :: s, k, t, first, unknowns
+    ! first condition that weights of n nodes enter: results of n + 1, assumptions of n nodes
     integer :: first_for(self%weights%order)
 
     call self%weights%evaluate(x)
@@ -289,9 +293,9 @@ contains
       call seed_assumptions(weights, trees, owner, jac, adjoint)
       if (unknowns > 0) call sweep(weights, first_for, direct, adjoint)
       do t = 2, weights%stage_trees
-        c0 = first_for(node_count(t))
+        first = first_for(node_count(t))
         do k = 1, unknowns
-          jac(c0:, k) = jac(c0:, k) + direct(t, k) * adjoint(c0:, t, pattern%segment(k))
+          jac(first:, k) = jac(first:, k) + direct(t, k) * adjoint(first:, t, pattern%segment(k))
         end do
       end do
     end associate

@@ -22,7 +22,7 @@ module weights_m
     integer :: results(2) = 0                 ! points; the second is 0 where there is none
     integer, allocatable :: parent(:)         ! (points) a point before
     integer, allocatable :: weight_start(:)   ! (points + 1) where a point's weights begin
-    integer, allocatable :: at(:)             ! (unknowns) segment at whose end their stages are
+    integer, allocatable :: source(:)         ! (unknowns) segment at whose end their stages are
     integer, allocatable :: point(:)          ! (unknowns) their points
     integer, allocatable :: segment(:)        ! (unknowns) their segments
     integer, allocatable :: stage_segment(:)  ! (stages) segment at whose end they are
@@ -89,7 +89,7 @@ contains
     pattern%segment = [(count(pattern%segment_start <= pattern%point(k)), k=1, pattern%unknowns)]
     pattern%origin = pattern%segment_at(pattern%parent(pattern%segment_start(:pattern%segments)))
     pattern%stage_segment = pattern%segment_at(stage_point)
-    pattern%at = pattern%stage_segment(layout(begin + 1:))
+    pattern%source = pattern%stage_segment(layout(begin + 1:))
     pattern%inner = maxval([0, pattern%stage_segment])
   end subroutine read_layout
 
@@ -164,7 +164,7 @@ contains
     do m = 1, pattern%points
       total = 0.0_wp
       do k = pattern%weight_start(m), pattern%weight_start(m + 1) - 1
-        total = total + x(k) * chi(pattern%at(k))
+        total = total + x(k) * chi(pattern%source(k))
       end do
       letter(m) = total
     end do
