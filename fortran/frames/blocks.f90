@@ -20,8 +20,7 @@ module blocks_m
     77683 / 1.4101100039391805e22_wp]
   ! Terms decrease by a factor 4 pi^2: those left out are below rounding in double precision.
   integer, parameter, public :: last_term = 11
-  ! its radius, at a full turn of rotations, towards which dexp^-1 amplifies the rounding of
-  ! brackets that should vanish, from half of it on by more than one
+  ! its radius, a full turn; from half of it on dexp^-1 amplifies the rounding of zero brackets
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
   real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)

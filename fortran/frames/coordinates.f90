@@ -152,8 +152,8 @@ contains
     end if
   end function logarithm
 
-  ! Computes the coefficients (v, u, ...) of the rigid motion from x to y. A translation becomes a u
-  ! + (1 - a) n (n . u) + b n x u, which turns u about the axis n and stretches it.
+  ! Computes the coefficients (v, u, ...) of the rigid motion from x to y. The velocities are a u +
+  ! (1 - a) n (n . u) + b n x u, translations u turned about the axis n and stretched.
   pure subroutine find_twist(block, x, y, twist)
     type(block_t), intent(in) :: block
     real(wp), intent(in), dimension(3 + block%k, 3) :: x, y    ! rows

@@ -224,8 +224,7 @@ contains
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
 
-  ! Whether an iteration has closed all joints, up to rounding: of the constraints, or of what
-  ! they are computed from, where a further iteration brings nothing.
+  ! Whether joints are closed up to rounding, of g or, if iterations bring nothing, of its terms
   logical function is_closed(c, last)
     type(constraints_t), intent(in) :: c
     real(wp), intent(inout) :: last          ! the opening before; huge at first

@@ -422,8 +422,7 @@ contains
 
   end subroutine apply_polynomial
 
-  ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their
-  ! own, and up to those from where bounds halve with each term
+  ! A bound of the sum of norms of the terms after y_k, up to those from where they halve
   pure real(wp) function rest(bounds, norms, k)
     real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
     real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...

@@ -1,8 +1,7 @@
 ! The free motion of a rigid body, exact for every spin and time.
 !
-! Let n = (n1, n2, n3) be the direction of the momentum in principal axes, J1, J2, J3 the inverse
-! moments of inertia, and L the length of the momentum. With one of two sequences of the axes, J1 >=
-! J2 >= J3 or J1 <= J2 <= J3, n3 keeps its sign, and
+! Let n = (n1, n2, n3) be the direction of the momentum in principal axes, L its length, and J1, J2,
+! J3 inverse moments of inertia. If J1 >= J2 >= J3, or the opposite, n3 keeps its sign, and
 !
 !   n1 = a1 cn u,   n2 = a2 sn u,   n3 = a3 dn u,   u' = +- L a3 sqrt(|J3 - J2| |J3 - J1|),
 !
@@ -33,16 +32,13 @@ module rigid_body_m
     real(wp) :: inverse(3) = 0.0_wp, gap(3) = 0.0_wp
   end type top_t
 
-  ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes. They have the digits
-  ! of double precision, since no other core has mechanical systems.
-  real(wp), parameter :: square(7) = [0.01167587194014667_wp, 0.1018327040027696_wp, &
-                                      0.2654811572689373_wp, 0.4723715370044845_wp, &
-                                      0.6842620156531486_wp, 0.8619913332033933_wp, &
-                                      0.9727557512974903_wp]
-  real(wp), parameter :: weight(7) = [0.2152638534631578_wp, 0.2051984637212956_wp, &
-                                      0.1855383974779378_wp, 0.1572031671581935_wp, &
-                                      0.1215185706879032_wp, 0.08015808715976021_wp, &
-                                      0.03511946033175186_wp]
+  ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes
+  real(wp), parameter :: square(7) = [ &
+    0.01167587194014667_wp, 0.1018327040027696_wp, 0.2654811572689373_wp, 0.4723715370044845_wp, &
+    0.6842620156531486_wp, 0.8619913332033933_wp, 0.9727557512974903_wp]
+  real(wp), parameter :: weight(7) = [ &
+    0.2152638534631578_wp, 0.2051984637212956_wp, 0.1855383974779378_wp, 0.1572031671581935_wp, &
+    0.1215185706879032_wp, 0.08015808715976021_wp, 0.03511946033175186_wp]
   ! the longest piece in u, for which the error of the formula is below rounding
   real(wp), parameter :: longest = 1.1_wp
   ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
@@ -177,7 +173,7 @@ contains
     cn = sqrt(1 - sn**2)
     dn = sqrt(1 - motion%m * sn**2)
     do i = 1, pieces
-      if (.not. max(abs(motion%cn), abs(motion%dn)) > tiny(1.0_wp)) then ! at rest on the second axis
+      if (.not. max(abs(motion%cn), abs(motion%dn)) > tiny(1.0_wp)) then  ! on the second axis
         integral = integral + 2 * half * real(pieces - i + 1, wp)
         exit
       end if

@@ -1,5 +1,4 @@
-! Interface for f2py of plans and runs.
-! Both stay in memory between calls, and the caller knows them by their addresses.
+! Interface for f2py of plans and runs, which stay in memory between calls, at addresses.
 module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int8

@@ -1,7 +1,6 @@
 ! Collocation methods of three stages on a Lie algebra. The first column of f is the start of the
-! step, which only the error estimate uses; all stages are implicit, and solved by simplified
-! Newton iteration, after Hairer and Wanner, "Solving Ordinary Differential Equations II", section
-! IV.8. The coordinates z_i of the stages solve
+! step, which only the error estimate uses. Stages are solved by simplified Newton iteration:
+! Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8. Their coordinates z_i solve
 !
 !   h sum_j a_ij F_j = z_i,   F_j = dexp^-1_(z_j) f(t + c_j h, exp(z_j) y),
 !

@@ -71,8 +71,7 @@ contains
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
-  ! Stores the coefficients at a stage. After the last one of the block follows a correction or a
-  ! column of the Jacobian.
+  ! Stores the coefficients at a stage; the last one of a block leads to a correction or a column.
   subroutine receive_implicit(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, flow, info
@@ -110,8 +109,7 @@ contains
     end associate
   end subroutine receive_implicit
 
-  ! Goes on to the next column of the Jacobian of a block, if it is needed, or factors it after the
-  ! last one; column 0 means that the unknowns can be corrected.
+  ! Goes on to the next column of the Jacobian, or factors it; at column 0 it is ready.
   subroutine prepare_correction(x, block, info)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block

@@ -136,8 +136,7 @@ contains
     end do
   end function last_before
 
-  ! The longest step from a time, of two signs of direction, that doesn't reach into times where
-  ! steps must be shorter than it. It may end where these begin.
+  ! The longest step in a direction that doesn't reach beyond where shorter ones must begin
   pure real(wp) function max_step_at(limits, t, direction)
     real(wp), intent(in) :: limits(:, :)     ! (2, n) a time t, and the largest step from t on
     real(wp), intent(in) :: t, direction

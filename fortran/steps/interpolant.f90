@@ -235,8 +235,7 @@ contains
     call finish_or_fall_back(self, exists)
   end subroutine begin_interpolant
 
-  ! Finishes an interpolant in coordinates if all derivatives are known. If the step is too long for
-  ! coordinates and the method doesn't need them, the other form is used.
+  ! Finishes an interpolant in coordinates, or takes the other form if the step is too long.
   subroutine finish_or_fall_back(self, exists)
     type(interpolant_t), intent(inout) :: self
     logical, intent(inout) :: exists

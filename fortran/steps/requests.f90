@@ -106,8 +106,7 @@ contains
     end associate
   end subroutine check_coefficients
 
-  ! Tries a step again with a smaller size after a stage that doesn't exist, or where coefficients
-  ! aren't finite; equal steps fail, and so does a step that starts there.
+  ! Tries a smaller step after a stage that doesn't exist or isn't finite, or fails.
   subroutine reject_stage(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
@@ -132,8 +131,7 @@ contains
     end select
   end subroutine reject_stage
 
-  ! Tries a step again that is accurate, but too long for its interpolant or for events; equal steps
-  ! fail, and so does the interpolant of a last step.
+  ! Tries an accurate step again that is too long for output; an equal or past step fails.
   subroutine reject_accepted_step(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status

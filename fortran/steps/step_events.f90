@@ -23,8 +23,7 @@ module step_events_m
   public :: crosses, ends_step, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
-  ! Bisection takes 53 iterations, and some more where an interval reaches zero, where numbers are
-  ! closer; interpolations that don't help are at most as many as these.
+  ! Bisection takes 53 iterations, far more towards zero; interpolations are at most as many.
   integer, parameter :: max_root_iterations = 3600
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
@@ -193,8 +192,7 @@ contains
     if (waits) x%status = needs_events
   end subroutine try_to_find_zeros
 
-  ! Whether the values of a function at the ends of a step and in the middle differ by less than
-  ! their distance from zero, so that no other point is evaluated
+  ! Whether three values of a function differ by less than their distance from zero
   pure elemental logical function keeps_sign(event, middle)
     type(event_state_t), intent(in) :: event
     real(wp), intent(in) :: middle

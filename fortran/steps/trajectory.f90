@@ -45,8 +45,8 @@ module trajectory_m
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
     real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
-    ! Points at output times within the step of one trajectory, its owner, by a method along
-    ! polynomials. All trajectories share this memory, and compute lost points again.
+    ! Points at output times within a step along polynomials, of the trajectory that owns it. All
+    ! trajectories share this memory, and compute lost points again.
     type(inner_points_t) :: inner
   end type problem_t
 
@@ -341,8 +341,7 @@ contains
       x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 
-  ! Lets a trajectory continue after its end or an interruption, with other ends of segments, or
-  ! requests the interpolant of its last step, and no further step.
+  ! Lets a trajectory continue after its end, or requests the interpolant of its last step alone.
   pure subroutine continue_trajectory(x, interpolating)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: interpolating
