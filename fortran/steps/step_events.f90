@@ -138,15 +138,15 @@ contains
   ! are requested together, then for each event those that its zeros need.
   subroutine try_to_find_zeros(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: waits
-    real(wp) :: middle(size(x%events))       ! values there
-    real(wp), allocatable :: theta(:), of_event(:)     ! (0:parts) of_event: values of one event
-    real(wp), allocatable :: values(:, :)              ! (events, 0:parts)
-    integer :: first, i, k, memory, n
+    logical :: endless, waits
+    real(wp) :: middle(size(x%events))                 ! values there
+    real(wp), allocatable :: theta(:), values(:, :)    ! (0:parts), (0:parts, events)
+    integer :: i, memory, n
 
     n = parts(x)
-    if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, x%problem%record%common &
-                                 .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp))) then
+    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
+    if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
+                                           endless .and. x%problem%record%common)) then
       call reject_accepted_step(x, step_too_long, x%t)
       return
     end if
@@ -160,28 +160,17 @@ contains
       if (x%status /= finished) return
       if (all(keeps_sign(x%events, middle))) return
     end if
-    allocate (theta(0:n), of_event(0:n), values(size(x%events), 0:n), stat=memory)
+    allocate (theta(0:n), values(0:n, size(x%events)), stat=memory)
     if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
       return
     end if
-    theta(:) = [(real(k, wp) / real(n, wp), k=0, n)]
-    values(:, 0) = x%events%before
-    values(:, n) = x%events%after
-    if (n == min_parts) values(:, 2) = middle
-    ! every second inner point if they aren't known, then the others
-    do first = merge(1, 2, n == min_parts), 1, -1
-      do k = first, n - 1, 2
-        call evaluate_events(x, 0, theta(k), values(:, k))
-        if (x%status == raised) return
-      end do
-      if (x%status == needs_events) return
-    end do
+    call evaluate_parts(x, middle, theta, values)
+    if (x%status /= finished) return
     waits = .false.
-    do i = 1, size(values, 1)
-      of_event(:) = values(i, :)
-      if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, of_event)
-      if (x%status == finished) call find_zeros_of_event(x, i, theta, of_event)
+    do i = 1, size(values, 2)
+      if (x%events(i)%came_from /= 0) call find_after_event(x, i, theta, values(:, i))
+      if (x%status == finished) call find_zeros_of_event(x, i, theta, values(:, i))
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
         x%status = finished
@@ -191,6 +180,28 @@ contains
     end do
     if (waits) x%status = needs_events
   end subroutine try_to_find_zeros
+
+  ! Evaluates the functions of all events at the ends of parts: every second one, then the others.
+  subroutine evaluate_parts(x, middle, theta, values)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: middle(:)                  ! (events) values there, if they are known
+    real(wp), intent(out) :: theta(0:)                 ! (0:parts)
+    real(wp), intent(inout) :: values(0:, :)           ! (0:parts, events)
+    integer :: first, k, n
+
+    n = ubound(theta, 1)
+    theta = [(real(k, wp) / real(n, wp), k=0, n)]
+    values(0, :) = x%events%before
+    values(n, :) = x%events%after
+    if (n == min_parts) values(2, :) = middle
+    do first = merge(1, 2, n == min_parts), 1, -1
+      do k = first, n - 1, 2
+        call evaluate_events(x, 0, theta(k), values(k, :))
+        if (x%status == raised) return
+      end do
+      if (x%status == needs_events) return
+    end do
+  end subroutine evaluate_parts
 
   ! Whether three values of a function differ by less than their distance from zero
   pure elemental logical function keeps_sign(event, middle)
@@ -246,10 +257,11 @@ contains
     end do
   end subroutine find_zeros_of_event
 
-  ! Finds a point between three of the same sign where the function is zero or has the other one, by
-  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. One through far
-  ! values misses narrow dips: at the last three values, and in detection along the cubic, which
-  ! isn't accurate, it is enough to come near to zero; an outer part is halved if its end is near.
+  ! Finds a point between three of the same sign where the function is zero or has the other sign,
+  ! by parabolas whose minima are half as far from zero each time. Parabolas through far values miss
+  ! narrow dips: where no later three values see it, a minimum near to zero is tried too or, beyond
+  ! an end near to zero, the middle of the part before it. In detection along the cubic, which isn't
+  ! accurate, coming near to zero is enough.
   subroutine find_turning_point(x, event, ends, values, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
