@@ -1,5 +1,6 @@
 ! The problem that a trajectory solves, and the state of the trajectory. Procedures of the loop call
-! a trajectory x; in run_m it is a lane, which integrates one member after another.
+! a trajectory x; in run_m it is a lane, for one member after another. Their modules use all of this
+! one.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
@@ -110,8 +111,8 @@ module trajectory_m
     real(wp) :: guessed_size = 0.0_wp
   end type control_t
 
-  ! Errors as norms in tolerances. Only two values outlive a procedure: `scale` from guess_size to
-  ! choose_first_size, and `displacement` from estimate_error to request_error.
+  ! Errors as norms in tolerances. From phase to phase only `scale` stays, from guess_size to
+  ! choose_first_size; request_error reads the displacement that estimate_error has left.
   type :: norms_t
     real(wp), allocatable :: scale(:)        ! (width) the tolerances
     real(wp), allocatable :: vector(:)       ! (width) what a norm is taken of
@@ -169,8 +170,8 @@ module trajectory_m
     type(last_step_t) :: last
   end type state_t
 
-  ! Members are grouped by the modules that write them; others only read them, but for set_start and
-  ! forget_step. Arrays that only some methods or callers need have no column for others.
+  ! Members are grouped by the modules that compute them; what starts a step, or tries it again,
+  ! resets them. Arrays that only some methods or callers need have no column for others.
   type, extends(state_t) :: trajectory_t
     ! what doesn't change along a trajectory; parts of the problem, which are read most often
     type(problem_t), pointer :: problem => null()
