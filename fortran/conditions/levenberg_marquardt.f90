@@ -143,8 +143,7 @@ contains
   ! Largest cosine of the angle between f and a column of the Jacobian.
   pure real(wp) function scaled_gradient(solver, fnorm, acnorm)
     type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
-    real(wp), intent(in) :: fnorm
-    real(wp), intent(in) :: acnorm(:)          ! (n): norms of the Jacobian's columns
+    real(wp), intent(in) :: fnorm, acnorm(:)   ! acnorm: (n), norms of the Jacobian's columns
     integer :: j
 
     scaled_gradient = 0

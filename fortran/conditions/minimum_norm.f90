@@ -36,7 +36,7 @@ contains
     class(order_conditions_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)        ! (unknowns)
     integer, intent(in) :: conditions      ! number of residuals
-    integer, intent(in) :: moving(:)         ! (moving unknowns) indices
+    integer, intent(in) :: moving(:)       ! (moving unknowns) indices
     real(wp), intent(in) :: ftol           ! >= 0
     real(wp), intent(in) :: first_damping  ! over the largest diagonal entry of J J^T
     integer, intent(in) :: max_iterations

@@ -32,7 +32,7 @@ module weights_m
     integer :: inner = 0                      ! segments on the paths to stages are among the first
   end type pattern_t
 
-  type :: weights_t  ! workspace, and the result of evaluate
+  type :: weights_t                           ! workspace, and the result of evaluate
     type(pattern_t) :: pattern
     integer :: order = 0
     integer :: stage_trees = 0                ! trees with at most order nodes

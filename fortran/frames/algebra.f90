@@ -87,8 +87,7 @@ contains
     end do
   end subroutine dexpinv
 
-  ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
-  ! closed form. Parts of its series don't wait for each other.
+  ! On rotations [u, v] = sign u x v, and ad^3 = -|u|^2 ad gives a closed form.
   pure subroutine dexpinv_rotation(sign, u, v, exists)
     real(wp), intent(in) :: sign, u(3)
     real(wp), intent(inout) :: v(3)

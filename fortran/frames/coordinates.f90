@@ -1,5 +1,4 @@
-! Differences of points: the smallest coefficients v of a flow from x to y, by which errors of steps
-! are measured, and the magnitudes that their relative tolerances refer to.
+! Differences of points, the smallest v whose flows lead from x to y, and their magnitudes.
 !
 ! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
 ! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.
@@ -203,8 +202,8 @@ contains
         .or. .not. (sine > 0 .or. cosine > 0)) v = nan
   end function rotation_between
 
-  ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
-  ! isospectral, of columns, linear actions, or outside of compiled code.
+  ! Computes the field with coefficients v as a difference. Its entries are compared where
+  ! coordinates aren't.
   subroutine tangent(frame, tolerances, v, y, change)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances

@@ -137,8 +137,7 @@ contains
     end do
   end function turning
 
-  ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
-  ! different blocks commute, so each block is moved along all of them at once.
+  ! Moves y, or one block of it, along the time-1 flows of some fields, block by block.
   subroutine apply_flows(frame, flows, v, y, only)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: flows

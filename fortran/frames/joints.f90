@@ -80,8 +80,8 @@ contains
     type(block_t), intent(in) :: blocks(:)
     integer, intent(in) :: forces, user_rows
     integer, intent(in) :: places(:, :)      ! (2, bodies) blocks of attitude and position
-    integer, intent(in) :: integers(:, :)    ! (3, rows)
-    real(wp), intent(in) :: numbers(:, :)    ! (13, rows)
+    integer, intent(in) :: integers(:, :)    ! (3, rows) a RowForm, two bodies
+    real(wp), intent(in) :: numbers(:, :)    ! (13, rows) two points, two axes, a length
     type(linkage_t), intent(inout) :: linkage
     integer :: i, j, bodies, rows            ! bodies: blocks with inertia
 

@@ -38,8 +38,7 @@ contains
     order = highest
   end subroutine highest_order
 
-  ! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
-  ! order_conditions_t. A zero in the list of trees gives a zero.
+  ! The residuals of order_conditions_t, 0 where a tree is 0
   subroutine residuals(order, l, layout, n, x, m, trees, owner, r) bind(c)
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
@@ -70,11 +69,11 @@ contains
   end subroutine jacobian
 
   ! MINPACK's lmdif on order conditions. Zeros among the trees fill up rows to unknowns.
-  subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, &
-                             x, f, info, nfev) bind(c)
+  subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, x, &
+                       f, info, nfev) bind(c)
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
-    real(wp), intent(in) :: x0(n)               ! packed weights
+    real(wp), intent(in) :: x0(n)                          ! packed weights
     integer, intent(in) :: trees(m)
     real(wp), intent(in) :: ftol(1), xtol(1)
     integer, intent(in) :: maxfev

@@ -36,7 +36,7 @@ contains
 
   ! Calls a function in C for each of some points, which it may overwrite, at one time or one each.
   subroutine call_rhs(function_address, data_address, data_stride, table_address, curves, times, &
-                        t, members, n, m, y, f, done, flag) bind(c)
+                      t, members, n, m, y, f, done, flag) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
     integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next

@@ -162,17 +162,16 @@ contains
         self%vectors(:, 1) = x%slope
         self%vectors(:, 2) = x%end_slope
       end if
-    end associate
-    if (size(x%joints%impulse) > 0) then            ! slopes are forces alone
-      call add_constraint_forces(x%frame, x%interpolant%y0, .true., x%interpolant%vectors(:, 1), &
-                                 status)
-      if (status == finished) call add_constraint_forces(x%frame, x%interpolant%y1, &
-                                                .true., x%interpolant%vectors(:, 2), status)
-      if (status /= finished) then
-        call fail(x, status, x%interpolant%t0)
-        return
+      if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
+        call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
+        if (status == finished) &
+          call add_constraint_forces(x%frame, self%y1, .true., self%vectors(:, 2), status)
+        if (status /= finished) then
+          call fail(x, status, self%t0)
+          return
+        end if
       end if
-    end if
+    end associate
     if (any(x%frame%blocks%kind == callback_block)) &
       x%interpolant%path = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
@@ -188,8 +187,7 @@ contains
   function flows_of_step(x, h) result(flows)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: h
-    real(wp), allocatable :: flows(:)
-    real(wp), allocatable :: v(:, :)         ! coefficients of all flows
+    real(wp), allocatable :: flows(:), v(:, :)         ! v: coefficients of all flows
     integer :: path
 
     allocate (flows(0))
@@ -275,8 +273,9 @@ contains
 
     call store_outputs(x, t, y, output)
     if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (output%status == finished) call store_step(output, x%counts%steps, t, y, &
-                        t == x%problem%stops(size(x%problem%stops)) .or. ended)
+    if (output%status == finished) &
+      call store_step(output, x%counts%steps, t, y, &
+                      t == x%problem%stops(size(x%problem%stops)) .or. ended)
     if (output%status /= finished) then
       call fail(x, output%status, t, observer_failed)
       return

@@ -1,5 +1,4 @@
-! Functions along the solution, in C or in Python: those whose zeros are events, and those that are
-! evaluated at output times, one in Python, or some in C with a number each.
+! Functions along the solution, in C or Python: those of events, and those at output times.
 module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr
@@ -24,7 +23,7 @@ module events_m
 
   type :: observer_t
     integer :: count = 0                     ! numbers at a time
-    type(rhs_t) :: rhs            ! calls the function in Python
+    type(rhs_t) :: rhs                       ! calls the function in Python
     type(events_t) :: functions              ! functions in C
   contains
     procedure :: observe
@@ -88,7 +87,7 @@ contains
   ! Evaluates what is observed at a point, in C or in Python.
   subroutine observe(self, member, t, y, values, status)
     class(observer_t), intent(inout) :: self
-    integer, intent(in) :: member            ! from 1
+    integer, intent(in) :: member                      ! from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: values(:)     ! (count)

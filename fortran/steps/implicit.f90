@@ -60,8 +60,7 @@ contains
     x%phase = merge(phase_finish_step, phase_next_stage, x%implicit%first > size(x%method%c))
   end subroutine next_block
 
-  ! Returns to the first stage of the block. If it is the only one, its path is the last of its
-  ! flows, and those before it stay; functions of time have followed none.
+  ! Returns to the first stage of the block. If it is the only one, only its path is followed again.
   pure subroutine rewind_paths(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -103,9 +103,9 @@ contains
     do i = 1, size(self%inputs)
       associate (input => self%inputs(i))
         call c_f_pointer(transfer(input%starts, c_null_ptr), starts, [input%pieces])
-        call c_f_pointer(transfer(input%coefficients + int(member - 1, c_intptr_t) * input%stride, &
-                                  c_null_ptr), coefficients, &
-                         [input%width, input%pieces, input%powers])
+        call c_f_pointer( &
+          transfer(input%coefficients + int(member - 1, c_intptr_t) * input%stride, c_null_ptr), &
+          coefficients, [input%width, input%pieces, input%powers])
         call c_f_pointer(transfer(data + 8 * input%place, c_null_ptr), values, [input%width])
         piece = last_before(starts, t)
         s = t - starts(piece)

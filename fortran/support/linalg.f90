@@ -43,8 +43,7 @@ contains
     if (present(stop_flag)) stop_requested = stop_flag /= 0
   end function stop_requested
 
-  ! Euclidean norm that neither overflows nor underflows on the way: small,
-  ! ordinary and large components are summed apart, the outer two scaled.
+  ! Euclidean norm without overflow: small, ordinary and large components are summed apart.
   pure function enorm(x) result(norm)
     real(wp), intent(in) :: x(:)  ! (n)
     real(wp) :: norm, large, ordinary, small, large_scale, small_scale, magnitude, giant
@@ -99,7 +98,7 @@ contains
     real(wp), intent(out) :: rdiag(:)              ! (n)
     real(wp), intent(out) :: acnorm(:)             ! (n): norms of the columns of a on entry
     integer, intent(inout), optional :: stop_flag
-    real(wp) :: reference(size(a, 2))  ! the column norms when last computed afresh
+    real(wp) :: reference(size(a, 2))              ! the column norms when last computed afresh
     real(wp) :: norm
     integer :: j, k, m, n
 
@@ -164,7 +163,7 @@ contains
     integer, intent(in) :: ipvt(:)                 ! (n)
     real(wp), intent(in) :: diag(:)                ! (n): D
     real(wp), intent(in) :: qtb(:)                 ! (n): first n elements of Q^T b
-    real(wp), intent(out) :: x(:), sdiag(:)              ! (n)
+    real(wp), intent(out) :: x(:), sdiag(:)        ! (n)
     integer, intent(inout), optional :: stop_flag
     real(wp) :: rhs(size(r, 2)), rdiag(size(r, 2))
     integer :: j, n, rank
@@ -235,7 +234,7 @@ contains
     real(wp), intent(in) :: qtb(:)                 ! (n)
     real(wp), intent(in) :: delta                  ! > 0
     real(wp), intent(inout) :: par                 ! estimate in, final out
-    real(wp), intent(out) :: x(:), sdiag(:)              ! (n)
+    real(wp), intent(out) :: x(:), sdiag(:)        ! (n)
     integer, intent(inout), optional :: stop_flag
     integer, parameter :: max_iterations = 10
     real(wp) :: scaled(size(r, 2)), work(size(r, 2)), excess, previous, xnorm, gnorm, lower, upper
