@@ -202,8 +202,7 @@ contains
         .or. .not. (sine > 0 .or. cosine > 0)) v = nan
   end function rotation_between
 
-  ! Computes the field with coefficients v as a difference. Its entries are compared where
-  ! coordinates aren't.
+  ! Computes the field with coefficients v as a difference, of entries if these are compared.
   subroutine tangent(frame, tolerances, v, y, change)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances

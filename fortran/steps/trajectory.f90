@@ -1,6 +1,5 @@
-! The problem that a trajectory solves, and the state of the trajectory. Procedures of the loop call
-! a trajectory x; in run_m it is a lane, for one member after another. Their modules use all of this
-! one.
+! The problem that a trajectory solves, and the state of the trajectory. Modules of the loop use all
+! of this one, and call a trajectory x; in run_m it is a lane, for one member after another.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
