@@ -236,7 +236,7 @@ contains
     self%target = merge(1.0_wp / real(density(max(trees, 1)), wp), 0.0_wp, trees > 0)
   end subroutine set_up
 
-  ! Computes Phi(t) - 1/gamma(t) of all conditions, of assumptions what set_up says.
+  ! Computes Phi(t) - 1/gamma(t) of conditions, and the assumptions that set_up describes.
   subroutine residual(self, x, f, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)
@@ -276,7 +276,7 @@ contains
     real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: s, k, t, first, unknowns
-    ! first condition that weights of n nodes enter: results of n + 1, assumptions of n nodes
+    ! first condition that weights of n nodes enter: one of n + 1 nodes, or an assumption of n
     integer :: first_for(self%weights%order)
 
     call self%weights%evaluate(x)

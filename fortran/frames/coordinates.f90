@@ -1,4 +1,4 @@
-! Differences of points, the smallest v whose flows lead from x to y, and their magnitudes.
+! Differences of points: the smallest v whose flow leads from x to y; their magnitudes.
 !
 ! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
 ! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.

@@ -224,7 +224,7 @@ contains
     if (present(multipliers)) multipliers = x
   end subroutine add_constraint_forces
 
-  ! Whether joints are closed up to rounding, of g or, if iterations bring nothing, of its terms
+  ! Whether joints are closed up to rounding, or nearly, if iterations bring nothing more
   logical function is_closed(c, last)
     type(constraints_t), intent(in) :: c
     real(wp), intent(inout) :: last          ! the opening before; huge at first

@@ -41,7 +41,7 @@ module linear_action_m
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp ! tolerances of the point, zero if steps are fixed
   end type linear_action_t
 
-  ! Bounds of norms of pieces of exponents, for which polynomials lose less than a digit
+  ! Largest norms of the pieces of an exponent, for which polynomials lose less than a digit
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
   real(wp), parameter :: max_pieces = 1e7_wp
   integer, parameter :: max_terms = 200
@@ -49,7 +49,7 @@ module linear_action_m
   ! Number of products X y, for benchmarks; several threads that count at once miss some.
   integer(int64), public :: products = 0
 
-  ! The same along polynomials: at 1.5 times this norm up to three digits are lost
+  ! The same for flows along polynomials; at 1.5 times this norm up to three digits are lost.
   real(wp), parameter :: polynomial_norm = 6.0_wp
   real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
@@ -422,7 +422,7 @@ contains
 
   end subroutine apply_polynomial
 
-  ! A bound of the sum of norms of the terms after y_k, up to those from where they halve
+  ! A bound of the sum of norms of the terms after y_k, up to where each is half of the last
   pure real(wp) function rest(bounds, norms, k)
     real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
     real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...

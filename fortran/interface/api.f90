@@ -38,7 +38,7 @@ contains
     order = highest
   end subroutine highest_order
 
-  ! The residuals of order_conditions_t, 0 where a tree is 0
+  ! The residuals of order_conditions_t; a zero in the list of trees gives a zero.
   subroutine residuals(order, l, layout, n, x, m, trees, owner, r) bind(c)
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
@@ -68,7 +68,7 @@ contains
     call conditions%jacobian(x, jac, flag)
   end subroutine jacobian
 
-  ! MINPACK's lmdif on order conditions. Zeros among the trees fill up rows to unknowns.
+  ! MINPACK's lmdif on the order conditions. A zero in the list of trees adds a row of zeros.
   subroutine fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev, stop_flag, x, &
                        f, info, nfev) bind(c)
     !f2py threadsafe

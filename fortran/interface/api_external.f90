@@ -1,5 +1,5 @@
 ! Interface for f2py of functions in C, of frames and their joints, of grids of times, of the
-! minimum-norm solver, and of lmdif on a function in Python. They convert arguments and call.
+! minimum-norm solver, and of lmdif on a function in Python. They convert arguments, no more.
 module api_external_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_funloc, c_intptr_t, &
                                          c_null_funptr, c_null_ptr
@@ -60,7 +60,7 @@ contains
     end do
   end subroutine call_rhs
 
-  ! The addresses of rhs_i for functions of Python, and for solutions with their derivatives
+  ! The addresses of call_python_rhs and of variational_rhs, as functions in C
   subroutine function_addresses(python_rhs, variational) bind(c)
     integer(c_intptr_t), intent(out) :: python_rhs, variational
 
@@ -118,7 +118,7 @@ contains
     last = grid%last
   end subroutine equal_steps
 
-  ! Constraints at points, infinite for exchanged axes, their derivatives by time, sizes of terms
+  ! The constraints at points (infinite if axes are exchanged), their rates, and sizes of terms
   subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_of_speed) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points, rows

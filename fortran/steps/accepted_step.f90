@@ -139,7 +139,7 @@ contains
   end subroutine receive_end
 
   ! Starts the interpolant of the present step, or of the last one, whose end is the present point.
-  ! If only events may need it, they are sought first along the cubic of the ends.
+  ! If only events may need it, they are sought first along the cubic through the ends.
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists

@@ -178,7 +178,7 @@ contains
     slopes = matmul(x%collocation%z, transpose(x%method%transformation%inverse / x%h))
   end function slopes
 
-  ! Applies (1 - h J / gamma)^-1 to the displacement by an error, whose fast components it damps.
+  ! Applies (1 - h J / gamma)^-1 to the displacement by an error, which damps fast components.
   subroutine damp_displacement(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: v(size(x%slope))

@@ -1,4 +1,4 @@
-! Step size control. With the error e of a step h in tolerances, and one before, the next size is
+! Step size control. With errors e, e_last of steps h, h_last, in tolerances, the next size is
 !
 !   0.9 h (e^-0.7 e_last^0.4)^exponent                                            (PI controller),
 !   0.9 h (2 m + 1) / (2 m + n) e^-exponent min(1, h / h_last (e_last / e)^exponent)   (predictive),
@@ -16,7 +16,7 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, resolution, tried_size
 
-  ! Steps of collocation methods grow by `worthwhile` or not at all: factors serve one size.
+  ! Steps of collocation methods grow by at least `worthwhile`, since factors serve one size.
   real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
   real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7             ! Newton iterations
@@ -130,7 +130,7 @@ contains
     end if
   end function first_size
 
-  ! The smallest step size, above the rounding of t, by less than `spacing` near zero
+  ! The smallest step size, above the rounding of t; `spacing` would be larger near zero.
   pure real(wp) function resolution(t)
     real(wp), intent(in) :: t
 

@@ -70,7 +70,7 @@ contains
       x%paths = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
-  ! Stores the coefficients at a stage; the last one of a block leads to a correction or a column.
+  ! Stores the coefficients at a stage; the last one of a block leads on to a correction or column.
   subroutine receive_implicit(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, flow, info
@@ -108,7 +108,7 @@ contains
     end associate
   end subroutine receive_implicit
 
-  ! Goes on to the next column of the Jacobian, or factors it; at column 0 it is ready.
+  ! Goes on to the next column of the Jacobian, or factors it: column 0 means that it is.
   subroutine prepare_correction(x, block, info)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block

@@ -136,7 +136,7 @@ contains
     end do
   end function last_before
 
-  ! The longest step in a direction that doesn't reach beyond where shorter ones must begin
+  ! The longest step in a direction that ends, at latest, where steps must be shorter than it
   pure real(wp) function max_step_at(limits, t, direction)
     real(wp), intent(in) :: limits(:, :)     ! (2, n) a time t, and the largest step from t on
     real(wp), intent(in) :: t, direction

@@ -138,7 +138,7 @@ contains
     end if
   end subroutine difference_nearby
 
-  ! Moves the start of the step to the point at a fraction, by one flow to others on the way.
+  ! Moves y to the point at a fraction of the step; with `inner`, one flow leads to others too.
   subroutine follow_flows(self, theta, y, inner)
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta
@@ -317,7 +317,7 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, nodes count when all inner ones are known.
+  ! Stores the coefficients at the node. By flows, nodes are used when all are known.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self

@@ -106,7 +106,7 @@ contains
     end select
   end subroutine advance
 
-  ! Stores the coefficients at the start; the first size, or a turn, may be chosen by them.
+  ! Stores the coefficients at the start, by which sizes that wait for them are chosen.
   subroutine receive_slope(x)
     type(trajectory_t), intent(inout) :: x
 

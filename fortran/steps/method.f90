@@ -1,4 +1,4 @@
-! A method as paths of flows from one point to another. Points: stages, results, forks.
+! A method as paths of flows between points: stages, results, and forks of paths.
 module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t

@@ -61,7 +61,7 @@ contains
       member, output%times(number), y, output%observed(:, member, number), output%status)
   end subroutine store_point
 
-  ! Stores the end of a step in a row, of each so many or of the last one.
+  ! Stores the end of a step in a row, if it is one of every n, or the last one.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! the step's, from 1

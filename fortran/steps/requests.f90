@@ -106,7 +106,7 @@ contains
     end associate
   end subroutine check_coefficients
 
-  ! Tries a smaller step after a stage that doesn't exist or isn't finite, or fails.
+  ! Tries a smaller step after a stage that doesn't exist or isn't finite; fixed steps fail.
   subroutine reject_stage(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
@@ -131,7 +131,7 @@ contains
     end select
   end subroutine reject_stage
 
-  ! Tries an accurate step again that is too long for output; an equal or past step fails.
+  ! Tries an accurate step again that is too long for output; fixed and past steps fail.
   subroutine reject_accepted_step(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status

@@ -64,7 +64,7 @@ contains
     if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
-  ! The number of times that a vectorized function is asked for: of a function of time, all left
+  ! The number of times asked for together: by a vectorized function of time, all that are left
   pure integer function times_asked(x)
     type(trajectory_t), intent(in) :: x
 

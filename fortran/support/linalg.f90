@@ -2,9 +2,9 @@
 ! pivoted QR factorisation a P = Q R, and the damped steps x that minimise |a x - b|**2 + par |D
 ! x|**2, by Givens rotations: More, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74 (1980).
 !
-! LAPACK has no real(16), and sums run in MINPACK's order: in real(8) all bits are MINPACK's.
+! LAPACK has no real(16). Sums run in MINPACK's order, so that real(8) repeats its bits.
 !
-! Another thread may end what takes long in real(16) by a flag; results are then of no use.
+! What takes long in real(16) reads a flag by which another thread may end it, without results.
 module linalg_m
   use kinds, only: wp
   implicit none
