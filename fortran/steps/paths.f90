@@ -263,7 +263,7 @@ contains
       x%f(:, 1) = x%method%a(x%stage) * x%f(:, 1) + x%request%answer
       call move_along_register(x)
     else
-      x%f(:, x%stage) = x%request%answer
+      call copy(size(x%request%answer), x%request%answer, x%f(:, x%stage))
       if (x%stage == x%method%final_stage .or. &
           (x%problem%record%of_time .and. x%method%c(x%stage) == 1)) then
         x%end_slope(:) = x%f(:, x%stage)
