@@ -50,3 +50,14 @@ def has_brackets(frame: Frame) -> bool:
     except NotImplementedError:
         return False
     return True
+
+
+def check_brackets(frame: Frame, method: object) -> None:
+    """Raise ValueError if a frame doesn't have the brackets that a method needs."""
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError as error:
+        raise ValueError(
+            f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
+            f"{method!r}, which needs brackets: {error}"
+        ) from None

@@ -24,7 +24,7 @@ from cg.support.arrays import Array, Points, check_finite, clipped, is_array, re
 from cg.support.checks import check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
-from cg.tables import HasTable, MethodTable
+from cg.tables import HasTable
 
 DEFAULT_MAX_STEPS, NO_LIMIT = 10**6, 2**62
 """Limits of the number of steps, rejected ones included: that of adaptive ones, and none."""
@@ -166,17 +166,6 @@ def equal_steps(h: float, ends: list[float]) -> int:
             )
         total += core.equal_steps(start, stop, h)[0]
     return total
-
-
-def check_algebra(frame: Frame, table: MethodTable) -> None:
-    """Raise ValueError if a frame doesn't have the brackets that a method needs."""
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError as error:
-        raise ValueError(
-            f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{table!r}, which needs brackets: {error}"
-        ) from None
 
 
 def check_points(

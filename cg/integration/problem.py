@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
-from cg.frames.facts import for_derivatives, has_brackets
+from cg.frames.facts import check_brackets, for_derivatives, has_brackets
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration import arguments
@@ -319,7 +319,7 @@ def _checked_method(
             )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
     if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
-        arguments.check_algebra(frame, chosen)
+        check_brackets(frame, chosen)
     return chosen
 
 

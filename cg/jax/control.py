@@ -28,8 +28,8 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
-from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL
-from cg.tables import MAX_ANGLE, Kind, MethodTable
+from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL, EstimateForm
+from cg.tables import MAX_ANGLE, MethodTable
 
 _CONTROL, _ESTIMATE = SimpleNamespace(**STEP_CONTROL), SimpleNamespace(**ERROR_ESTIMATE)
 _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
@@ -158,11 +158,11 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             return direction * func(terms, t, y, args)
 
         # f may depend on what derivatives are asked for in other ways than by its arguments
-        first = self._first(f, (t0, t1), y0, direction * start, error_order)
-        first = jax.lax.stop_gradient(first)
-        return jnp.where(first < t1 - t0, t0 + first, t1), state
+        size = self._first_step(f, (t0, t1), y0, direction * start, error_order)
+        size = jax.lax.stop_gradient(size)
+        return jnp.where(size < t1 - t0, t0 + size, t1), state
 
-    def _first(
+    def _first_step(
         self,
         f: Callable[[JaxArray, JaxArray], JaxArray],
         times: tuple[JaxArray, JaxArray],
@@ -195,9 +195,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         end = f(t0 + guess, moved)
         change = tangent(end, moved) - tangent(start, y0)
         curvature = self.norm(change / scale) / h
-        first = _by_derivatives(size, slope, curvature, error_order).astype(time)
-        first = jnp.minimum(jnp.minimum(_CONTROL.max_growth * guess, first), upper)
-        return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, lower), guess)
+        chosen = _step_by_derivatives(size, slope, curvature, error_order).astype(time)
+        chosen = jnp.minimum(jnp.minimum(_CONTROL.max_growth * guess, chosen), upper)
+        return jnp.where(jnp.isfinite(end).all(), jnp.maximum(chosen, lower), guess)
 
     def adapt_step_size(
         self,
@@ -218,7 +218,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             (suspicion > _CONTROL.min_suspicion) & long, _CONTROL.jump_factor * error, error
         )
         keep, finite = error <= 1.0, jnp.isfinite(error)
-        factor = _factor(error, last_error, after_rejection, 1.0 / error_order)
+        factor = _step_factor(error, last_error, after_rejection, 1.0 / error_order)
         size = (t1 - t0) * factor.astype(jnp.result_type(t1))
         start = jnp.where(keep, t1, t0)
         if self.max_step is not None:
@@ -259,7 +259,7 @@ def _spacing(t: JaxArray) -> JaxArray:
     return jax.lax.bitcast_convert_type(bits + 1, size.dtype) - size
 
 
-def _by_derivatives(
+def _step_by_derivatives(
     size: JaxArray, slope: JaxArray, curvature: JaxArray, error_order: float
 ) -> JaxArray:
     """Return the step of the first error, infinite where the derivatives say nothing.
@@ -277,7 +277,7 @@ def _by_derivatives(
     return jnp.where(rated, by_rate, jnp.where(bent, by_curvature, jnp.inf))
 
 
-def _factor(
+def _step_factor(
     error: JaxArray, last_error: JaxArray, after_rejection: JaxArray, exponent: float
 ) -> JaxArray:
     """Return the factor of the step size: proportional-integral after accepted steps."""
@@ -337,7 +337,7 @@ def error_estimate(
     size = 1.0 + rules.extent(y0, y1)  # the tolerances where rtol and atol are both 1
     parts = [[e.squared(size) for e in part] for part in _parts(table, differences, sums)]
     if before is None:
-        error = _combined(table, parts)
+        error = _error_of_parts(table, parts)
     else:
         nodes = of_vector(_node_difference(table, values, h, before)).squared(size)
         change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
@@ -345,7 +345,7 @@ def error_estimate(
         variation = jnp.where(
             before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
         )
-        error = _error_of_time(table, parts, nodes, change, variation)
+        error = _magnus_error(table, parts, nodes, change, variation)
     angle = turning(rules.frame, h * values[0])
 
     return jax.lax.cond(
@@ -366,14 +366,16 @@ def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArr
 
 
 def _parts(table: MethodTable, differences: Part, sums: Part) -> list[Part]:
-    """Return the estimates of quadratures, and those of commutators where they are known apart."""
-    if len(differences) > 1:  # A third result splits the errors of two.
+    """Return the estimates of each part, as the form of the method's estimate says."""
+    if table.estimate is EstimateForm.PARTS_OF_RESULTS:
         pairs = zip(differences, (sums[0], sums[-1]), strict=True)
         return [sums, [Estimate(*map(operator.sub, *pair)) for pair in pairs]]
-    if table.kind is Kind.LINEAR and len(sums) > 2:
+    if table.estimate is EstimateForm.PARTS_OF_SUMS:
         return [sums[::2], sums[1::2]]
-    count = len(table.errors)  # Those on the algebra are followed by their commutators.
-    return [sums[:count], sums[count:]] if len(sums) > count else [differences + sums]
+    if table.estimate is EstimateForm.PARTS_OF_SERIES:
+        count = len(table.errors)
+        return [sums[:count], sums[count:]]
+    return [differences + sums]
 
 
 def turning(frame: Frame, v: JaxArray) -> JaxArray:
@@ -390,7 +392,7 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
-def _error_of_time(
+def _magnus_error(
     table: MethodTable, parts: list[Part], nodes: Estimate, change: JaxArray, variation: JaxArray
 ) -> JaxArray:
     """Return the error of a Magnus method: that of the results, or the larger of the nodes.
@@ -407,19 +409,21 @@ def _error_of_time(
     size = sum(estimates)
     of_results = tangents[0][0] * (size / norms[0][0])
     if len(parts) > 1:
-        (quadrature, quadrature2), (rest, rest2) = norms
-        scaled = tangents[1][0] * (size / rest)
+        (quadrature1, quadrature2), (rest1, rest2) = norms
+        scaled = tangents[1][0] * (size / rest1)
         of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
         # The rest is of third order in the step, so that this share of it has that of the error.
         share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
         of_results = jnp.where(share * rest2 > size, share * tangents[1][1], of_results)
         size = jnp.maximum(size, share * rest2)
-        fast = quadrature > _ESTIMATE.resolved_first * variation
-        first = jnp.where(fast, quadrature, quadrature2)
+        fast = quadrature1 > _ESTIMATE.resolved_first * variation
+        fast_size = jnp.where(fast, quadrature1, quadrature2)
         fast_error = jnp.where(fast, *tangents[0])
-        unresolved = (fast | (quadrature2 > _ESTIMATE.resolved_second * variation)) & (first > size)
+        unresolved = (fast | (quadrature2 > _ESTIMATE.resolved_second * variation)) & (
+            fast_size > size
+        )
         of_results = jnp.where(unresolved, fast_error, of_results)
-        size = jnp.where(unresolved, first, size)
+        size = jnp.where(unresolved, fast_size, size)
     return jnp.where(_norm(nodes.measured) > size, nodes.tangent, of_results)
 
 
@@ -427,36 +431,36 @@ def _norm(square: JaxArray) -> JaxArray:
     return jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny))
 
 
-def _combined(table: MethodTable, parts: list[Part]) -> JaxArray:
+def _error_of_parts(table: MethodTable, parts: list[Part]) -> JaxArray:
     """Return the error of other methods: the larger one of two parts."""
-    if table.estimates_at_end:
-        return _larger(table, *parts[0])
-    (error, size), *others = (_quotient(table, *part) for part in parts)
-    for other, other_size in others:
-        error = jnp.where(other_size > size, other, error)
+    if table.estimate is EstimateForm.AT_END:
+        return _error_at_end(table, *parts[0])
+    (error, square), *others = (_quotient(table, *part) for part in parts)
+    for other, other_square in others:
+        error = jnp.where(other_square > square, other, error)
     return error
 
 
-def _quotient(table: MethodTable, first: Estimate, *further: Estimate) -> Estimate:
-    """Return the estimate of DOP853 and the square of its norm."""
-    if not further:
-        return first
-    (error, square), *kinks, (_, last) = first, *further
+def _quotient(table: MethodTable, e1: Estimate, *others: Estimate) -> Estimate:
+    """Return the estimate of DOP853 and the square of its norm, of e1, that of kinks, and e2."""
+    if not others:
+        return e1
+    (error, square), *kinks, (_, square2) = e1, *others
     for kink, kink_square in kinks:
         error = jnp.where(kink_square > square, kink, error)
         square = jnp.maximum(square, kink_square)
-    total = jnp.maximum(square + table.record.factor**2 * last, jnp.finfo(square.dtype).tiny)
+    total = jnp.maximum(square + table.record.factor**2 * square2, jnp.finfo(square.dtype).tiny)
     share = square / total
     return Estimate(jnp.sqrt(share) * error, share * square)
 
 
-def _larger(table: MethodTable, first: Estimate, second: Estimate, *third: Estimate) -> JaxArray:
+def _error_at_end(table: MethodTable, e1: Estimate, e2: Estimate, *e3: Estimate) -> JaxArray:
     """Return the larger of the error and the error at the end of the step, see `end_weights`."""
-    factor, (at_end, end) = table.record.factor, second
-    for _, square in third:
+    factor, (at_end, end) = table.record.factor, e2
+    for _, square in e3:
         share = end / jnp.maximum(end + square, jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jnp.sqrt(share) * at_end
-    return jnp.where(factor**2 * end > first.measured, factor * at_end, first.tangent)
+    return jnp.where(factor**2 * end > e1.measured, factor * at_end, e1.tangent)
 
 
 def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:

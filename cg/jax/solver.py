@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import Frame, Power, Product
+from cg.frames.facts import check_brackets
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.user import UserFrame
-from cg.integration.arguments import check_algebra
 from cg.jax.control import Before, error_estimate, turning
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
@@ -31,16 +31,17 @@ from cg.jax.term import (
     unwrapped,
 )
 from cg.support.checks import check_flag
+from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
 _DENSE = ("accurate", "steps")
-_MAX_ANGLE = math.pi / 6  # angle between comparisons in fortran/steps/step_events.f90
+_MAX_ANGLE = 2.0 * math.pi / PARTS_OF_TURN
 
 
 class SolverState(eqx.Module):
     """What a step needs of the steps before."""
 
-    first: JaxArray  # coefficients at the start of the step
+    at_start: JaxArray  # coefficients at the start of the step
     before: Before | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
 
@@ -156,7 +157,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         rules = rules_in(terms)
         frame = rules.frame
         if self.table.on_algebra or self.table.has_brackets:
-            check_algebra(frame, self.table)
+            check_brackets(frame, self.table)
         if self.table.kind is Kind.LINEAR and not isinstance(unwrapped(terms), LinearTerm):
             raise ValueError(
                 f"method must be for nonlinear equations, got {self.table!r}; those of time alone "
@@ -164,17 +165,18 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             )
         if isinstance(terms, diffrax.MultiTerm):
             check_noise(terms, self.table)
-        first = self.func(terms, t0, y0, args)
+        at_start = self.func(terms, t0, y0, args)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
-        first = eqx.error_if(
-            first,
+        at_start = eqx.error_if(
+            at_start,
             ~(rules.distance(y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
-        none = jnp.zeros((), first.dtype), jnp.zeros((len(self.table.c), frame.dim), first.dtype)
+        real = at_start.dtype
+        none = jnp.zeros((), real), jnp.zeros((len(self.table.c), frame.dim), real)
         before = Before(*none) if self.table.kind is Kind.LINEAR else None
-        return SolverState(first, before, has_events())
+        return SolverState(at_start, before, has_events())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -191,39 +193,39 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         rules, table = rules_in(terms), self.table
         if isinstance(terms, diffrax.MultiTerm):
             return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
-        first, before = solver_state.first, solver_state.before
-        h = jnp.asarray(terms.contr(t0, t1), first.dtype)
+        at_start, before = solver_state.at_start, solver_state.before
+        h = jnp.asarray(terms.contr(t0, t1), at_start.dtype)
 
         def f(c: Any, y: JaxArray) -> JaxArray:
             return terms.vf(t0 + c * (t1 - t0), y, args)
 
         if made_jump is not False:
-            first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
+            at_start = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: at_start)
             if before is not None:
                 before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
-        start = Start(rules, f, h, y0, first)
+        start = Start(rules, f, h, y0, at_start)
         stages = take_stages(table, start, unroll=self.unroll)
-        last = f(1.0, stages.result) if stages.last is None else stages.last
+        at_end = f(1.0, stages.result) if stages.at_end is None else stages.at_end
         accurate = self.dense == _DENSE[0]
-        within = interpolant(self.table, start, stages, last, accurate=accurate)
+        within = interpolant(self.table, start, stages, at_end, accurate=accurate)
         error = error_estimate(table, start, stages, before)
         if error is not None and solver_state.has_events and self.max_angle is not None:
             too_far = turning(rules.frame, h * stages.values[0]) > self.max_angle
             error = jnp.where(
-                too_far | (turning(rules.frame, h * last) > self.max_angle), jnp.inf, error
+                too_far | (turning(rules.frame, h * at_end) > self.max_angle), jnp.inf, error
             )
         before = None if before is None else Before(h, stages.values)
-        state = SolverState(last, before, solver_state.has_events)
+        state = SolverState(at_end, before, solver_state.has_events)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(
         self, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
     ) -> tuple[Any, ...]:
         """Take a step of size one along increments; there is no error estimate."""
-        first = f(0.0, y0)
-        start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
+        at_start = f(0.0, y0)
+        start = Start(rules, f, jnp.ones((), at_start.dtype), y0, at_start)
         stages = take_stages(self.table, start, unroll=self.unroll)
-        within = interpolant(self.table, start, stages, first, accurate=False)
+        within = interpolant(self.table, start, stages, at_start, accurate=False)
         return stages.result, None, {"within": within}, state, _result(stages.result)
 
 

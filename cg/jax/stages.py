@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
 from cg.support.caches import cached
+from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
 
-_NEWTON_STEPS = 3  # Each one squares the error, which is of third order first.
+_NEWTON_STEPS = 3  # each squares an error that is of third order at first
 
 
 @dataclass(frozen=True)
 class Start:
-    """The start of a step: its point, the coefficients there, its size.
+    """The start of a step: its point, ``at_start``, the coefficients there, and its size.
 
     ``f(c, y)`` returns the coefficients at a point and a fraction of the step.
     """
@@ -34,7 +35,7 @@ class Start:
     f: Callable[[Any, JaxArray], JaxArray]
     h: JaxArray
     y0: JaxArray
-    first: JaxArray
+    at_start: JaxArray
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Stages:
     """What a step has computed at its stages.
 
     ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
-    Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
+    Munthe-Kaas the derivatives of coordinates; ``at_end`` those at the result, None if no stage is
     there. ``others`` are the results with which a pair compares the first one. ``errors`` are
     weighted sums of the values, further error estimates divided by the step, shape ``(sums, dim)``;
     on the algebra, if there are several, all sums of coefficients, and then all sums of what
@@ -54,7 +55,7 @@ class Stages:
     result: JaxArray
     others: list[JaxArray]
     errors: JaxArray
-    last: JaxArray | None
+    at_end: JaxArray | None
     vectors: JaxArray
 
 
@@ -62,43 +63,44 @@ def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
     """Return the stages and results of a method."""
     if table.on_algebra:
         return _take_stages_on_algebra(table, start, unroll)
-    rules, f, h, y0, first = start.rules, start.f, start.h, start.y0, start.first
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     record, c = table.record, table.c
-    last = None
+    at_end = None
     stages: list[JaxArray] = []
     ends = [y0]
     results = {record.result, record.embedded, record.third}
 
-    def follow(last: int) -> None:
-        for k in range(len(ends), last + 1):
+    def follow_paths(count: int) -> None:
+        """Follow the first paths, as far as they haven't been followed yet."""
+        for k in range(len(ends), count + 1):
             origin, flows = table.paths[k - 1]
             y = ends[origin]
             for row in flows:
                 # Without the barrier XLA compiles a flow once for each of its consumers. Then
                 # rounding errors, and with them sizes of steps, differ between the forward pass
                 # and its repetition by an adjoint.
-                y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
+                y = jax.lax.optimization_barrier(rules.flow(_displacement(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
     if table.kind is Kind.LINEAR:
         stages = list(jax.vmap(lambda at: f(at, y0))(jnp.asarray(c, h.dtype)))
-        last = stages[-1] if c[-1] == 1.0 else None
+        at_end = stages[-1] if c[-1] == 1.0 else None
         for pair in table.brackets:
-            u, v = (_combined(h, row, stages) for row in pair)
+            u, v = (_displacement(h, row, stages) for row in pair)
             stages.append(v @ linear(u, rules.frame._adjoint_basis) / h)
     places = table.arrays["stage_path"].tolist()
     for at, k in zip(c.tolist()[len(stages) :], places, strict=False):
-        follow(k)
-        value = first if k == 0 and at == 0.0 and not stages else f(at, ends[k])
+        follow_paths(k)
+        value = start.at_start if k == 0 and at == 0.0 and not stages else f(at, ends[k])
         if len(stages) + 1 == record.final_stage:
-            last = value
+            at_end = value
         stages.append(value)
-    follow(len(table.paths))
+    follow_paths(len(table.paths))
     others = [ends[k] for k in (record.embedded, record.third) if k]
     vectors = jnp.stack(stages)
     errors = jnp.asarray(table.errors, h.dtype) @ vectors
     values = vectors[: len(c)]
-    return Stages(values, ends[record.result], others, errors, last, vectors)
+    return Stages(values, ends[record.result], others, errors, at_end, vectors)
 
 
 def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> Stages:
@@ -119,29 +121,29 @@ def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> S
     weights = jnp.asarray(np.concatenate(rows), h.dtype)
     assert rules.dexpinv is not None
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
-    loop, first = _loop_on_algebra(table, start, weights, unroll), start.first
+    loop, at_start = _loop_on_algebra(table, start, weights, unroll), start.at_start
     count = len(table.c)
     final = record.final_stage - 1 if record.final_stage else count
-    sums, added = loop(weights[:, :1] * first, 1, final)
-    parts = [(first[None], jnp.zeros_like(first)[None]), added]
+    sums, added = loop(weights[:, :1] * at_start, 1, final)
+    parts = [(at_start[None], jnp.zeros_like(at_start)[None]), added]
     u = h * sums[record.result]
     result = rules.restore(rules.flow(u, y0))
-    last = None
+    at_end = None
     if final < count:
-        last = f(1.0, result)
-        value = dexpinv(u, last, record.series)
+        at_end = f(1.0, result)
+        value = dexpinv(u, at_end, record.series)
         sums = sums + weights[:, final, None] * value
-        parts.append((value[None], (value - last)[None]))
+        parts.append((value[None], (value - at_end)[None]))
     if final + 1 < count:
         sums, added = loop(sums, final + 1, count)
         parts.append(added)
     values, corrections = zip(*parts, strict=True)
     vectors = jnp.concatenate(values)
     errors = sums[len(table.paths) + 1 :]
-    if len(errors) > 1:
-        of_corrections = weights[len(table.paths) + 1 :] @ jnp.concatenate(corrections)
-        errors = jnp.concatenate([errors - of_corrections, of_corrections])
-    return Stages(vectors, result, [], errors, last, vectors)
+    if table.estimate is EstimateForm.PARTS_OF_SERIES:
+        corrected = weights[len(table.paths) + 1 :] @ jnp.concatenate(corrections)
+        errors = jnp.concatenate([errors - corrected, corrected])
+    return Stages(vectors, result, [], errors, at_end, vectors)
 
 
 def _loop_on_algebra(
@@ -154,13 +156,14 @@ def _loop_on_algebra(
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
+    in_parts = table.estimate is EstimateForm.PARTS_OF_SERIES
 
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray, JaxArray | None]]:
         path, c, column = stage
         u = h * sums[path]
         coefficients = f(c, flow(u, y0))
         value = dexpinv(u, coefficients, table.record.series)
-        correction = value - coefficients if len(table.errors) > 1 else None
+        correction = value - coefficients if in_parts else None
         return sums + column[:, None] * value, (value, correction)
 
     def loop(sums: JaxArray, begin: int, end: int) -> Any:
@@ -170,7 +173,7 @@ def _loop_on_algebra(
     return loop
 
 
-def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
+def _displacement(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
     """Return h times a weighted sum of coefficients at stages, as one product."""
     used = np.flatnonzero(row)
     if len(used) == 1:
@@ -231,26 +234,27 @@ class Within(diffrax.AbstractLocalInterpolation):
 
 
 def interpolant(
-    table: MethodTable, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
+    table: MethodTable, start: Start, stages: Stages, at_end: JaxArray, *, accurate: bool
 ) -> _Interpolant:
-    """Return the interpolant of a step; ``last`` are the coefficients at its end.
+    """Return the interpolant of a step; ``at_end`` are the coefficients at its end.
 
-    If not ``accurate``, it consists of the flows of the step, with weights proportional to time.
+    If not ``accurate``, it is made of `_step_scheme`.
     """
     rules = start.rules
     if not accurate:
-        return _Interpolant(start.y0, start.h * stages.vectors, rules, _straight(table))
+        return _Interpolant(start.y0, start.h * stages.vectors, rules, _step_scheme(table))
     if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
-        return _on_algebra(table, start, stages, last)
-    return _by_flows(table, start, stages, last)
+        return _on_algebra(table, start, stages, at_end)
+    return _by_flows(table, start, stages, at_end)
 
 
 @cached
-def _straight(table: MethodTable) -> _Scheme:
+def _step_scheme(table: MethodTable) -> _Scheme:
+    """Return the flows of the step, with weights proportional to time."""
     return _Scheme(table.result_flows[..., None], accurate=False)
 
 
-def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+def _on_algebra(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray) -> _Interpolant:
     """Return the interpolant in coordinates, one flow from the start of the step."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     output, series = table.output, table.output.series
@@ -262,10 +266,10 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray
         derivatives = h * stages.values
         if output.final > len(derivatives):
             u = jnp.asarray(output.basis[0, : len(derivatives)], h.dtype) @ derivatives
-            derivatives = jnp.concatenate([derivatives, dexpinv(u, h * last, series)[None]])
+            derivatives = jnp.concatenate([derivatives, dexpinv(u, h * at_end, series)[None]])
     else:
-        u = _coordinates(rules, 0.5 * h * (start.first + last), y0, stages.result, series)
-        derivatives = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
+        u = _coordinates(rules, 0.5 * h * (start.at_start + at_end), y0, stages.result, series)
+        derivatives = jnp.stack([h * start.at_start, u, dexpinv(u, h * at_end, series)])
     count, width = len(derivatives), output.basis.shape[1]
     derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
     if len(output.theta):
@@ -308,7 +312,7 @@ def _algebra_scheme(table: MethodTable) -> _Scheme:
     return _Scheme(weights)
 
 
-def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray) -> _Interpolant:
     """Return the interpolant by flows; each level gives the points of nodes of the next one."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(table)
@@ -317,7 +321,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""
         before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
-        reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(last)
+        reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(at_end)
         if rules.composed is not None:  # as in fortran/steps/interpolant.f90
             back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
             left = rules.composed(jnp.concatenate([back, path]))
@@ -325,7 +329,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, last: JaxArray) 
         left = left + rules.nearby(reached, stages.result)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
-    ends = h * jnp.stack([start.first, last])
+    ends = h * jnp.stack([start.at_start, at_end])
     level = close(ends, schemes[0])
     for count, scheme in enumerate(schemes[1:], 3):
         theta = jnp.asarray(table.output.node[1 : count - 1, count - 2], h.dtype)

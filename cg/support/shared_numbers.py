@@ -63,6 +63,20 @@ class StepKind(IntEnum):
     POLYNOMIAL = 8  # of a linear equation, whose flows are one along a polynomial
 
 
+class EstimateForm(IntEnum):
+    """What the error estimate of a method is made of; each part has estimates e1 and e2.
+
+    ``fortran/steps/error_estimate.f90`` has the formulas. Two parts are that of the quadratures and
+    that of the commutators.
+    """
+
+    WHOLE = 0  # one part, of the difference of two results or of sums of stages
+    AT_END = 1  # e1 is a difference of results, e2 a sum that sees the end of the step
+    PARTS_OF_RESULTS = 2  # sums of stages, and the differences of results without these
+    PARTS_OF_SUMS = 3  # sums of stages and sums of brackets, which alternate
+    PARTS_OF_SERIES = 4  # sums of the values of f, and what dexp⁻¹ adds to these
+
+
 class BlockKind(IntEnum):
     """The manifold of a block of a compiled frame."""
 
@@ -273,10 +287,14 @@ ERROR_ESTIMATE: dict[str, float | int] = {
 }
 """Numbers of ``fortran/steps/error_estimate.f90``, which solvers in JAX use too."""
 
+PARTS_OF_TURN = 12
+"""Least number of comparisons of an event's signs while a step turns by 2π."""
+
 _SUFFIXES = {
     Stop: "",
     RhsFlag: "",
     StepKind: "_kind",
+    EstimateForm: "_estimate",
     BlockKind: "_block",
     BlockOption: "",
     Operation: "_operation",
@@ -313,6 +331,7 @@ def fortran_module() -> str:
         real = isinstance(number, float)
         kind, value = ("real(c_double)", f"{number}_c_double") if real else ("integer", number)
         lines.append(f"  {kind}, parameter :: {name} = {value}")
+    lines.append(f"  integer, parameter :: parts_of_turn = {PARTS_OF_TURN}")
     for name, entries in RECORDS.items():
         lines += record_type(name, entries)
     return "\n".join([*lines, "end module shared_numbers", ""])

@@ -110,6 +110,7 @@ METHOD = {
     "final_stage": "integer",
     "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
     "kept_nodes": "integer",  # coefficients of the step before that error estimates use
+    "estimate": "integer",  # an `EstimateForm`
     "power": "integer",  # exponent of the quotient of two error estimates
     "factor": "real",  # factor of the second estimate in that quotient
     "blocks": "integer",  # groups of stages that an implicit method solves together

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
-from cg.support.shared_numbers import ERROR_ESTIMATE, StepKind
+from cg.support.shared_numbers import ERROR_ESTIMATE, EstimateForm, StepKind
 from cg.support.shared_records import METHOD, fields_of
 
 MAX_ANGLE = ERROR_ESTIMATE["max_angle"]
@@ -147,9 +147,9 @@ class MethodTable:
         return bool(self.numbers["bracket_count"])
 
     @property
-    def estimates_at_end(self) -> bool:
-        """Whether a stage at the end of the step serves only the error estimate."""
-        return self.numbers["power"] == 0
+    def estimate(self) -> EstimateForm:
+        """What the error estimate is made of."""
+        return EstimateForm(int(self.numbers["estimate"]))
 
     def real_limit(self) -> float | None:
         """Return the limit of stability along the negative real axis, None if there is none."""

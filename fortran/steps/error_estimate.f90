@@ -31,8 +31,9 @@ module error_estimate_m
   use coordinates_m, only: difference, error_norm, error_scales, remove_isotropy, tangent
   use frames_m, only: turning
   use method_m, only: method_t
-  use shared_numbers, only: collocation_kind, linear_kind, max_angle, polynomial_kind, &
-                            resolved_first, resolved_second, roundings, unit_of_change
+  use shared_numbers, only: collocation_kind, linear_kind, max_angle, parts_of_results_estimate, &
+                            parts_of_sums_estimate, polynomial_kind, resolved_first, &
+                            resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -116,8 +117,7 @@ contains
         place = merge(1, 2, i <= (last + 1) / 2)
         if (method%estimates_at_end) place = 1 + i
         part = 1
-        if (method%in_parts .and. method%third == 0 .and. method%kind == linear_kind) &
-          part = 2 - mod(i, 2)
+        if (method%estimate == parts_of_sums_estimate) part = 2 - mod(i, 2)
         weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
           call combine(size(u), size(x%f, 2), weight, x%added, u)
@@ -132,7 +132,7 @@ contains
         error = displacement_norm(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
         call raise(errors(part, place), error)
-        if (.not. method%in_parts .or. method%third == 0) cycle
+        if (method%estimate /= parts_of_results_estimate) cycle
         if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%norms%change))
         if (i == last) call raise(errors(2, place), distance(x, method%third, x%norms%change))
       end do

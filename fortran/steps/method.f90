@@ -3,8 +3,10 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers, only: algebra_kind, collocation_kind, linear_kind, method_record_t, &
-                            polynomial_kind, registers_kind, splitting_kind
+  use shared_numbers, only: algebra_kind, at_end_estimate, collocation_kind, method_record_t, &
+                            parts_of_results_estimate, parts_of_series_estimate, &
+                            parts_of_sums_estimate, polynomial_kind, registers_kind, &
+                            splitting_kind, whole_estimate
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t
@@ -54,6 +56,7 @@ module method_m
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
+    integer :: estimate = whole_estimate     ! an EstimateForm
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
     type(transformation_t) :: transformation ! for a collocation method
@@ -81,7 +84,7 @@ contains
       embedded=int(record%embedded), third=int(record%third), factor=record%factor, &
       final_stage=int(record%final_stage), blocks=int(record%blocks), power=int(record%power), &
       uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
-      estimates_at_end=record%power == 0)
+      estimate=int(record%estimate), estimates_at_end=record%estimate == at_end_estimate)
     summands = record%stages + record%bracket_count
     method%origin = int(reals(record%origin, record%paths))
     method%path_first = int(reals(record%path_first, record%paths + 1))
@@ -101,8 +104,8 @@ contains
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    method%in_parts = record%errors > 1 .and. &
-                      (any(method%kind == [algebra_kind, linear_kind]) .or. method%third > 0)
+    method%in_parts = any(method%estimate == [parts_of_results_estimate, parts_of_sums_estimate, &
+                                              parts_of_series_estimate])
     allocate (method%leads(0:size(method%origin)), source=.false.)
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1

@@ -15,7 +15,7 @@ module step_events_m
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
   use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
-                            raised, resting_contact, splitting_kind, step_too_long, &
+                            parts_of_turn, raised, resting_contact, splitting_kind, step_too_long, &
                             step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
@@ -30,8 +30,8 @@ module step_events_m
   ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or
   ! of common steps without an end those that rotate by more than a turn, are tried again with a
   ! smaller size; fixed ones that need more than `max_parts` fail.
-  integer, parameter :: min_parts = 4, parts_of_turn = 12, many_parts = 10000, max_parts = 10**8
-  real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
+  integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
+  real(wp), parameter :: part_angle = 2 * acos(-1.0_wp) / parts_of_turn
   ! Frames in Python give only a bound of the angle; larger ones count as two turns.
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
 

@@ -12,8 +12,8 @@ module trajectory_m
   use inputs_m, only: grid_t, rhs_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
-  use shared_numbers, only: algebra_kind, collocation_kind, counters_t, implicit_kind, &
-                            outside_jacobian, paused, proposed_for_point, record_t, &
+  use shared_numbers, only: collocation_kind, counters_t, implicit_kind, outside_jacobian, &
+                            parts_of_series_estimate, paused, proposed_for_point, record_t, &
                             registers_kind, splitting_kind, terminal_event
   implicit none
   private
@@ -258,7 +258,7 @@ contains
       last = merge(1, 0, record%keep_last)
       allocate (x%last_y(n * last), x%last_slope(m * last), &
                 x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
-                x%added(m, merge(summands, 0, method%kind == algebra_kind .and. method%in_parts)), &
+                x%added(m, merge(summands, 0, method%estimate == parts_of_series_estimate)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
                                              .and. method%kind == splitting_kind)), &
                 source=0.0_wp, stat=memory)

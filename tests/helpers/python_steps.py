@@ -9,6 +9,7 @@ import numpy as np
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.paths import paths_of
 from cg.construction.methods.plain import take_paths
+from cg.support.shared_numbers import EstimateForm
 
 
 class Step:
@@ -29,7 +30,7 @@ class Step:
 
     def trial(self, t, y, h, rtol, atol):
         """Return the result and its error in tolerances."""
-        if len(self.paths.errors) > 1 and self.paths.power:
+        if self.paths.estimate > EstimateForm.AT_END:
             return self._trial_in_parts(t, y, h, rtol, atol)
         errors = []
         if self.paths.embedded:
@@ -38,7 +39,7 @@ class Step:
         else:
             y1 = self(t, y, h)
         errors += self.estimates(y, h, y1, rtol, atol)
-        if self.paths.power == 0:
+        if self.paths.estimate is EstimateForm.AT_END:
             end = errors[1] if len(errors) == 2 else errors[1] ** 2 / np.hypot(*errors[1:])
             return y1, max(errors[0], float(self.paths.factor) * end)
         (single,) = errors

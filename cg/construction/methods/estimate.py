@@ -53,6 +53,7 @@ from cg.construction.methods.plain import End, take_paths, with_weights
 from cg.frames.algebra import bernoulli_terms
 from cg.support.checks import check_instance
 from cg.support.quads import to_flint, to_fraction
+from cg.support.shared_numbers import EstimateForm
 from cg.tables import MAX_ANGLE
 
 if TYPE_CHECKING:
@@ -164,18 +165,19 @@ def _step(
     differences = np.array([result - other for other in others])
     rows = np.array(paths.errors, np.float64) @ fields if paths.errors else differences
     factor = float(paths.factor)
-    if paths.power == 0:  # the method estimates at the end of the step, see `error_power`
+    if paths.estimate is EstimateForm.AT_END:
         row, *lower = abs(rows)  # a quotient of sums, if there are two
         end = row * row / np.maximum(np.hypot(row, lower[0]), 1e-300) if lower else row
         return result, np.maximum(abs(differences[0]), factor * end)
-    parts = [rows]  # of the quadratures, and of commutators
-    if isinstance(method, MuntheKaas) and len(rows) > 1:
+    if paths.estimate is EstimateForm.PARTS_OF_SERIES:
         commuting = np.array(paths.errors, np.float64) @ values[:, None]
         parts = [commuting + 0 * rows, rows - commuting]
-    elif paths.third:
-        parts.append(differences - rows[[0, -1]])
-    elif isinstance(method, MagnusMethod) and method.third_weights is not None:
+    elif paths.estimate is EstimateForm.PARTS_OF_RESULTS:
+        parts = [rows, differences - rows[[0, -1]]]
+    elif paths.estimate is EstimateForm.PARTS_OF_SUMS:
         parts = [rows[::2], rows[1::2]]
+    else:
+        parts = [rows]
     estimates = [_estimate_of_part(abs(part), factor, paths.power) for part in parts]
     total = sum if isinstance(method, MagnusMethod) else partial(np.max, axis=0)
     return result, np.asarray(total(estimates))

@@ -39,6 +39,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.construction.points import START, PointTree
 from cg.support.arrays import Array
 from cg.support.caches import cached
+from cg.support.shared_numbers import EstimateForm
 
 _TIME_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
 
@@ -78,7 +79,8 @@ class MethodPaths:
     errors: tuple[tuple[Fraction, ...], ...] = ()
     transformation: tuple[Fraction, ...] = ()  # see `transformation`
     third: int = 0  # the path to a third result, or 0
-    power: int = 1  # see `error_power`; 0 if the larger of both estimates counts
+    estimate: EstimateForm = EstimateForm.WHOLE
+    power: int = 1  # see `error_power`
     factor: Fraction = Fraction(1, 10)  # of e2 in the quotient, as in DOP853
     # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
@@ -100,8 +102,8 @@ class MethodPaths:
             "stages": len(self.stages), "errors": len(self.errors),
             "bracket_count": len(self.brackets), "result": self.result, "embedded": self.embedded,
             "third": self.third, "final_stage": self.final_stage, "series": self.series,
-            "power": self.power, "factor": float(self.factor), "blocks": self.blocks,
-            "polynomial": int(self.polynomial),
+            "estimate": int(self.estimate), "power": self.power, "factor": float(self.factor),
+            "blocks": self.blocks, "polynomial": int(self.polynomial),
         }  # fmt: skip
 
     @property
@@ -134,7 +136,7 @@ class MethodPaths:
 
 
 def error_power(method: Method) -> int:
-    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
 
     With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)). This n leads to
     the order of the error of the step, O(h^(p + 1)), or one below.
@@ -142,7 +144,7 @@ def error_power(method: Method) -> int:
     third = method.third_order
     second = None if third is None else method.embedded_order
     if second is None or third is None or third >= second:
-        return 0 if end_weights(method) else 1
+        return 1
     return max((method.order - second) // (second - third), 1)
 
 
@@ -167,16 +169,21 @@ def paths_of(method: Method) -> MethodPaths:
     final = ends[0] if ends and method.explicit else 0
     embedded_path = builder.path_to(second[0]) if second else 0
     third, factor, brackets = 0, MethodPaths.factor, MethodPaths.brackets
+    estimate = MethodPaths.estimate
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
         brackets = values_of(method.brackets)
+        if len(errors) > 1:
+            estimate = EstimateForm.PARTS_OF_SUMS
+    if series and len(errors) > 1:
+        estimate = EstimateForm.PARTS_OF_SERIES
     if method.third_flow is not None:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_flow) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
-        third = len(builder.paths)
+        third, estimate = len(builder.paths), EstimateForm.PARTS_OF_RESULTS
     if end := end_weights(method):
         stages, c, final = (*stages, result_path), (*c, Fraction(1)), len(stages) + 1
-        errors, factor = end.rows, end.factor
+        errors, factor, estimate = end.rows, end.factor, EstimateForm.AT_END
     if kinks := kink_weights(method):
         errors = (*errors[:-1], kinks, errors[-1])
     one_block = isinstance(method, Tableau) and method.rows is Rows.FULL
@@ -184,8 +191,8 @@ def paths_of(method: Method) -> MethodPaths:
     registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
     return MethodPaths(
         tuple(builder.paths), stages, result_path, c, embedded=embedded_path, final_stage=final,
-        registers=registers, series=series, errors=errors, third=third, power=error_power(method),
-        factor=factor, blocks=blocks, brackets=brackets,
+        registers=registers, series=series, errors=errors, third=third, estimate=estimate,
+        power=error_power(method), factor=factor, blocks=blocks, brackets=brackets,
     )  # fmt: skip
 
 
