@@ -21,6 +21,7 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import polish, refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import encode
+from cg.support.shared_numbers import MinimumNormStatus
 
 
 class TestLayout:
@@ -103,6 +104,16 @@ class TestRefine:
         assert actual.max_residual < 2e-33
         moved = np.abs(cg.support.quads.to_float(actual.x) - near).max()
         assert moved < 1000 * size
+
+    def test_evaluations_of_accurate_fits(self, monkeypatch):
+        calls, residual = [], ConditionSystem.residual
+        monkeypatch.setattr(
+            ConditionSystem, "residual", lambda *args: calls.append(args) or residual(*args)
+        )
+        start = pack_method(methods["CG4a"]).x + 1e-3
+        fit = fit_conditions(start, ConditionSystem.tableau(4, 5), accurate=True)
+        assert fit.status == MinimumNormStatus.SOLVED
+        assert fit.evaluations == len(calls)
 
 
 class TestPolish:

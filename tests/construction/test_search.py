@@ -103,6 +103,11 @@ class TestMethods:
             if not start.exact:
                 assert start.double.info == MinimumNormStatus.OUT_OF_ITERATIONS
 
+    def test_phases_have_a_status_each(self):
+        """A fit that stops close to a solution doesn't solve the conditions, its refinement may."""
+        for start in search(4, 5, 10, seed=1, maxfev=20, refine_below=1e9).starts:
+            assert (start.quad.info == MinimumNormStatus.SOLVED) == start.exact
+
 
 class TestThePapersWay:
     def test_lmdif_phases_as_in_paper(self, lmdif_search):

@@ -97,6 +97,7 @@ def test_solutions_name_their_method():
     linear = cg.solve_linear(lambda t: [1.0], (0, 1), [1.0, 0], frame=frame)
     assert linear.method.name == "Lobatto's formula"
     assert len(linear.method.c) == 9
+    assert "order 16 along a polynomial, 9 evaluations" in repr(linear.method)
 
 
 def test_pickles_of_tables():

@@ -162,6 +162,12 @@ class MagnusMethod(Method):
         return PointTree(tuple(points), (START,) * len(self.nodes), results[0], second)
 
     @property
+    def _order_in_words(self) -> str:
+        if self.name == LOBATTO:  # that of its quadrature is that of the flow along a polynomial
+            return f"{2 * self.stages - 2} along a polynomial"
+        return super()._order_in_words
+
+    @property
     def by_exponents(self) -> bool:
         """Whether errors are estimated by differences of exponents: both results have one flow."""
         return len(self.weights) == len(self.embedded_weights or ()) == 1

@@ -162,13 +162,17 @@ class Method(ABC):
         counts = zip((self.stages, self.exponentials), self._COUNTED, strict=True)
         parts = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
-            pair = "" if self.embedded_order is None else f"({self.embedded_order})"
-            parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
+            parts.insert(0, f"order {self._order_in_words}")
         elif self.exact_embedded is not None:
             parts.append("a pair")
         if not self.explicit:
             parts.append("implicit")
         return ", ".join(parts)
+
+    @property
+    def _order_in_words(self) -> str:
+        pair = "" if self.embedded_order is None else f"({self.embedded_order})"
+        return f"{self.order}{pair}{' (nominal)' * self.approximate}"
 
     def table(self) -> MethodTable:
         """Return the constants that integrations read, compiled once."""

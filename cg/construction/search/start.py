@@ -21,6 +21,7 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.parallel import single_threads, stoppable
+from cg.support.shared_numbers import MinimumNormStatus
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
@@ -88,9 +89,7 @@ def run_start(settings: Settings, index: int) -> RandomStart:
         decimals = tuple(map(quads.to_decimal, quads.decode(bits)))
         bits = quads.encode(map(Fraction, decimals))
     largest = float(np.abs(system.residual_quad(bits)).max())
-    scale = max(1.0, float(np.abs(quads.to_float(bits)).max()))
-    # rounding errors count as zero
-    exact = largest <= EXACT * scale
+    exact = _is_exact(largest, bits)
     return RandomStart(index, double, refined, decimals, _finite(largest), exact)
 
 
@@ -124,15 +123,24 @@ def _run_minimum_norm(
     fit = fit_conditions(
         guess, system, movable=movable, max_iterations=max(1, settings.maxfev // 2)
     )
-    x, f = fit.x, fit.f
-    if system.rows is None and _SOLVED < f <= _PROMISING:
-        x, f = descend(system, x, movable)
-    double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
+    evaluations = fit.evaluations
+    if system.rows is None and _SOLVED < fit.f <= _PROMISING:
+        fit = descend(system, fit.x, movable)
+        evaluations += fit.evaluations
+    double, bits = Phase(_finite(fit.f), int(fit.status), evaluations), quads.from_float(fit.x)
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)
     bound = count(settings.order) * refined.max_residual**2
-    return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
+    # Corrections end where they reduce residuals no more, by rounding or far from a solution.
+    exact = _is_exact(refined.max_residual, refined.x)
+    status = MinimumNormStatus.SOLVED if exact else MinimumNormStatus.NO_DESCENT
+    return double, Phase(bound, int(status), refined.iterations + 1), refined.x
+
+
+def _is_exact(max_residual: float, x: quads.Quads) -> bool:
+    """Return whether residuals are rounding errors."""
+    return max_residual <= EXACT * max(1.0, float(np.abs(quads.to_float(x)).max()))
 
 
 def _finite(f: float) -> float:

@@ -21,7 +21,7 @@ References
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,16 @@ _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 60, 0.3  # stop if that number of steps gains less than this fraction
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
+
+
+@dataclass(frozen=True)
+class MinimumNormFit:
+    """Packed weights x, the sum f of squared residuals, and the evaluations of residuals."""
+
+    x: NDArray[np.float64]
+    f: float
+    evaluations: int
+    status: MinimumNormStatus
 
 
 def decompose(jac: Vector, rcond: float = _RANK_TOLERANCE) -> tuple[Vector, Vector]:
@@ -100,12 +110,12 @@ def descend(
     ftol: float = _FTOL,
     damping: float = _FIRST_DAMPING,
     iterations: int = _MAX_ITERATIONS,
-) -> tuple[Vector, float]:
-    """Return where Levenberg–Marquardt steps of the entries `movable` lead, and f there."""
+) -> MinimumNormFit:
+    """Return where Levenberg–Marquardt steps of the entries `movable` lead."""
     residual = system.residual(x)
     f = float(residual @ residual)
     largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
-    improved = True
+    improved, evaluations = True, 1
 
     def after(step: Vector) -> Vector:
         moved = x.copy()
@@ -127,9 +137,10 @@ def descend(
         v = damped(residual)
         slope = (system.residual(after(_PROBE * v)) - residual) / _PROBE
         a = damped(2 / _PROBE * (slope - jac @ v))
-        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
-        best, improved = x, False
-        for trial in (after(v + a / 2), after(v)) if straight else (after(v),):
+        bent = np.linalg.norm(a) > _MAX_BEND * np.linalg.norm(v)
+        trials = (after(v),) if bent else (after(v + a / 2), after(v))
+        best, improved, evaluations = x, False, evaluations + 1 + len(trials)
+        for trial in trials:
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if trial_f < f:
@@ -142,17 +153,8 @@ def descend(
         history.append(f)
         if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
             break
-    return x, f
-
-
-@dataclass(frozen=True)
-class MinimumNormFit:
-    """Packed weights x, the sum f of squared residuals, and the evaluations taken."""
-
-    x: NDArray[np.float64]
-    f: float
-    evaluations: int
-    status: MinimumNormStatus
+    status = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
+    return MinimumNormFit(x, f, evaluations, status)
 
 
 def fit_conditions(
@@ -175,9 +177,8 @@ def fit_conditions(
     """
     x, indices = np.array(system.complete(x0)), system.moving(movable)
     if accurate or (system.held is not None and system.held.dependent):
-        end, f = descend(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
-        done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
-        return MinimumNormFit(system.complete(end), f, max_iterations, done)
+        fit = descend(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
+        return replace(fit, x=system.complete(fit.x))
     trees, owner = system.conditions(independent=True)
     layout, m, n, k = system.layout, trees.size, system.size, indices.size
     moving = (indices + 1).astype(np.intc)
