@@ -16,7 +16,7 @@ from cg.frames.base import CompiledFlow
 from cg.frames.compiled import Blocks
 from cg.frames.user import UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj
-from cg.support.checks import check_flag, check_integer
+from cg.support.checks import check_flag, check_integer, short
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
         except (TypeError, ValueError) as error:
             raise ValueError(
-                f"generators[{i}] must be a matrix of numbers: {error}"
+                f"generators[{i}] must be a matrix of numbers, got {short(generator)}"
                 f"{conversion_hint(generator, error)}"
             ) from None
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:

@@ -58,6 +58,13 @@ def entries_of(rows: int, *parts: Part) -> Entries:
     return Entries(fields, places, np.concatenate([values for _, _, values in parts]))
 
 
+def _real_rank(matrices: ArrayLike) -> int:
+    """Return how many matrices are linearly independent over the reals."""
+    array = np.asarray(matrices)
+    flat = array.reshape(len(array), -1)
+    return int(np.linalg.matrix_rank(np.hstack([flat.real, flat.imag])))
+
+
 def dual_of(flat: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
     """Return the dual matrices of linearly independent ones, few of which are not orthogonal."""
     sparse = scipy.sparse
@@ -112,6 +119,10 @@ class MatrixGroup(Frame):
         basis = self._make_basis()
         if isinstance(basis, Entries):
             basis = basis.array(self.dim, self.size)
+        elif (rank := _real_rank(basis)) < self.dim:
+            raise ValueError(
+                f"basis must have {self.dim} linearly independent matrices, got {rank}"
+            )
         basis = np.asarray(basis, dtype=self.dtype)
         basis.flags.writeable = False
         return basis

@@ -39,7 +39,8 @@ class SPD(Sized, ConjugationSpace):
     Notes
     -----
     `distance` is the affine-invariant one, the root of the sum of :math:`\ln^2 \lambda_i` over the
-    eigenvalues of :math:`x^{-1} y` [1]_.
+    eigenvalues of :math:`x^{-1} y` [1]_. Singular matrices, at distance zero from the
+    manifold, are accepted as points; flows keep their rank.
 
     References
     ----------

@@ -1,5 +1,6 @@
 """Random searches: reproducibility, methods, requirements, arguments, trees of points."""
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 from operator import attrgetter
@@ -231,6 +232,20 @@ def largest(method):
 def test_unknown_names_are_refused_with_the_argument(shape, text):
     name = "b[2]" if shape else "w"
     refuses(ValueError, f"nonnegative: .*{text}", search, 3, 4, 1, nonnegative=name, **shape)
+
+
+@pytest.mark.parametrize("interval", [3, "ab", (1,), (1, 0), (1.0, np.inf), (None, "x")])
+def test_intervals_are_named_as_they_were_given(interval):
+    message = rf"bound: c_2 must have two increasing ends.* got {re.escape(repr(interval))}$"
+    refuses(ValueError, message, search, 3, 4, 1, bound={"c[2]": interval})
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"width": 0}, "width must be a finite positive number, got 0"),
+    ({"flows": 5, "hold": {"c[2]": "1/2"}}, "with flows, got {'c_2': '1/2'}"),
+])  # fmt: skip
+def test_refused_arguments_are_shown_as_values(options, message):
+    refuses(ValueError, message, search, 3, 4, 1, **options)
 
 
 @pytest.mark.parametrize("pair", [False, True])

@@ -30,6 +30,24 @@ def test_accepts_unusual_array_types():
     assert frame.flow(np.zeros((0, 3)), y).shape == (0, 3, 3)
 
 
+class DependentBasis(MatrixGroup):
+    dim, size, convention = 2, 2, "body"
+
+    def _make_basis(self):
+        return np.array([[[0, -1.0], [1, 0]], [[0, -2.0], [2, 0]]])
+
+    def membership_error(self, y):
+        return np.zeros(np.shape(y)[:-2])
+
+    def random_point(self, rng, size=()):
+        return np.broadcast_to(np.eye(2), (*np.atleast_1d(size), 2, 2))
+
+
+def test_dependent_generators_are_refused():
+    message = "basis must have 2 linearly independent matrices, got 1"
+    refuses(ValueError, message, fr.check, DependentBasis())
+
+
 def field_frame(**changes):
     given = {"fields": [lambda y: y], "flow": lambda v, y: np.exp(v[0]) * y, "point_shape": 1}
     return fr.FieldFrame(**given | changes)

@@ -135,8 +135,8 @@ def test_the_derivative_of_the_point_is_recognised(frame, batch):
         solve(lambda t, y: np.zeros_like(y))
 
 
-@pytest.mark.parametrize("options", [{"linear": True}, {"frame": PhaseSpace(SO3())}], ids=str)
-def test_derivatives_are_not_named_where_they_are_refused(options):
+@pytest.mark.parametrize("options", [{}, {"linear": True}, {"frame": PhaseSpace(SO3())}], ids=str)
+def test_derivatives_are_named_only_for_their_shape_where_they_are_taken(options):
     options = {"frame": SO3()} | options
     start = options["frame"].random_point(np.random.default_rng(1))
     vee = r"; vee of SO3\(\) makes those of a matrix of its Lie algebra"

@@ -144,12 +144,12 @@ class Requirements:
 def _named(name: Any, interval: Any) -> tuple[str, float, float]:
     """Return a name and the ends of its interval, infinite where they are None."""
     name = plain_name("bound", name)
-    if not (isinstance(interval, tuple | list) and len(interval) == 2):
-        raise ValueError(f"bound: {name} must have two ends, numbers or None, got {interval!r}")
     unbounded = np.finfo(float).max
-    ends = [
-        default if end is None else end
-        for end, default in zip(interval, (-unbounded, unbounded), strict=True)
-    ]
-    lower, upper = check_interval(f"bound: {name}", ends)
+    try:
+        ends = zip(interval, (-unbounded, unbounded), strict=True)
+        lower, upper = check_interval("ends", [x if end is None else end for end, x in ends])
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"bound: {name} must have two increasing ends, finite numbers or None, got {interval!r}"
+        ) from None
     return name, lower if lower > -unbounded else -np.inf, upper if upper < unbounded else np.inf

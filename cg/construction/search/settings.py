@@ -86,7 +86,7 @@ _EXCLUDED = {
 
 _COUNT = partial(check_integer, lower=1, upper=MAX_COUNT)
 _CHECKS: dict[str, Callable[[str, Any], float]] = {
-    "width": partial(check_real, upper=MAX_HALF_WIDTH),
+    "width": partial(check_real, positive=True, upper=MAX_HALF_WIDTH),
     "maxfev": _COUNT,
     "refine_below": check_real,
     "refine_maxfev": _COUNT,
@@ -191,7 +191,8 @@ class Settings:
         unused = "flows" if self.kind == "search" else "first_flows"
         for name in (*_EXCLUDED[shape], *[unused][: shape == "a tree"]):
             if value := getattr(self, name):
-                raise ValueError(f"{name} must not be given with {shape}, got {value!r}")
+                got = dict(value) if name == "hold" else value
+                raise ValueError(f"{name} must not be given with {shape}, got {got!r}")
         if shape == "a tableau":
             return self._with_structure()
         check_integer("stages", self.stages, 1 + (self.registers and self.embedded))
@@ -287,7 +288,7 @@ class Settings:
             first_stages = stages if self.hold else max(stages, start.stages)
         first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
         if self.hold and (first_stages, self.first_flows) != (stages, self.flows):
-            raise ValueError("hold: stages and flows can't be dropped")
+            raise ValueError("hold must be None if stages or flows are eliminated")
         settings = replace(self, first_stages=first_stages, promising=start.promising)
         return settings._with_numbers(
             width=start.width, iterations=start.iterations, max_coefficient=None, restarts=None

@@ -119,7 +119,11 @@ def jacobian_of(
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
+        try:
+            sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
+        except TypeError as error:
+            error.add_note("jac is given the arguments of f")
+            raise
     jacobian = Jacobian(derivative, sparse, constant)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian

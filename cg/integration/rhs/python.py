@@ -27,13 +27,13 @@ def when(t: Any) -> str:
 
 
 def read_value(
-    value: Any, name: str, shape: tuple[int, ...], t: Any, rows: str = "", hint: str = "",
-    number: bool = False, dtype: Any = np.float64,
+    value: Any, name: str, shape: tuple[int, ...], t: Any, rows: str = "",
+    hint: Callable[..., str] | None = None, number: bool = False, dtype: Any = np.float64,
 ) -> Points:  # fmt: skip
     """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
 
-    A vectorized function returns ``rows``, each of a member or of a time. The hint ends the message
-    about another shape.
+    A vectorized function returns ``rows``, each of a member or of a time. `hint` returns the end of
+    the message about another shape.
     """
     per_row = f", a row for each {rows}, since vectorized=True" if rows else ""
     try:
@@ -52,7 +52,8 @@ def read_value(
     if array.shape != shape:
         expected = f"an array of shape {shape}{per_row}" if shape else "one number"
         raise ValueError(
-            f"{name} must return {expected}, got shape {array.shape} at {when(t)}{hint}"
+            f"{name} must return {expected}, got shape {array.shape} at {when(t)}"
+            f"{hint(array.shape) if hint else ''}"
         )
     return array
 
@@ -79,16 +80,15 @@ class Check:
         self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
-    @property
-    def hint(self) -> str:
-        """The end of the message about a value of another shape."""
+    def hint(self, shape: tuple[int, ...]) -> str:
+        """Return the advice on a value of another shape, an empty text without any."""
         frame = self.frame
         if self.of_time:
             vee = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
             return vee if hasattr(frame, "vee") else ""
-        # functions on phase spaces may not return derivatives
-        other = frame.rhs_dim == frame.dim and frame.rhs_shape != frame.point_shape
-        return '; rhs="derivative" takes derivatives of y' if other else ""
+        # forces on phase spaces are no coefficients of all fields
+        derivative = shape[self.vectorized :] == frame.point_shape and frame.rhs_dim == frame.dim
+        return '; rhs="derivative" takes derivatives of y' if derivative else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
