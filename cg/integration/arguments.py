@@ -21,7 +21,7 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import check_integer, short, similar_names
+from cg.support.checks import check_flag, check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable
@@ -336,11 +336,11 @@ _HINTS = {
     "dense": "; the option is called dense_output",
     "dt": "; the option is called h",
 }
-FLAGS = ("linear", "vectorized", "common_steps", "dense_output", "control_derivatives")
+_FLAGS = ("linear", "vectorized", "common_steps", "dense_output", "control_derivatives")
 """Options that are True or False, by default False."""
 _DEFAULTS: dict[str, Any] = {
     **dict.fromkeys(EnsembleOptions.__annotations__),
-    **dict.fromkeys(FLAGS, False),
+    **dict.fromkeys(_FLAGS, False),
     "method": AUTO,
     "rhs": "coefficients",
     "max_step": math.inf,
@@ -354,7 +354,7 @@ _DEFAULTS: dict[str, Any] = {
 def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
     """Return the options of a call of ``function`` with the defaults of those that aren't given.
 
-    TypeError is raised for other names.
+    TypeError is raised for other names, and for flags that aren't True or False.
     """
     if not options.keys() <= function.options.keys():
         caller = function.__qualname__.removesuffix(".__init__")
@@ -367,7 +367,11 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
     for name in function.needed & options.keys():
         if values[name] is None or values[name] is False:
             raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
-    return {**_DEFAULTS, **function.options, **options}  # type: ignore[typeddict-item]
+    complete: Any = {**_DEFAULTS, **function.options, **options}
+    for name in _FLAGS:
+        if name in options:
+            complete[name] = check_flag(name, complete[name])
+    return complete  # type: ignore[no-any-return]
 
 
 def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
@@ -394,7 +398,7 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         changed: Any = function
         changed.options, changed.needed = options, set(defaults)
         changed.__signature__ = signature.replace(parameters=parameters)
-        # where frame is missing, a misspelt keyword gets the message for that, which is better
+        # a misspelt keyword gets its better message before a missing frame gets one
         changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}
         return function
 

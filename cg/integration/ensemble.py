@@ -139,7 +139,8 @@ def solve_ensemble(
     ((3, 5, 3, 3), True)
     """
     all_options = complete_options(solve_ensemble, options)
-    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
+    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
+    return solve_members(problem, all_options)
 
 
 @expand_options(linear=True)
@@ -179,7 +180,8 @@ def solve_linear_ensemble(
     array([1.     , 0.56264])
     """
     all_options = complete_options(solve_linear_ensemble, options)
-    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
+    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
+    return solve_members(problem, all_options)
 
 
 @expand_options(derivatives="forward")
@@ -215,7 +217,8 @@ def solve_variational_ensemble(
     array([1.648721, 2.718282])
     """
     all_options = complete_options(solve_variational_ensemble, options)
-    return solve_members(make_problem(f, t_span, y0, frame, all_options, many=True), all_options)
+    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
+    return solve_members(problem, all_options)
 
 
 def add_derivatives(problem: Problem, options: Options | None) -> Problem:
@@ -236,7 +239,7 @@ def check_output_size(problem: Problem) -> None:
     total, needed = steps * len(problem.points), 0
     if problem.every and problem.keeps_points:
         needed = (total // problem.every + 2) * (8 * plan.width + 8)
-    if problem.dense:
+    if problem.dense_output:
         needed += total * 8 * (2 * plan.width + plan.interpolant_vectors * plan.dim + 5)
     if needed > total_memory():
         raise ValueError(
@@ -265,14 +268,14 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
     check_output_size(problem)
     distributed = executor is not None or workers is not None
-    if distributed and problem.common:
+    if distributed and problem.common_steps:
         raise ValueError("executor and workers must be None with common_steps")
     ensemble = Collector(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
         _distribute(whole, part_options, *check_executor(executor, workers), ensemble, watch)
     else:
-        size = members if problem.common else 1 if whole.one_by_one else _MEMBERS_PER_RUN
+        size = members if problem.common_steps else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
@@ -300,7 +303,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     run = Run(problem, y=y, observed=observed)
     texts: list[str] = []
     drive(run, None if watch is None else watch.update, texts.append)
-    messages, status = failures_of(run, not problem.many), np.zeros(members, dtype=np.int64)
+    messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
@@ -315,7 +318,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(
         times, points, observed, run.reached, status, run.counts, messages,
-        run.interpolants() if problem.dense else None,
+        run.interpolants() if problem.dense_output else None,
         None if problem.events is None else run.events(), texts + warnings_of(run),
     )  # fmt: skip
 

@@ -106,7 +106,7 @@ class Collector:
         assert self.problem.events is not None
         places, t, y = results.events
         members, count = len(results.status), len(self.problem.events)
-        if self.problem.dense:
+        if self.problem.dense_output:
             after = (_by_key(places[:, 0], values, members) for values in (t, y[:, 1]))
             self._marks.update(enumerate(zip(*after, strict=True), first))
         for lists, values in ((self._times, t), (self._points, y)):
@@ -127,7 +127,7 @@ class Collector:
         for array in (results.y, results.observed):
             if array is not None and array is not self.out:
                 array.flags.writeable = False
-        outputs = [self._outputs[k] for k in range(self.members)] if problem.dense else []
+        outputs = [self._outputs[k] for k in range(self.members)] if problem.dense_output else []
         events: dict[str, Any] = {"t_events": None, "y_events": None, "y_after": None}
         if problem.events is not None:
             sides = ([[points[:, i] for points in row] for row in self._points] for i in range(2))
@@ -135,7 +135,7 @@ class Collector:
         fields = {
             "t": results.t,
             "y": results.y,
-            "sol": EnsembleOutput(outputs) if problem.dense else None,
+            "sol": EnsembleOutput(outputs) if problem.dense_output else None,
             "t_end": results.reached,
             **events,
             "status": results.status,
@@ -169,7 +169,7 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
 
 def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
-    if problem.events is not None or problem.dense or problem.finish is not None:
+    if problem.events is not None or problem.dense_output or problem.finish is not None:
         ensemble = Collector(problem, None)
         ensemble.add(slice(0, 1), results)
         solution = ensemble.solution()[0]

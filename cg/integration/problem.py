@@ -45,7 +45,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, texts_of
-from cg.support.checks import check_choice, check_flag, short
+from cg.support.checks import check_choice, short
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
@@ -87,17 +87,17 @@ class Problem:
     events: EventTable | None
     t_eval: Array | None
     every: int  # number of steps between stored steps, 0 to store none
-    dense: bool  # whether to store interpolants
+    dense_output: bool  # whether to store interpolants
     stage_solver: str
-    many: bool  # whether it is an ensemble
-    common: bool  # whether all members take the same steps
-    of_time: bool  # whether the right-hand side depends on time alone
+    ensemble: bool  # whether it has members, even one
+    common_steps: bool  # whether all members take the same steps
+    linear: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
     thermostat: Langevin | None = None
     step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
     inertia: MemberInertia | None = None  # None if all members have that of the frame
-    first: int = 0  # the number of the first member in the ensemble
+    first_member: int = 0  # its number in the ensemble
     # makes the solution with derivatives of one whose points hold them
     finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
     with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
@@ -148,8 +148,9 @@ class Problem:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
         return replace(
-            self, plan=plan, points=self.points[members], rhs=rhs, events=events, first=first,
-            inertia=inertia, stops=stops, limits=limits, member_inputs=(), finish=None,
+            self, plan=plan, points=self.points[members], rhs=rhs, events=events,
+            first_member=first, inertia=inertia, stops=stops, limits=limits, member_inputs=(),
+            finish=None,
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
@@ -161,23 +162,23 @@ class Problem:
 
 def _make_rhs(
     f: Any, frame: Frame, options: EnsembleOptions, parameters: Array | None, inputs: Inputs | None,
-    many: bool,
+    ensemble: bool,
 ) -> Rhs:  # fmt: skip
     """Return the right-hand side after checking ``f`` and args."""
-    args, first = arguments.check_args(options["args"]), 0 if many else None
+    args, first = arguments.check_args(options["args"]), 0 if ensemble else None
     extra = ExtraArguments(args, parameters, inputs, first)
-    of_time = options["linear"]
+    linear = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
         if not callable(f):
-            raise TypeError(f"f must be callable as f(t{', y' * (not of_time)}), got {f!r}")
-        if of_time:
+            raise TypeError(f"f must be callable as f(t{', y' * (not linear)}), got {f!r}")
+        if linear:
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
         return PythonRhs(f, frame, extra, options["vectorized"])
     if options["vectorized"]:
-        what = "time" if of_time else "point"
+        what = "time" if linear else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
     return compiled.on(frame, extra)
 
@@ -259,9 +260,9 @@ def _warn(table: MethodTable, pair: bool) -> None:
 
 
 def _check_rhs(
-    plan: Plan, rhs: Rhs, of_time: bool, start: float, stop: float, points: Points
+    plan: Plan, rhs: Rhs, linear: bool, start: float, stop: float, points: Points
 ) -> None:
-    """Raise ValueError if forces are friction, or a compiled function ``of_time`` reads its point.
+    """Raise ValueError if forces are friction, or f of a ``linear`` equation reads its point.
 
     Points are those at the start, and serve at the end as well.
     """
@@ -269,7 +270,7 @@ def _check_rhs(
         for time in {start, stop}:  # a friction may vanish at the start
             if math.isfinite(time):
                 refuse_friction(plan, rhs, [time], points[None])
-    if not of_time or isinstance(rhs, PythonRhs):
+    if not linear or isinstance(rhs, PythonRhs):
         return
     point, nowhere = points[0], np.full_like(points[0], np.nan)
     if not np.array_equal(rhs.at_member(0, start, point), rhs.at_member(0, start, nowhere)):
@@ -280,12 +281,8 @@ def _check_rhs(
 
 
 def _checked_method(
-    chosen: MethodTable | None,
-    linear: bool,
-    frame: Frame,
-    rtol: float | None,
-    stage_solver: str,
-) -> MethodTable:
+    chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None, stage_solver: str,
+) -> MethodTable:  # fmt: skip
     """Return the chosen or the default method after checking the equation and the frame."""
     if linear and isinstance(frame, PhaseSpace):
         raise ValueError(
@@ -361,46 +358,44 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     return plan_of(frame, _checked_method(chosen, linear, frame, min_rtol, solver)), rtol
 
 
-def _check_flags(options: Any, many: bool) -> None:
-    """Check options that are flags or choices, make flags bools, and refuse contradictions."""
-    for name in arguments.FLAGS:
-        if type(options[name]) is not bool:
-            options[name] = check_flag(name, options[name])
+def _check_choices(options: EnsembleOptions, ensemble: bool) -> None:
+    """Check options that are choices, and refuse contradictions between them and flags."""
     linear, derivatives = options["linear"], options["derivatives"]
     check_choice("stage_solver", options["stage_solver"], arguments.STAGE_SOLVERS)
-    if not many and options["common_steps"]:
+    if not ensemble and options["common_steps"]:
         raise ValueError("common_steps must be False for a single point")
-    if not many and options["vectorized"] and not linear:
+    if not ensemble and options["vectorized"] and not linear:
         raise ValueError("vectorized must be False for a single point, unless linear=True")
     if linear and options["jac"] is not None:
         raise ValueError(f"jac must be None with linear=True, got {options['jac']!r}")
     refused: tuple[str, ...] = _OF_DERIVATIVES
     if derivatives is not None:
-        allowed = ["forward"] * (not linear) + ["adjoint"] * (not many)
+        allowed = ["forward"] * (not linear) + ["adjoint"] * (not ensemble)
         if not isinstance(derivatives, str) or derivatives not in allowed:
             names = " or ".join(map(repr, [None, *allowed]))
-            where = " with linear=True" * linear + " for an ensemble" * many
+            where = " with linear=True" * linear + " for an ensemble" * ensemble
             raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
         refused = _OF_DERIVATIVES[1:] if derivatives == "adjoint" else ()
+    given: Any = options
     for name in refused:
-        value: Any = options[name]
+        value = given[name]
         if value is not None and value is not False:
             needed = "derivatives='forward'" + " or 'adjoint'" * (name == "df_dp")
             raise ValueError(f"{name} needs {needed}, got {derivatives!r} with {short(value)}")
 
 
 def _read_members(
-    plan: Plan, options: EnsembleOptions, y0: ArrayLike, many: bool
+    plan: Plan, options: EnsembleOptions, y0: ArrayLike, ensemble: bool
 ) -> tuple[Points, Array | None, MemberInertia | None]:
     """Return initial points, parameters and inertia of the members after checking them."""
     frame, inputs, inertia = plan.frame, options["inputs"], None
     if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
-    points, numbers = arguments.check_points(plan, y0, options["parameters"], many)
+    points, numbers = arguments.check_points(plan, y0, options["parameters"], ensemble)
     if isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
-    if many and members == 1 and inputs is not None:
+    if ensemble and members == 1 and inputs is not None:
         members = _count_members(inputs)
     if options["inertia"] is not None:
         inertia = read_member_inertia(options["inertia"], frame, options, members)
@@ -447,7 +442,7 @@ def _read_inputs(
 
 
 def _read_times(
-    options: EnsembleOptions, start: float, stop: float, many: bool
+    options: EnsembleOptions, start: float, stop: float, ensemble: bool
 ) -> tuple[Array, Array | None]:
     """Return the breakpoints with the final time, and the output times, None for ends of steps."""
     stops = arguments.check_stops(options["breakpoints"], start, stop)
@@ -456,7 +451,7 @@ def _read_times(
         if options["thermostat"] is not None:  # points between steps would have no noise
             stops = np.union1d(stops, t_eval[t_eval != start])
         return stops, t_eval
-    if not many:
+    if not ensemble:
         return stops, None
     return stops, np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
 
@@ -498,30 +493,31 @@ def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
 
 
 def make_problem(
-    f: Any, t_span: Any, y0: ArrayLike, frame: Any, options: EnsembleOptions, *, many: bool = False,
-    every: int = 1,
+    f: Any, t_span: Any, y0: ArrayLike, frame: Any, options: EnsembleOptions, *,
+    ensemble: bool = False, every: int = 1,
 ) -> Problem:  # fmt: skip
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`.
+    """Check the arguments of `cg.solve_ivp` or, for an ``ensemble``, of `cg.solve_ensemble`.
 
     The order matters, since each step reads the results of those before: flags decide what other
     options may be, the frame and the method how points are read, points and inputs how many
     members there are, and all of these make the right-hand side. Functions of the user are called
     from `_check_rhs` on, after what can be checked without calls.
     """
-    _check_flags(options, many)
+    _check_choices(options, ensemble)
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
-    points, numbers, inertia = _read_members(plan, options, y0, many)
+    points, numbers, inertia = _read_members(plan, options, y0, ensemble)
     start, stop = arguments.check_span(t_span)
     check_thermostat(options["thermostat"], plan.table, options, stop < start)
-    inputs, member_inputs = _read_inputs(plan, options, start, stop, len(points) if many else None)
-    rhs = _make_rhs(f, frame, options, numbers, inputs, many)
+    members = len(points) if ensemble else None
+    inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
+    rhs = _make_rhs(f, frame, options, numbers, inputs, ensemble)
     _check_picklable(f, rhs, options)
     _check_rhs(plan, rhs, options["linear"], start, stop, points)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
-    stops, t_eval = _read_times(options, start, stop, many)
+    stops, t_eval = _read_times(options, start, stop, ensemble)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     limits = np.empty((0, 2))
@@ -533,9 +529,9 @@ def make_problem(
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
         limits=limits, control=control, events=events, t_eval=t_eval,
-        every=every if t_eval is None else 0, dense=options["dense_output"],
-        stage_solver=options["stage_solver"], many=many, common=options["common_steps"],
-        of_time=options["linear"], jacobian=jacobian, observer=observer,
-        member_inputs=member_inputs,
-        thermostat=options["thermostat"], inertia=inertia, step_function=step_function,
+        every=every if t_eval is None else 0, dense_output=options["dense_output"],
+        stage_solver=options["stage_solver"], ensemble=ensemble,
+        common_steps=options["common_steps"], linear=options["linear"], jacobian=jacobian,
+        observer=observer, member_inputs=member_inputs, thermostat=options["thermostat"],
+        inertia=inertia, step_function=step_function,
     )  # fmt: skip

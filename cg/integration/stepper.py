@@ -156,7 +156,7 @@ class Stepper:
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:
             all_options["first_step"] = None  # which may exceed the span here
-        problem = make_problem(f, (start, start), y0, frame, all_options, many=many)
+        problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=many)
         if problem.member_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
@@ -282,7 +282,7 @@ class Stepper:
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
-        if self._many and not self._problem.common:
+        if self._many and not self._problem.common_steps:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
@@ -401,7 +401,7 @@ class Stepper:
         """
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
-        shared = not self._many or (self._problem.common and not self._stopped.all())
+        shared = not self._many or (self._problem.common_steps and not self._stopped.all())
         if not (self._has_step and shared) or self._overwritten:
             which = " that all members share" * self._many
             raise RuntimeError(f"dense_output must come after a step{which}")

@@ -116,7 +116,7 @@ class Adjoint:
         maps = np.concatenate([intervals.maps[:, 0] for intervals in chunks])[order]
         covector = np.zeros_like(cotangents[0])
         ends = np.empty((len(starts), *covector.shape), cotangents.dtype)
-        # the interval behind each output time
+        # Each output time is in front of an interval with this number.
         intervals = np.searchsorted(starts[order], sign * self._times).tolist()
         for i in range(len(starts), -1, -1):
             while intervals and intervals[-1] == i:
@@ -241,9 +241,9 @@ def with_adjoint(
         sol = solution.sol
         assert sol is not None
         adjoint = Adjoint(equation_of(sol), sol, solution.t, problem.plan.frame)
-        return replace(solution, sol=sol if problem.dense else None, adjoint=adjoint)
+        return replace(solution, sol=sol if problem.dense_output else None, adjoint=adjoint)
 
-    return replace(problem, dense=True, with_gradients=with_gradients)
+    return replace(problem, dense_output=True, with_gradients=with_gradients)
 
 
 def tolerance_of(problem: Problem) -> float:
@@ -256,7 +256,7 @@ def tolerance_of(problem: Problem) -> float:
     tolerance = problem.control.tolerance
     if tolerance is None:
         return _FIXED_STEPS
-    return tolerance if problem.of_time else 10.0 * tolerance
+    return tolerance if problem.linear else 10.0 * tolerance
 
 
 def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:

@@ -66,7 +66,7 @@ class AdjointEquation:
     tolerance: float
     parameters: int | None = None  # their number, None without any
     inputs: Inputs | None = None
-    # for a linear equation y' = A y: A = sum_m a_m G_m, where B are the derivatives of the a_m
+    # A linear equation y' = A y has A = sum_m a_m G_m, and B are the derivatives of the a_m.
     generators: Points | None = None
     skew: bool = False  # whether its matrices are skew-Hermitian
     output: DenseOutput | None = None  # its solution

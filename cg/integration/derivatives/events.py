@@ -181,7 +181,7 @@ class VariationalEvents(EventTable):
         frame, n = self.frame, self.frame.dim
         sizes = np.maximum(frame.coordinate_sizes(y), 1.0)
         slope = self._coefficients(t, y, arguments)
-        # in a unit of this time the solution moves by the sizes of its coordinates
+        # the solution moves by the sizes of its coordinates in a unit of this time
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
         unit = min(unit, float(np.ptp(self.edges)) or max(abs(t), 1.0))
 

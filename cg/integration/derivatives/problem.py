@@ -117,7 +117,7 @@ _ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differen
 
 def with_derivatives(problem: Problem, options: Options) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
-    if problem.of_time:
+    if problem.linear:
         return with_linear_adjoint(problem, options["df_dp"])
     variational = _add_derivatives(problem, options)
     if options["derivatives"] == "adjoint":
@@ -147,7 +147,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         absolute = _tolerances(problem, equation, controlled, "atol")
         relative = _tolerances(problem, equation, controlled, "rtol")
         control = control._replace(rtol=relative, atol=absolute)
-    members = len(problem.points) if problem.many else None
+    members = len(problem.points) if problem.ensemble else None
     covariance = check_covariance(options["P0"], plan.frame.dim, members)
     return replace(
         problem,
@@ -260,7 +260,7 @@ def _tolerances(
 def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     """Return the equation of a problem with derivatives, whose differences may become one-sided."""
     rhs: Any = variational.rhs
-    # where t is far larger than the span, its rounding makes f inexact
+    # rounding of t makes f inexact where t is far larger than the span
     far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
     if tolerance_of(variational) >= _ONE_SIDED * far:
         for record in rhs.records:

@@ -103,13 +103,9 @@ class DenseOutput(ReadOnly):
     _derivatives: Any = None  # splits points that hold derivatives
 
     def __init__(
-        self,
-        interpolants: Interpolants,
-        t0: float,
-        direction: float,
-        y0: Points,
+        self, interpolants: Interpolants, t0: float, direction: float, y0: Points,
         marks: tuple[Array, Points] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.ts = np.concatenate([[t0], interpolants.ends])
         self.ts.flags.writeable = False
         self.t_min = float(self.ts.min())

@@ -38,7 +38,7 @@ class Jacobian:
     sparse: bool = False  # whether the function returns sparse matrices of SciPy
     constant: bool = False  # whether a matrix was given, which isn't counted as evaluated
     lanes: int = 1  # how many members are integrated at the same time
-    # by member: the sparse matrix and its factors, the latest used last
+    # members have their sparse matrix and its factors here, the latest used last
     kept: dict[int, list[Any]] = field(default_factory=dict)
 
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:

@@ -149,7 +149,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
 def warnings_of(run: Run) -> list[str]:
     """Return the texts of the warnings about a finished run."""
     plan, texts = run.plan, []
-    if not run.problem.many:
+    if not run.problem.ensemble:
         *_, steps, rejected = run.counts[0].tolist()
         are_many = rejected >= _REJECTIONS and 2 * rejected > steps
         if are_many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason

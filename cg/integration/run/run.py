@@ -64,7 +64,7 @@ class Run:
         self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
         self.members = members = len(problem.points)
         if lanes is None:
-            lanes = members if problem.common else _LANES if problem.vectorized else 1
+            lanes = members if problem.common_steps else _LANES if problem.vectorized else 1
         self._lanes = min(lanes, members)
         events, jacobian = problem.events, problem.jacobian
         self._functions = 0 if events is None else len(events)
@@ -100,20 +100,20 @@ class Run:
         function, data, stride = self.rhs.addresses()
         rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
         bath = problem.thermostat
-        heat = {} if bath is None else {"heated": 1, "first_member": problem.first, **vars(bath)}
+        heat = {} if bath is None else {"heated": 1, **vars(bath)}
         return Record(
-            members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
-            goes_on=keep_last and not problem.many, t0=problem.t0, segments=len(problem.stops),
+            members=self.members, first_member=problem.first_member, lanes=self._lanes,
+            common=problem.common_steps, of_time=problem.linear, keep_last=keep_last,
+            goes_on=keep_last and not problem.ensemble, t0=problem.t0, segments=len(problem.stops),
             context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
-            data=data, data_stride=stride, of_time=problem.of_time,
-            event_functions=self._functions,
+            data=data, data_stride=stride, event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol,
-            in_coordinates=in_coordinates,
+            h=control.h or 0.0, rtol=rtol, in_coordinates=in_coordinates,
             reals_per_entry=1 if in_coordinates else plan.reals_per_entry,
             exponent=plan.step_table.exponent, max_step=control.max_step,
             first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense, **heat,
+            every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense_output,
+            **heat,
         )  # fmt: skip
 
     def _jacobian_kind(self) -> JacobianKind:
@@ -139,7 +139,7 @@ class Run:
         ``solver_rows`` are as many as the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
-        within = problem.dense or record.outputs or self._functions or record.keep_last
+        within = problem.dense_output or record.outputs or self._functions or record.keep_last
         if within and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
         rows = plan.step_table.kept_vectors + 4 * (plan.step_table.kept_nodes + solver_rows)
