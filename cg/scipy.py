@@ -85,19 +85,10 @@ class FrameSolver(OdeSolver):
     method: ClassVar[Any]
 
     def __init__(
-        self,
-        fun: Any,
-        t0: float,
-        y0: ArrayLike,
-        t_bound: float,
-        max_step: float = math.inf,
-        rtol: ArrayLike = 1e-3,
-        atol: ArrayLike = 1e-6,
-        vectorized: bool = False,
-        first_step: float | None = None,
-        max_angle: float = 0.5 * math.pi,
-        **extraneous: Any,
-    ) -> None:
+        self, fun: Any, t0: float, y0: ArrayLike, t_bound: float, max_step: float = math.inf,
+        rtol: ArrayLike = 1e-3, atol: ArrayLike = 1e-6, vectorized: bool = False,
+        first_step: float | None = None, max_angle: float = 0.5 * math.pi, **extraneous: Any,
+    ) -> None:  # fmt: skip
         warn_extraneous(extraneous)
         frame = self.frame
         is_complex = frame.dtype.kind == "c"

@@ -201,12 +201,9 @@ def _is_index(value: Any) -> bool:
 
 
 def tree_of_rows(
-    a: Sequence[Sequence[Fraction]],
-    b: Sequence[Fraction],
-    b_embedded: Sequence[Fraction] | None = None,
-    *,
-    flat: bool = False,
-) -> PointTree:
+    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction],
+    b_embedded: Sequence[Fraction] | None = None, *, flat: bool = False,
+) -> PointTree:  # fmt: skip
     """Return the tree of a Crouch–Grossman tableau: each nonzero entry of a row is a point.
 
     Rows with equal first entries share the points of these. With `flat` it is that of a Munthe-Kaas

@@ -83,7 +83,7 @@ class Store:
 
     def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> None:
         self.path = check_path(path)
-        # without empty ones, so that a new setting doesn't change the runs that lack it
+        # empty ones are left out, so that a new setting doesn't change the runs that lack it
         known = {name: value for name, value in settings.items() if value != ()}
         text = json.dumps(known, sort_keys=True)
         self.run = hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -54,13 +54,9 @@ def bernoulli_terms(count: int) -> tuple[Fraction, ...]:
 
 
 def series_dexpinv(
-    adjoint: Callable[[Array], Array],
-    v: Array,
-    order: int,
-    bound: Array | None = None,
-    *,
+    adjoint: Callable[[Array], Array], v: Array, order: int, bound: Array | None = None, *,
     axes: int = 1,
-) -> Array:
+) -> Array:  # fmt: skip
     """Return the dexpinv series, truncated for a Runge-Kutta method of a given order.
 
     ``adjoint`` returns the bracket of u with its argument; v are coefficients, shape ``(...,

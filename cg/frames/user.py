@@ -172,19 +172,12 @@ class FieldFrame(UserFrame):
     _dtype: np.dtype[Any]
 
     def __init__(
-        self,
-        fields: Sequence[Function],
-        flow: Function,
-        *,
-        point_shape: int | Sequence[int],
-        dtype: Any = float,
-        membership_error: Function | None = None,
-        restore: Function | None = None,
-        project: Function | None = None,
-        exp_coordinates: Function | None = None,
-        random_point: Function | None = None,
+        self, fields: Sequence[Function], flow: Function, *, point_shape: int | Sequence[int],
+        dtype: Any = float, membership_error: Function | None = None,
+        restore: Function | None = None, project: Function | None = None,
+        exp_coordinates: Function | None = None, random_point: Function | None = None,
         bracket: Function | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if callable(fields) or not np.iterable(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)

@@ -120,16 +120,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         return self
 
     def init(
-        self,
-        terms: Any,
-        t0: JaxArray,
-        t1: JaxArray,
-        y0: JaxArray,
-        dt0: Any,
-        args: Any,
-        func: Callable[..., Any],
-        error_order: float | None,
-    ) -> tuple[JaxArray, Any]:
+        self, terms: Any, t0: JaxArray, t1: JaxArray, y0: JaxArray, dt0: Any, args: Any,
+        func: Callable[..., Any], error_order: float | None,
+    ) -> tuple[JaxArray, Any]:  # fmt: skip
         """Return the end of the first step, and the state.
 
         The state has the last error, whether the step before was rejected, the suspicion of a
@@ -157,19 +150,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         def f(t: JaxArray, y: JaxArray) -> JaxArray:
             return direction * func(terms, t, y, args)
 
-        # f may depend on what derivatives are asked for in other ways than by its arguments
+        # f may depend on quantities with derivatives in other ways than by its arguments
         size = self._first_step(f, (t0, t1), y0, direction * start, error_order)
         size = jax.lax.stop_gradient(size)
         return jnp.where(size < t1 - t0, t0 + size, t1), state
 
     def _first_step(
-        self,
-        f: Callable[[JaxArray, JaxArray], JaxArray],
-        times: tuple[JaxArray, JaxArray],
-        y0: JaxArray,
-        start: JaxArray,
-        error_order: float,
-    ) -> JaxArray:
+        self, f: Callable[[JaxArray, JaxArray], JaxArray], times: tuple[JaxArray, JaxArray],
+        y0: JaxArray, start: JaxArray, error_order: float,
+    ) -> JaxArray:  # fmt: skip
         """Return a first step size from the norms of the point, its derivative and curvature."""
         rules, (t0, t1) = rules_of(self.frame), times
         time = jnp.result_type(t0)
@@ -200,16 +189,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         return jnp.where(jnp.isfinite(end).all(), jnp.maximum(chosen, lower), guess)
 
     def adapt_step_size(
-        self,
-        t0: JaxArray,
-        t1: JaxArray,
-        y0: JaxArray,
-        y1_candidate: JaxArray,
-        args: Any,
-        y_error: JaxArray | None,
-        error_order: float,
-        controller_state: Any,
-    ) -> tuple[Any, ...]:
+        self, t0: JaxArray, t1: JaxArray, y0: JaxArray, y1_candidate: JaxArray, args: Any,
+        y_error: JaxArray | None, error_order: float, controller_state: Any,
+    ) -> tuple[Any, ...]:  # fmt: skip
         """Return whether a step is accepted, the ends of the next one, and the state."""
         last_error, after_rejection, suspicion, failures = controller_state
         error = self._error_norm(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))

@@ -85,7 +85,7 @@ def motion_dexpinv(side: float) -> Dexpinv:
         value = jnp.stack([a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)])
         bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
-        # v itself, with the derivatives of the value: near the radius rounding is amplified
+        # v stays as it is, with the derivatives of the value: rounding grows near the radius
         exact = v + (value - jax.lax.stop_gradient(value))
         value = jnp.where(commutes & (q >= _SQUARED_RADIUS / 4.0), exact, value)
         return jnp.where(q < _SQUARED_RADIUS, value, jnp.where(commutes, v, jnp.nan))

@@ -180,7 +180,7 @@ def _rotation_logarithm(x: JaxArray) -> JaxArray:
         """Take a step of Newton's method for a skew matrix whose square is minus the identity."""
         inverse = jnp.where(inside, jnp.linalg.inv(skew + jnp.diag(1.0 - beyond)), 0.0)
         inverse = 0.5 * (inverse - inverse.T)
-        # a quotient of norms, as that of squares overflows in single precision where angles are π
+        # a quotient of squares would overflow in single precision where angles are π
         norm, norm_of_inverse = jnp.sqrt((skew**2).sum()), jnp.sqrt((inverse**2).sum())
         scale = jnp.where(beyond.any(), norm_of_inverse / jnp.where(beyond.any(), norm, 1), 1)
         scale = jnp.sqrt(scale)

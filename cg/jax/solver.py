@@ -180,15 +180,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
-        self,
-        terms: Any,
-        t0: JaxArray,
-        t1: JaxArray,
-        y0: JaxArray,
-        args: Any,
-        solver_state: Any,
+        self, terms: Any, t0: JaxArray, t1: JaxArray, y0: JaxArray, args: Any, solver_state: Any,
         made_jump: Any,
-    ) -> tuple[Any, ...]:
+    ) -> tuple[Any, ...]:  # fmt: skip
         """Return the point after a step, its error, the interpolant, the state and the result."""
         rules, table = rules_in(terms), self.table
         if isinstance(terms, diffrax.MultiTerm):

@@ -42,21 +42,16 @@ class Start:
 class Stages:
     """What a step has computed at its stages.
 
-    ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
-    Munthe-Kaas the derivatives of coordinates; ``at_end`` those at the result, None if no stage is
-    there. ``others`` are the results with which a pair compares the first one. ``errors`` are
-    weighted sums of the values, further error estimates divided by the step, shape ``(sums, dim)``;
-    on the algebra, if there are several, all sums of coefficients, and then all sums of what
-    dexpinv has added to them. ``vectors`` are the values and the brackets of a Magnus method,
-    which flows combine.
+    With `PARTS_OF_SERIES` sums of coefficients are the first half of ``errors``, and sums of what
+    dexpinv has added to them the second.
     """
 
-    values: JaxArray
-    result: JaxArray
-    others: list[JaxArray]
-    errors: JaxArray
-    at_end: JaxArray | None
-    vectors: JaxArray
+    values: JaxArray  # (stages, dim) coefficients, on the algebra derivatives of coordinates
+    result: JaxArray  # the point at the end of the step
+    others: list[JaxArray]  # results with which that one is compared
+    errors: JaxArray  # (sums, dim) weighted sums of values: error estimates divided by the step
+    at_end: JaxArray | None  # coefficients at the result, None if no stage is there
+    vectors: JaxArray  # values, then brackets of a Magnus method: what flows combine
 
 
 def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:

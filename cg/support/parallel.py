@@ -283,13 +283,9 @@ def count_workers(executor: ExecutorLike, workers: int | None) -> int:
 
 
 def completed(
-    work: Callable[[Item], Result],
-    items: Iterable[Item],
-    executor: ExecutorLike = None,
-    workers: int | None = None,
-    *,
-    finish: bool = False,
-) -> Generator[tuple[Item, Result], None, None]:
+    work: Callable[[Item], Result], items: Iterable[Item], executor: ExecutorLike = None,
+    workers: int | None = None, *, finish: bool = False,
+) -> Generator[tuple[Item, Result], None, None]:  # fmt: skip
     """Yield each item with ``work(item)``, in the order in which they finish.
 
     `work` and items must be picklable for executors other than threads. With `finish`, running

@@ -177,7 +177,7 @@ class Weights:
         letters = {letter for _, word in self.quantities for letter in word}
         for at in layout.stage_points:
             words_at.setdefault(at, set()).update(letters)
-        # by the end of a path, and by word the points where it is needed
+        # Weights of words are needed at ends of paths, and so at the points that lead there.
         self._words = {end: closure(words) for end, words in words_at.items()}
         needed: dict[Word, set[int]] = {}
         for end, words in self._words.items():
@@ -196,7 +196,7 @@ class Weights:
         self._zero = zero = one * 0
         self._phi: dict[Word, Vector] = {(): [one] * layout.stages}
         self._letter: dict[Word, Vector] = {}
-        # by word: of the flow alone, and at the point; the start is last
+        # Each word has weights of the flow to each point alone, and at each point, the start last.
         self._flow: dict[Word, Vector] = {(): [one] * points}
         self._chi: dict[Word, Vector] = {(): [one] * (points + 1)}
         for word, where in self._needed.items():

@@ -95,7 +95,7 @@ def write(
         "errors": len(program.errors),
         "lower": program.lower_order,
         "flows": flows,
-        # the last one, as users write it
+        # the heading is filled in last, as users write it: it may look like a place
         "heading": comment(program.heading, mark),
     }
     return fill(template(*templates), parts, conditions)

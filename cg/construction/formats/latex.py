@@ -47,7 +47,7 @@ def _entries(method: Method, numbers: Numbers) -> Iterator[list[Coefficient | No
         total = Fraction(sum(summed[i]))
         bits = max(x.bit_length() for x in total.as_integer_ratio())
         if bits > _MAX_INTEGER_BITS or any(set(entry.text) & set(".ex") for entry in entries):
-            # decimal, as the entries
+            # The sum is written as a decimal, as entries are.
             digits = numbers.digits
             text = to_decimal(total, digits or DECIMAL_DIGITS, zeros=digits is not None)
             first = Coefficient(total, text, Fraction(1))

@@ -191,7 +191,7 @@ def _with_stages(method: MuntheKaas) -> Extension:
     for row in rows:
         known = trees.with_stage(known, row)
     result = np.pad(b, (0, len(rows) - len(b)))
-    # the rounding of the tableau itself
+    # Conditions hold up to the rounding of the tableau itself.
     solved = _SOLVED + 10.0 * np.abs(known @ result - 1.0 / trees.density)[
         trees.size <= method.order
     ].max(initial=0.0)

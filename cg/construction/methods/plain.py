@@ -17,12 +17,9 @@ End = tuple[Any, Any]
 
 
 def take_paths(
-    paths: MethodPaths,
-    y: Any,
-    value: Callable[[int, Any, Any], Any],
-    flow: Callable[[Any, Sequence[Any], Any], End],
-    values: Sequence[Any] = (),
-) -> tuple[list[End], list[Any]]:
+    paths: MethodPaths, y: Any, value: Callable[[int, Any, Any], Any],
+    flow: Callable[[Any, Sequence[Any], Any], End], values: Sequence[Any] = (),
+) -> tuple[list[End], list[Any]]:  # fmt: skip
     """Return the ends of the paths from y, which comes first, and the values at the stages.
 
     ``value(k, point, u)`` returns the value at stage k, from 0, at a point to which a flow with the

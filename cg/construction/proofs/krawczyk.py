@@ -73,13 +73,9 @@ def choose_movable(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> 
 
 
 def krawczyk(
-    system: Equations,
-    y: Sequence[flint.arb],
-    movable: Sequence[int],
-    radius: flint.arb | None = None,
-    *,
-    at_point: Linearised | None = None,
-) -> KrawczykTest:
+    system: Equations, y: Sequence[flint.arb], movable: Sequence[int],
+    radius: flint.arb | None = None, *, at_point: Linearised | None = None,
+) -> KrawczykTest:  # fmt: skip
     """Try to prove that m equations have a zero near y in the m unknowns `movable`.
 
     By default the radius is twice the size of the correction. `at_point` are the residuals and
@@ -102,7 +98,7 @@ def krawczyk(
     if not correction.is_finite():
         return infinite
     if radius is None:
-        # round to two decimal digits, so that certificates state it exactly
+        # the radius has two decimal digits, so that certificates state it exactly
         radius = flint.arb(f"{2.2 * float(correction) or 1e-300:.1e}")
     box = list(y)
     for k in columns:
@@ -118,12 +114,9 @@ def krawczyk(
 
 
 def enclose_zero(
-    system: Equations,
-    y: Sequence[flint.arb],
-    movable: Sequence[int],
-    test: KrawczykTest,
+    system: Equations, y: Sequence[flint.arb], movable: Sequence[int], test: KrawczykTest,
     places: int,
-) -> list[flint.arb]:
+) -> list[flint.arb]:  # fmt: skip
     """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
 
     Repeats ``z ↦ z - A f(z)``: each step gains as many digits as A has, without new derivatives.

@@ -93,7 +93,7 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
             if explained:
                 check_left_out(packed, box, test, bits)
                 return box
-            # with a bound of the conditions that are left out, a power of ten
+            # the box has a bound of the conditions that are left out, a power of ten
             largest = float(max_residual(packed, box, test, SMALL_PLACES, bits))
             exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
             return replace(box, bound=Decimal((0, (1,), exponent)))

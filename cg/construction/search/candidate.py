@@ -31,10 +31,9 @@ SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby; those
 of exact methods of the catalogue are below 1e-29."""
 
-_MIN_ESTIMATE = (
-    1e-5  # that of pairs of the catalogue is 1e-3 or more, that of equal results rounding
-)
-_SPREAD = 0.6  # noise of log f of starts: of two, that with twice the f is first once in five times
+# Estimates of pairs of the catalogue are 1e-3 or more, those of equal results rounding errors.
+_MIN_ESTIMATE = 1e-5
+_SPREAD = 0.6  # noise of log f: a start with twice the f of another comes first once in five times
 _TRIES = 16  # starts to solve from before a walk leads elsewhere
 
 
@@ -116,7 +115,7 @@ def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
 
 def solved(candidate: Candidate) -> bool:
     """Return whether the conditions hold up to rounding errors of double precision."""
-    # divided twice, since the square of large weights may overflow
+    # f is divided twice, since the square of large weights may overflow
     return candidate.f / max(1.0, candidate.max_coefficient) <= SOLVED * max(
         1.0, candidate.max_coefficient
     )

@@ -197,7 +197,7 @@ def construct(
         read=Try.of_fields, solved=partial(succeeded, settings),
         workers=workers, executor=executor, store=store, progress=progress,
     )  # fmt: skip
-    # the first one by number counts
+    # the first success by number counts
     finished: dict[int, Try] = {}
     with closing(results):
         for index in range(tries):

@@ -50,13 +50,9 @@ class Limits:
 
 
 def optimise(
-    candidate: Candidate,
-    *,
-    principal_error: float = 1.0,
-    coefficients: float = 0.0,
-    limits: Limits | None = None,
-    max_iterations: int = 60,
-) -> Candidate:
+    candidate: Candidate, *, principal_error: float = 1.0, coefficients: float = 0.0,
+    limits: Limits | None = None, max_iterations: int = 60,
+) -> Candidate:  # fmt: skip
     """Minimise a weighted sum of squares along the solution set.
 
     Parameters

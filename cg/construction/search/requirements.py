@@ -38,13 +38,9 @@ class Requirements:
 
     @classmethod
     def checked(
-        cls,
-        order: int,
-        abscissae: Any = None,
-        bound: Any = None,
-        minimise: Any = None,
+        cls, order: int, abscissae: Any = None, bound: Any = None, minimise: Any = None,
         nonnegative: Any = (),
-    ) -> Requirements:
+    ) -> Requirements:  # fmt: skip
         """Return the requirements of the arguments of `cg.search`, after checking them."""
         bounds = [] if abscissae is None else [("c", *check_interval("abscissae", abscissae))]
         if isinstance(bound, Mapping):

@@ -122,14 +122,14 @@ class Settings:
     tree: Layout | None = None  # None for tableaux and trees drawn at random
     first_same_as_last: bool = False
     hold: Hold = ()
-    # for searches
+    # The next ones are for searches.
     registers: bool = False
     algorithm: str = ALGORITHMS[0]
     rows: Rows = Rows.EXPLICIT
     maxfev: int = 0
     refine_below: float = 0.0
     refine_maxfev: int = 0
-    # for constructions, which eliminate stages or flows
+    # The rest is for constructions, which eliminate stages or flows.
     structure: Structure = Structure.GENERAL
     first_stages: int = 0
     first_flows: int | None = None

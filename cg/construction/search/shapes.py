@@ -62,13 +62,9 @@ def _indices(label: str, values: Any) -> tuple[Any, ...]:
 
 
 def draw_layout(
-    stages: int,
-    flows: int,
-    random: np.random.Generator,
-    *,
-    embedded: bool = False,
+    stages: int, flows: int, random: np.random.Generator, *, embedded: bool = False,
     first_same_as_last: bool = False,
-) -> Layout:
+) -> Layout:  # fmt: skip
     """Draw a random tree of points, in which every point leads to a stage or the result.
 
     Each flow has weights on all stages before it. `flows` is at least `stages`: all stages but the

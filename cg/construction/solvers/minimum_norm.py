@@ -103,14 +103,9 @@ def retract(system: ConditionSystem, x: Vector, movable: Indices, inverse: Vecto
 
 
 def descend(
-    system: ConditionSystem,
-    x: Vector,
-    movable: Indices,
-    *,
-    ftol: float = _FTOL,
-    damping: float = _FIRST_DAMPING,
-    iterations: int = _MAX_ITERATIONS,
-) -> MinimumNormFit:
+    system: ConditionSystem, x: Vector, movable: Indices, *, ftol: float = _FTOL,
+    damping: float = _FIRST_DAMPING, iterations: int = _MAX_ITERATIONS,
+) -> MinimumNormFit:  # fmt: skip
     """Return where Levenberg–Marquardt steps of the entries `movable` lead."""
     residual = system.residual(x)
     f = float(residual @ residual)
@@ -158,15 +153,9 @@ def descend(
 
 
 def fit_conditions(
-    x0: Vector,
-    system: ConditionSystem,
-    *,
-    movable: Sequence[int] | NDArray[np.intp] | None = None,
-    ftol: float = _FTOL,
-    damping: float = 1e-2,
-    max_iterations: int = 1000,
-    accurate: bool = False,
-) -> MinimumNormFit:
+    x0: Vector, system: ConditionSystem, *, movable: Sequence[int] | NDArray[np.intp] | None = None,
+    ftol: float = _FTOL, damping: float = 1e-2, max_iterations: int = 1000, accurate: bool = False,
+) -> MinimumNormFit:  # fmt: skip
     """Minimise the sum of squared residuals of the conditions from packed weights `x0`, shape (n,).
 
     Only the unknowns `movable` change, and what depends on them. The solver stops when the sum of

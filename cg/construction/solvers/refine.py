@@ -84,13 +84,9 @@ class RationalZero(NamedTuple):
 
 
 def refine_rational(
-    residuals: Callable[[Sequence[Fraction]], Sequence[Fraction]],
-    x: Sequence[Fraction],
-    inverse: NDArray[np.float64],
-    *,
-    below: Fraction = _RESIDUAL_GOAL,
-    grid: int = _GRID,
-) -> RationalZero:
+    residuals: Callable[[Sequence[Fraction]], Sequence[Fraction]], x: Sequence[Fraction],
+    inverse: NDArray[np.float64], *, below: Fraction = _RESIDUAL_GOAL, grid: int = _GRID,
+) -> RationalZero:  # fmt: skip
     """Correct a point until its residuals are at most `below` or stop getting smaller.
 
     `inverse` is J⁺. Corrections are rounded to multiples of ``1/grid``, so that numerators and

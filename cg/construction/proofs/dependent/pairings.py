@@ -251,7 +251,7 @@ def basis(order: int, of_time: bool = False) -> tuple[Word, ...]:
 def _with_slot(count: int, last: bool, of_time: bool = False) -> tuple[Word, ...]:
     words: list[Word] = []
     for inside in range(1 if of_time else count + 1):
-        # the letter with the slot, and words before and after it
+        # a word is split into the letter with the slot, and words before and after it
         letters = [SLOT] if inside == 0 else list(_with_slot(inside - 1, last=False))
         for before in range(count - inside + 1):
             after = count - inside - before
