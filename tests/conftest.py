@@ -38,33 +38,15 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("same")
 
 
-# Folders and files of tests by the marks that they have; no_core is for those that exercise no
-# compiled code which others don't, sanitize for those of the compiled core
-MARKS = {
-    "no_core": "analysis benchmarks command docs formats plot proofs reproduce research trees "
-    "test_catalogue test_method_files test_brackets "
-    "test_frame_coordinates test_frame_digits test_frame_facts test_frame_input test_frames "
-    "test_order_on_frames test_tableau test_hostile_text test_import test_installation test_peers "
-    "test_typing test_without_quads",
-    "sanitize": "test_conditions test_lmdif test_structure "
-    "test_flows test_adaptive test_arguments test_compiled "
-    "test_compiled_output test_dense test_ensemble_executors test_events "
-    "test_free_motion test_integrate test_integration_loop test_jumps test_mechanics "
-    "test_observe test_solve_ensemble test_solve_ivp "
-    "test_stepper_events test_idle_points test_low_storage test_registers",
-}
+# Folders whose tests exercise no compiled code that others don't; other files say so themselves.
+NO_CORE = "analysis benchmarks command docs formats plot proofs reproduce research trees"
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    known = {path.stem for path in Path(__file__).parent.rglob("*")}
-    if unknown := set(" ".join(MARKS.values()).split()) - known:
-        raise pytest.UsageError(f"MARKS must name folders or files of tests, got {unknown}")
     for item in items:
-        names = {item.path.stem, item.path.parent.name}
-        for mark, marked in MARKS.items():
-            if names.intersection(marked.split()):
-                item.add_marker(mark)
+        if item.path.parent.name in NO_CORE.split():
+            item.add_marker("no_core")
 
 
 @pytest.fixture(scope="session")

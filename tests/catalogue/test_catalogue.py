@@ -14,6 +14,8 @@ from cg.construction.conditions import Rows
 from cg.construction.methods.tableau import Tableau, TableauError
 from cg.construction.points import MethodError
 
+pytestmark = pytest.mark.no_core
+
 # order, stages, exponentials
 KNOWN = {
     "LieEuler": (1, 1, 1), "CG2": (2, 2, 2), "CG3": (3, 3, 6), "CG2(3)": (3, 3, 6),

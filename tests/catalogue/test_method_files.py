@@ -16,6 +16,8 @@ from cg.construction.points import MethodError
 from cg.construction.proofs import CertificationError, certify, check
 from cg.problems import StateDependentRotation
 
+pytestmark = pytest.mark.no_core
+
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
 

@@ -19,6 +19,8 @@ from cg.construction.points import START, Point, PointTree
 from cg.construction.trees import OrderedTree, forest, fortran_tables, main
 from cg.support.quads import decode, encode
 
+pytestmark = pytest.mark.sanitize
+
 
 def residuals_quad(layout, x, order, independent=False):
     """Return the residuals at packed weights, which are rounded to binary128 first."""

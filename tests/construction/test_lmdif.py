@@ -20,6 +20,8 @@ from cg.construction.search import start as random_start
 from cg.construction.search.shapes import start_generator
 from cg.support import quads
 
+pytestmark = pytest.mark.sanitize
+
 Vector = NDArray[np.float64]
 Residual = Callable[[Vector], Vector]
 

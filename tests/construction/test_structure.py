@@ -10,6 +10,8 @@ from cg.construction.layouts import Rows
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.support import quads
 
+pytestmark = pytest.mark.sanitize
+
 
 def random_x(system, seed=0):
     x = np.random.default_rng(seed).uniform(-1, 1, system.size)

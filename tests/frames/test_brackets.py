@@ -10,6 +10,8 @@ from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect,
 from cg.frames.algebra import bernoulli_terms, series_dexpinv
 from cg.frames.facts import has_brackets
 
+pytestmark = pytest.mark.no_core
+
 # Flows of the fields of HEISENBERG don't keep to their span.
 OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
 over_frames = pytest.mark.parametrize("frame", WITH, ids=name)

@@ -12,6 +12,8 @@ from cg.frames.compiled import constants_of
 from cg.frames.facts import is_compiled
 from cg.support.shared_numbers import BlockKind
 
+pytestmark = pytest.mark.sanitize
+
 FRAMES = [
     fr.SO3(), fr.SO3("space"), fr.SO(3), fr.UnitQuaternion(),
     fr.UnitQuaternion(scalar_first=True, convention="space"), fr.SE3(), fr.SE3("space"),

@@ -10,6 +10,8 @@ from scipy.optimize import minimize
 
 from cg import frames as fr
 
+pytestmark = pytest.mark.no_core
+
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
 
 

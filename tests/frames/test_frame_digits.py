@@ -12,6 +12,8 @@ from refusals import refuses
 
 from cg import frames as fr
 
+pytestmark = pytest.mark.no_core
+
 UNITARY = [fr.SO3(), fr.SO(6), *COMPACT_GROUPS]
 OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, fr.MatrixGroup)), fr.SE3()]
 GROUPS = UNITARY + OTHERS

@@ -8,6 +8,8 @@ from refusals import refuses
 
 from cg import frames as fr
 
+pytestmark = pytest.mark.no_core
+
 GROUPS = [
     fr.SO(4), fr.U(2), fr.SU(2), fr.SU(3), fr.GL(2), fr.SL(3), fr.Sp(4), fr.SE3(),
     fr.Semidirect(fr.SL(2), 2),

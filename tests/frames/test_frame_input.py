@@ -10,6 +10,8 @@ from refusals import refuses
 from cg import frames as fr
 from cg.frames.matrix_group import MatrixGroup
 
+pytestmark = pytest.mark.no_core
+
 TWO = fr.Product(fr.SO3(), fr.SO3())
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
 

@@ -10,6 +10,8 @@ from refusals import refuses
 from cg import frames as fr
 from cg.frames.user import UserFrame
 
+pytestmark = pytest.mark.no_core
+
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
 seeds = st.integers(0, 2**32 - 1)
 # From far below the square root of the smallest number to several turns.

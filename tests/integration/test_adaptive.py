@@ -16,6 +16,8 @@ from cg.frames.facts import is_compiled
 from cg.problems import StateDependentRotation
 from cg.problems.convergence import observed_order
 
+pytestmark = pytest.mark.sanitize
+
 PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
 PAIRS["RKMK8(5,3)"] = MUNTHE_KAAS["RKMK8(5,3)"]
 PROBLEM = StateDependentRotation()

@@ -15,6 +15,8 @@ import cg
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean
 
+pytestmark = pytest.mark.sanitize
+
 HUGE = 10**400
 MIDPOINT = Tableau([["1/2"]], ["1"])
 NO_SPANS = [

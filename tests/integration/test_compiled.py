@@ -19,6 +19,8 @@ from cg.integration import integrate
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.run.drive import StepBudget
 
+pytestmark = pytest.mark.sanitize
+
 
 @pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])
 def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):

@@ -9,6 +9,8 @@ from right_hand_sides import CIRCLE, circle, height, solve
 import cg
 from cg.frames import Euclidean
 
+pytestmark = pytest.mark.sanitize
+
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, DOUBLES)
 

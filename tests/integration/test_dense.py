@@ -16,6 +16,8 @@ from cg.integration.plan.callbacks import HANDLERS
 from cg.problems.convergence import observed_order
 from cg.support.shared_numbers import Operation
 
+pytestmark = pytest.mark.sanitize
+
 FRAMES = [
     fr.Euclidean(3), fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SE3(), fr.SO(4), fr.SU(2),
     fr.SL(2), fr.GL(2), fr.Sphere(2), fr.Sphere(3), fr.Stiefel(3, 1),

@@ -18,6 +18,8 @@ from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
 from cg.tables import stored_table
 
+pytestmark = pytest.mark.sanitize
+
 FRAME = SO3()
 TIMES = [0.0, 0.3, 1.0]
 RATES = np.random.default_rng(3).uniform(0.5, 2.0, (10, 2))

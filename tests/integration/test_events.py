@@ -13,6 +13,8 @@ from right_hand_sides import height, solve
 import cg
 from cg.frames import SO3, Euclidean, UnitQuaternion
 
+pytestmark = pytest.mark.sanitize
+
 # frames with their identity, and the cosine of the angle of a rotation about the third axis
 TURNING = pytest.mark.parametrize(("frame", "one", "cosine"), [
     (SO3(), np.eye(3), lambda t, y: y[0, 0]),

@@ -15,6 +15,8 @@ from cg.frames import SO3, PhaseSpace
 from cg.problems.taylor import QuadraticSystem, solve_at
 from cg.support.quads import working_precision
 
+pytestmark = pytest.mark.sanitize
+
 EPSILON = np.finfo(np.float64).eps
 
 

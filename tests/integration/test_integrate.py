@@ -15,6 +15,8 @@ from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3
 from cg.integration import integrate
 
+pytestmark = pytest.mark.sanitize
+
 EXPLICIT = [name for name, tableau in FROZEN.items() if tableau.explicit]
 
 

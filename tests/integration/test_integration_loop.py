@@ -18,6 +18,8 @@ from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.run import drive as run_drive
 from cg.integration.run.drive import StepBudget
 
+pytestmark = pytest.mark.sanitize
+
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
     **{"CG6g": 10, "CF6(5)": 6, "CG7b": 15, "CF7(6)": 10, "CF8a": 15},

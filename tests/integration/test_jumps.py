@@ -8,6 +8,8 @@ from refusals import refuses
 import cg
 from cg.frames import SO3, Euclidean
 
+pytestmark = pytest.mark.sanitize
+
 FLOOR = cg.Event(height, direction=-1, jump=bounce)
 
 

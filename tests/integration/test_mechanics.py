@@ -13,6 +13,8 @@ from scipy import LowLevelCallable
 import cg
 from cg.frames import SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, UnitQuaternion
 
+pytestmark = pytest.mark.sanitize
+
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))
 SPACE_AXES = system(SO3("space"), 2.0)

@@ -11,6 +11,8 @@ import cg
 from cg.frames import SO3, Euclidean
 from cg.integration.run import drive
 
+pytestmark = pytest.mark.sanitize
+
 TIMES = np.linspace(0, 3, 7)
 SPIN = {"frame": SO3(), "rtol": 1e-6}
 POINTS = SO3().random_point(np.random.default_rng(2), 3)

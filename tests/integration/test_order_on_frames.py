@@ -14,6 +14,8 @@ from cg import frames as fr
 from cg.construction.methods.tableau import Tableau
 from cg.integration import integrate
 
+pytestmark = pytest.mark.no_core
+
 EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
 ALL = EXACT | MUNTHE_KAAS
 WEIGHTS = {name: (method, method.order) for name, method in ALL.items()} | {

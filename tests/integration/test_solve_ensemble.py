@@ -12,6 +12,8 @@ from cg.integration.run import drive
 from cg.integration.run import run as run_module
 from cg.tables import table_of
 
+pytestmark = pytest.mark.sanitize
+
 LINE = {"frame": Euclidean(1)}
 
 

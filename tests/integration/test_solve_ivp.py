@@ -14,6 +14,8 @@ from cg.frames import SO3, Euclidean
 from cg.integration import Solution
 from cg.problems import StateDependentRotation
 
+pytestmark = pytest.mark.sanitize
+
 PROBLEM = StateDependentRotation()
 
 

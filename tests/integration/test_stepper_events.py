@@ -7,6 +7,8 @@ from bouncing_ball import bounce, fall, height
 import cg
 from cg.frames import Euclidean
 
+pytestmark = pytest.mark.sanitize
+
 OPTIONS = {"frame": Euclidean(2), "rtol": 1e-9, "atol": 1e-9}
 UP = [1.0, 0.5]
 

@@ -10,6 +10,8 @@ import cg
 from cg.construction.points import START, Point
 from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 
+pytestmark = pytest.mark.sanitize
+
 FRAMES = [SO3(), UnitQuaternion(), Sphere(2), Product(SO3(), Euclidean(2)), Stiefel(3, 2)]
 NAMES = ["CF3", "CF4", "CG3", "BS3(2)", "CG2(3)"]
 

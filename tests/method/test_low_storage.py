@@ -18,6 +18,8 @@ from cg.construction.points import Point
 from cg.integration import integrate
 from cg.support.quads import to_decimal
 
+pytestmark = pytest.mark.sanitize
+
 TOOL = "research/low_storage"
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in FROZEN.items() if two_registers(method)]

@@ -14,6 +14,8 @@ from cg.construction.layouts import rows_of
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tableau import Tableau, TableauError
 
+pytestmark = pytest.mark.no_core
+
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
 
 

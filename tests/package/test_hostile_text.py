@@ -15,6 +15,8 @@ from cg.construction.proofs import Certificate, CertificationError, certificate_
 from cg.problems import HeavyTop
 from cg.support.parsing import read_fraction
 
+pytestmark = pytest.mark.no_core
+
 METHOD = cg.methods["CG3"]
 CERTIFICATE = certificate_of(METHOD)
 

@@ -10,6 +10,8 @@ import pytest
 
 import cg
 
+pytestmark = pytest.mark.no_core
+
 HEAVY = {"flint", "matplotlib", "numpy", "scipy", "threadpoolctl"}
 
 

@@ -16,6 +16,8 @@ import cg
 import crouch_grossman
 import crouch_grossman.frames.rotations
 
+pytestmark = pytest.mark.no_core
+
 ROOT = Path(cg.__file__).parents[1]
 ALIAS = ROOT / "crouch_grossman"
 of_the_source_tree = pytest.mark.skipif(

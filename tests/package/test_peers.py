@@ -15,6 +15,8 @@ from cg.construction.trees import forest, rooted_trees_through
 from cg.frames import SE3, UnitQuaternion
 from cg.problems import HeavyTop
 
+pytestmark = pytest.mark.no_core
+
 NODES = 8
 
 

@@ -10,7 +10,7 @@ import pytest
 import cg
 
 pytest.importorskip("mypy")
-pytestmark = pytest.mark.slow  # mypy reads NumPy's types
+pytestmark = [pytest.mark.slow, pytest.mark.no_core]  # mypy reads NumPy's types
 
 RIGHT = """
 import numpy as np

@@ -11,6 +11,8 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.quads import MissingQuadsError
 
+pytestmark = pytest.mark.no_core
+
 
 @pytest.fixture(autouse=True)
 def hide_quads(monkeypatch):

@@ -12,6 +12,8 @@ from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.proofs.dependent.orthogonality import Reduction
 from cg.construction.trees import forest, rooted_trees
 
+pytestmark = pytest.mark.sanitize
+
 
 def exchange(p, v, w, q):
     """Return Σ (p ⧢ v) w q - Σ (p ⧢ w) v q - p [v ⧢ w] q + p [w ⧢ v] q, zero for two registers."""
